@@ -1,0 +1,268 @@
+//! One RGB-D frame: colour and depth of the same instant, in the same pixels.
+
+use crate::camera::PinholeCamera;
+use nalgebra::Point3;
+use std::sync::Arc;
+
+/// A frame whose parts do not fit each other.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum FrameError {
+    /// A buffer does not hold as many values as its size asks for.
+    #[error("{what} image of {width}x{height} needs {needed} values, {found} given")]
+    BufferSize {
+        /// Which image.
+        what: &'static str,
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Values that the size asks for.
+        needed: usize,
+        /// Values that were given.
+        found: usize,
+    },
+    /// Colour, depth and camera must share one size: depth is registered to colour.
+    #[error(
+        "{what} is {found_width}x{found_height}, but the camera is {width}x{height}; \
+         register depth to colour and describe both in camera.toml"
+    )]
+    SizeMismatch {
+        /// Which image.
+        what: &'static str,
+        /// Its columns.
+        found_width: usize,
+        /// Its rows.
+        found_height: usize,
+        /// The camera's columns.
+        width: usize,
+        /// The camera's rows.
+        height: usize,
+    },
+}
+
+/// An 8-bit RGB picture, row by row.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ColorImage {
+    width: usize,
+    height: usize,
+    rgb: Vec<u8>,
+}
+
+impl ColorImage {
+    /// Takes `width * height` RGB triples, top row first.
+    ///
+    /// # Errors
+    /// [`FrameError::BufferSize`] when the buffer does not hold exactly that many.
+    pub fn new(width: usize, height: usize, rgb: Vec<u8>) -> Result<Self, FrameError> {
+        let needed = width * height * 3;
+        if rgb.len() != needed {
+            return Err(FrameError::BufferSize {
+                what: "colour",
+                width,
+                height,
+                needed,
+                found: rgb.len(),
+            });
+        }
+        Ok(Self { width, height, rgb })
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All values, RGB interleaved, top row first.
+    pub fn as_rgb(&self) -> &[u8] {
+        &self.rgb
+    }
+
+    /// The pixel at column `u`, row `v`; `None` outside.
+    pub fn at(&self, u: usize, v: usize) -> Option<[u8; 3]> {
+        if u >= self.width || v >= self.height {
+            return None;
+        }
+        let i = (v * self.width + u) * 3;
+        Some([self.rgb[i], self.rgb[i + 1], self.rgb[i + 2]])
+    }
+
+    /// Luma (ITU-R BT.601), one byte a pixel.
+    pub fn to_gray(&self) -> Vec<u8> {
+        self.rgb
+            .chunks_exact(3)
+            .map(|p| {
+                ((u32::from(p[0]) * 299 + u32::from(p[1]) * 587 + u32::from(p[2]) * 114 + 500)
+                    / 1000) as u8
+            })
+            .collect()
+    }
+}
+
+/// Depth along the optical axis in metres. "No reading" is `None` at the door and NaN
+/// inside, so that it poisons any sum instead of passing for a distance of zero.
+#[derive(Debug, Clone)]
+pub struct DepthImage {
+    width: usize,
+    height: usize,
+    metres: Vec<f32>,
+}
+
+impl DepthImage {
+    /// Takes metres; anything that is not finite and above zero becomes "no reading".
+    ///
+    /// # Errors
+    /// [`FrameError::BufferSize`] when the buffer is not `width * height` long.
+    pub fn from_metres(
+        width: usize,
+        height: usize,
+        mut metres: Vec<f32>,
+    ) -> Result<Self, FrameError> {
+        let needed = width * height;
+        if metres.len() != needed {
+            return Err(FrameError::BufferSize {
+                what: "depth",
+                width,
+                height,
+                needed,
+                found: metres.len(),
+            });
+        }
+        for z in &mut metres {
+            if !(z.is_finite() && *z > 0.0) {
+                *z = f32::NAN;
+            }
+        }
+        Ok(Self { width, height, metres })
+    }
+
+    /// Takes raw sensor units, 0 meaning "no reading".
+    ///
+    /// # Errors
+    /// [`FrameError::BufferSize`] when the buffer is not `width * height` long.
+    pub fn from_raw(
+        width: usize,
+        height: usize,
+        raw: &[u16],
+        units_per_metre: f64,
+    ) -> Result<Self, FrameError> {
+        let scale = (1.0 / units_per_metre) as f32;
+        Self::from_metres(width, height, raw.iter().map(|&r| f32::from(r) * scale).collect())
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Depth in metres at column `u`, row `v`; `None` outside and where the sensor saw nothing.
+    pub fn at(&self, u: usize, v: usize) -> Option<f32> {
+        if u >= self.width || v >= self.height {
+            return None;
+        }
+        let z = self.metres[v * self.width + u];
+        (!z.is_nan()).then_some(z)
+    }
+
+    /// Depth at the pixel nearest to a sub-pixel position.
+    pub fn at_nearest(&self, u: f64, v: f64) -> Option<f32> {
+        let (u, v) = (u.round(), v.round());
+        if !(u >= 0.0 && v >= 0.0) {
+            return None;
+        }
+        self.at(u as usize, v as usize)
+    }
+
+    /// All values in metres, NaN where the sensor saw nothing; top row first.
+    pub fn as_metres(&self) -> &[f32] {
+        &self.metres
+    }
+
+    /// Share of pixels without a reading, 0 to 1.
+    pub fn invalid_share(&self) -> f64 {
+        self.metres.iter().filter(|z| z.is_nan()).count() as f64 / self.metres.len().max(1) as f64
+    }
+}
+
+/// Colour and depth of one instant, registered to one camera.
+#[derive(Debug, Clone)]
+pub struct RgbdFrame {
+    /// Time of the colour exposure in microseconds.
+    pub utime: i64,
+    /// The camera that both images belong to.
+    pub camera: Arc<PinholeCamera>,
+    /// Colour.
+    pub color: ColorImage,
+    /// Depth, registered to colour.
+    pub depth: DepthImage,
+}
+
+impl RgbdFrame {
+    /// Puts a frame together.
+    ///
+    /// # Errors
+    /// [`FrameError::SizeMismatch`] unless camera, colour and depth have one size.
+    pub fn new(
+        utime: i64,
+        camera: Arc<PinholeCamera>,
+        color: ColorImage,
+        depth: DepthImage,
+    ) -> Result<Self, FrameError> {
+        for (what, w, h) in
+            [("colour", color.width, color.height), ("depth", depth.width, depth.height)]
+        {
+            if (w, h) != (camera.width, camera.height) {
+                return Err(FrameError::SizeMismatch {
+                    what,
+                    found_width: w,
+                    found_height: h,
+                    width: camera.width,
+                    height: camera.height,
+                });
+            }
+        }
+        Ok(Self { utime, camera, color, depth })
+    }
+
+    /// Time in seconds.
+    pub fn seconds(&self) -> f64 {
+        self.utime as f64 * 1e-6
+    }
+
+    /// The surface point seen at column `u`, row `v`, in the camera frame.
+    pub fn point_at(&self, u: usize, v: usize) -> Option<Point3<f64>> {
+        let z = f64::from(self.depth.at(u, v)?);
+        Some(self.camera.back_project(u as f64, v as f64, z))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_depth_of_zero_or_nan_is_no_reading() {
+        let depth = DepthImage::from_metres(4, 1, vec![0.0, f32::NAN, -1.0, 1.5]).unwrap();
+        assert_eq!([0, 1, 2, 3].map(|u| depth.at(u, 0)), [None, None, None, Some(1.5)]);
+        assert_eq!(depth.at(4, 0), None);
+        assert_eq!(depth.invalid_share(), 0.75);
+    }
+
+    #[test]
+    fn depth_of_another_size_than_colour_is_refused() {
+        let camera = Arc::new(PinholeCamera::kinect());
+        let color = ColorImage::new(640, 480, vec![0; 640 * 480 * 3]).unwrap();
+        let depth = DepthImage::from_raw(320, 240, &vec![1; 320 * 240], 1000.0).unwrap();
+        let error = RgbdFrame::new(0, camera, color, depth).unwrap_err();
+        assert!(error.to_string().contains("depth is 320x240"), "{error}");
+    }
+}

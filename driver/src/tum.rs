@@ -1,0 +1,230 @@
+//! A recorded directory in the layout of the TUM RGB-D benchmark (DESIGN 4.1).
+//!
+//! `rgb.txt` and `depth.txt` list `timestamp filename`; colour and depth are paired by the
+//! nearest time stamp. Pictures are decoded one frame ahead on a thread of their own, so
+//! that reading a recording costs the learner little.
+
+use crate::camera::PinholeCamera;
+use crate::frame::{DepthImage, RgbdFrame};
+use crate::image_file;
+use crate::source::{RgbdSource, SourceError};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, mpsc};
+
+/// Largest difference of time stamps within a pair, in microseconds (DESIGN 4.1).
+pub const DEFAULT_MAX_PAIR_GAP_US: i64 = 20_000;
+
+/// Frames decoded ahead of the reader.
+const READ_AHEAD: usize = 3;
+
+/// One colour picture and the depth picture nearest to it in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FramePair {
+    /// Time of the colour picture, microseconds.
+    pub utime: i64,
+    /// Colour picture.
+    pub color: PathBuf,
+    /// Depth picture.
+    pub depth: PathBuf,
+}
+
+/// An opened recording.
+pub struct TumRecording {
+    name: String,
+    pairs: usize,
+    frames: mpsc::Receiver<Result<RgbdFrame, SourceError>>,
+}
+
+impl TumRecording {
+    /// Reads the lists and the camera; pictures follow as they are asked for.
+    ///
+    /// # Errors
+    /// [`SourceError::Recording`] names the file that is missing, empty, unordered or
+    /// contradicts another, and what to do.
+    pub fn open(dir: &Path) -> Result<Self, SourceError> {
+        let index = RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US)?;
+        let (sender, frames) = mpsc::sync_channel(READ_AHEAD);
+        let pairs = index.pairs.len();
+        std::thread::spawn(move || {
+            for pair in &index.pairs {
+                let frame = index.load(pair);
+                let failed = frame.is_err();
+                if sender.send(frame).is_err() || failed {
+                    return;
+                }
+            }
+        });
+        Ok(Self { name: format!("tum:{}", dir.display()), pairs, frames })
+    }
+}
+
+impl RgbdSource for TumRecording {
+    fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
+        self.frames.recv().ok().transpose()
+    }
+
+    fn frame_count(&self) -> Option<usize> {
+        Some(self.pairs)
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+/// What a recording holds, before any picture is decoded.
+#[derive(Debug)]
+pub struct RecordingIndex {
+    /// The camera of all frames.
+    pub camera: Arc<PinholeCamera>,
+    /// Pairs in time order.
+    pub pairs: Vec<FramePair>,
+}
+
+impl RecordingIndex {
+    /// Reads `rgb.txt`, `depth.txt` and `camera.toml` of `dir` and pairs them.
+    ///
+    /// # Errors
+    /// As [`TumRecording::open`].
+    pub fn read(dir: &Path, max_pair_gap_us: i64) -> Result<Self, SourceError> {
+        if !dir.is_dir() {
+            return Err(broken(dir, "no such directory; a recording is a directory with rgb.txt, depth.txt and camera.toml"));
+        }
+        let colors = read_list(dir, "rgb.txt")?;
+        let depths = read_list(dir, "depth.txt")?;
+        let camera = read_camera(dir)?;
+        let pairs = pair_by_time(&colors, &depths, max_pair_gap_us);
+        if pairs.is_empty() {
+            return Err(broken(
+                dir,
+                &format!(
+                    "no colour picture has a depth picture within {} ms; compare the time stamps of rgb.txt and depth.txt",
+                    max_pair_gap_us / 1000
+                ),
+            ));
+        }
+        let unpaired = colors.len() - pairs.len();
+        if unpaired > 0 {
+            tracing::warn!(unpaired, recording = %dir.display(), "colour pictures without depth were left out");
+        }
+        Ok(Self { camera: Arc::new(camera), pairs })
+    }
+
+    /// Decodes one pair.
+    ///
+    /// # Errors
+    /// [`SourceError::Recording`] for a damaged picture, [`SourceError::Frame`] for one of
+    /// another size than the camera's.
+    pub fn load(&self, pair: &FramePair) -> Result<RgbdFrame, SourceError> {
+        let damaged = |e: image_file::ImageFileError| SourceError::Recording {
+            path: e.to_string(),
+            reason: "record it again, or take its line out of the list".to_owned(),
+        };
+        let misfit = |path: &Path| {
+            let path = path.display().to_string();
+            move |source| SourceError::Frame { path, source }
+        };
+        let color = image_file::read_color(&pair.color).map_err(damaged)?;
+        let (width, height, raw) = image_file::read_depth(&pair.depth).map_err(damaged)?;
+        let depth =
+            DepthImage::from_raw(width, height, &raw, self.camera.depth_units_per_metre)
+                .map_err(misfit(&pair.depth))?;
+        let color_fits = (color.width(), color.height()) == (self.camera.width, self.camera.height);
+        let culprit = if color_fits { &pair.depth } else { &pair.color };
+        RgbdFrame::new(pair.utime, Arc::clone(&self.camera), color, depth).map_err(misfit(culprit))
+    }
+}
+
+fn broken(path: &Path, reason: &str) -> SourceError {
+    SourceError::Recording { path: path.display().to_string(), reason: reason.to_owned() }
+}
+
+fn read_camera(dir: &Path) -> Result<PinholeCamera, SourceError> {
+    let path = dir.join("camera.toml");
+    if !path.exists() {
+        tracing::warn!(recording = %dir.display(), "no camera.toml: Kinect defaults are used");
+        return Ok(PinholeCamera::kinect());
+    }
+    PinholeCamera::read(&path).map_err(|e| SourceError::Recording {
+        path: e.to_string(),
+        reason: "known keys: width height fx fy cx cy depth_units_per_metre distortion".to_owned(),
+    })
+}
+
+fn read_list(dir: &Path, file: &str) -> Result<Vec<(i64, PathBuf)>, SourceError> {
+    let path = dir.join(file);
+    let text = std::fs::read_to_string(&path).map_err(|e| broken(&path, &e.to_string()))?;
+    let mut entries: Vec<(i64, PathBuf)> = Vec::new();
+    for (i, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let at = |reason: String| broken(&path, &format!("line {}: {reason}", i + 1));
+        let (stamp, name) = line
+            .split_once(char::is_whitespace)
+            .ok_or_else(|| at("expected \"timestamp filename\"".to_owned()))?;
+        let seconds: f64 = stamp
+            .parse()
+            .ok()
+            .filter(|s: &f64| s.is_finite() && s.abs() < 9e12)
+            .ok_or_else(|| at(format!("\"{stamp}\" is no time in seconds")))?;
+        let utime = (seconds * 1e6).round() as i64;
+        if let Some((before, _)) = entries.last()
+            && utime <= *before
+        {
+            return Err(at(format!(
+                "time runs backwards ({stamp} after {:.6}); sort the list and remove repeated stamps",
+                *before as f64 * 1e-6
+            )));
+        }
+        let picture = dir.join(name.trim());
+        if !picture.is_file() {
+            return Err(at(format!("names {}, which does not exist", picture.display())));
+        }
+        entries.push((utime, picture));
+    }
+    if entries.is_empty() {
+        return Err(broken(&path, "lists no picture: the recording is empty"));
+    }
+    Ok(entries)
+}
+
+fn pair_by_time(
+    colors: &[(i64, PathBuf)],
+    depths: &[(i64, PathBuf)],
+    max_gap_us: i64,
+) -> Vec<FramePair> {
+    colors
+        .iter()
+        .filter_map(|(utime, color)| {
+            let after = depths.partition_point(|(t, _)| t < utime);
+            let nearest = [after.checked_sub(1), Some(after)]
+                .into_iter()
+                .flatten()
+                .filter_map(|i| depths.get(i))
+                .min_by_key(|(t, _)| (t - utime).abs())?;
+            ((nearest.0 - utime).abs() <= max_gap_us).then(|| FramePair {
+                utime: *utime,
+                color: color.clone(),
+                depth: nearest.1.clone(),
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn list(stamps: &[i64]) -> Vec<(i64, PathBuf)> {
+        stamps.iter().map(|&t| (t, PathBuf::from(t.to_string()))).collect()
+    }
+
+    #[test]
+    fn colour_is_paired_with_the_nearest_depth_within_the_gap() {
+        let pairs = pair_by_time(&list(&[0, 66_000, 133_000]), &list(&[4_000, 70_000, 180_000]), 20_000);
+        let depths: Vec<_> = pairs.iter().map(|p| p.depth.to_str().unwrap()).collect();
+        assert_eq!(depths, ["4000", "70000"]);
+    }
+}
