@@ -1,0 +1,85 @@
+//! The narrow bridge to OpenCV: pictures in, pictures out.
+
+use linkage_driver::ColorImage;
+use opencv::core::{self, CV_8U, Mat, Size, Vec2f, Vector};
+use opencv::imgproc;
+use opencv::prelude::*;
+
+/// An 8-bit grey picture that OpenCV can read.
+pub struct Gray(Mat);
+
+impl Gray {
+    /// Takes `width * height` bytes, top row first.
+    pub fn new(width: usize, height: usize, bytes: &[u8]) -> opencv::Result<Self> {
+        debug_assert_eq!(bytes.len(), width * height);
+        let rows = Mat::new_rows_cols_with_data(height as i32, width as i32, bytes)?;
+        Ok(Self(rows.try_clone()?))
+    }
+
+    /// Luma of a colour picture.
+    pub fn from_color(color: &ColorImage) -> opencv::Result<Self> {
+        Self::new(color.width(), color.height(), &color.to_gray())
+    }
+
+    /// Slightly blurred: less noise for gradients.
+    pub fn blurred(&self, sigma_px: f64) -> opencv::Result<Self> {
+        let mut out = Mat::default();
+        imgproc::gaussian_blur(
+            &self.0,
+            &mut out,
+            Size::new(0, 0),
+            sigma_px,
+            sigma_px,
+            core::BORDER_DEFAULT,
+        )?;
+        Ok(Self(out))
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.0.cols() as usize
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.0.rows() as usize
+    }
+
+    /// The picture for OpenCV.
+    pub fn mat(&self) -> &Mat {
+        &self.0
+    }
+
+    /// All bytes, top row first.
+    pub fn bytes(&self) -> opencv::Result<&[u8]> {
+        self.0.data_typed::<u8>()
+    }
+}
+
+/// A mask of zeros.
+pub fn empty_mask(width: usize, height: usize, value: f64) -> opencv::Result<Mat> {
+    Mat::new_rows_cols_with_default(
+        height as i32,
+        width as i32,
+        CV_8U,
+        core::Scalar::all(value),
+    )
+}
+
+/// 5x5 median of each flow component (Wang et al. 2011, as the paper cites it).
+pub fn median_blur_flow(flow: &Mat) -> opencv::Result<Mat> {
+    let mut components: Vector<Mat> = Vector::new();
+    core::split(flow, &mut components)?;
+    let mut smoothed: Vector<Mat> = Vector::new();
+    for component in &components {
+        let mut out = Mat::default();
+        imgproc::median_blur(&component, &mut out, 5)?;
+        smoothed.push(out);
+    }
+    let mut merged = Mat::default();
+    core::merge(&smoothed, &mut merged)?;
+    debug_assert_eq!(merged.typ(), Vec2f::opencv_type());
+    Ok(merged)
+}
+
+use opencv::core::DataType;
