@@ -4,8 +4,19 @@
 
 pub mod articulate;
 pub mod base;
+pub mod config;
 pub mod geometry;
+pub mod joints;
+pub mod keyframes;
+pub mod learn;
+pub mod model;
 pub mod pose;
 pub mod segment;
+pub mod structure;
+pub mod timing;
 pub mod track;
 pub mod vision;
+
+pub use config::SkillConfig;
+pub use learn::{Demonstration, LearnError, Learner};
+pub use model::{Joint, ObjectModel, Part};

@@ -1,1 +1,28 @@
-fn main(){}
+//! The `linkage` command line (DESIGN 4.3).
+
+mod bench;
+mod cli;
+mod commands;
+mod console;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = match cli::Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version are no errors; both print themselves.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
+        }
+    };
+    console::start_logging();
+    match commands::run(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("linkage: {:#}", failure.cause);
+            ExitCode::from(failure.status)
+        }
+    }
+}

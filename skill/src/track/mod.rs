@@ -58,20 +58,20 @@ pub struct TrackConfig {
 impl Default for TrackConfig {
     fn default() -> Self {
         Self {
-            max_features: 1500,
-            quality: 0.04,
-            scales: 3,
+            max_features: 2000,
+            quality: 0.002,
+            scales: 1,
             spacing_px: 6.0,
-            max_per_cell: 0,
-            detect_every: 1,
-            flow: FlowMethod::Farneback,
-            max_forward_backward_px: 1.0,
-            descriptor: DescriptorKind::Surf,
+            max_per_cell: 12,
+            detect_every: 2,
+            flow: FlowMethod::LucasKanade,
+            max_forward_backward_px: 0.6,
+            descriptor: DescriptorKind::None,
             max_descriptor_distance: 0.45,
-            reinforce_px: 1.0,
-            lift: DepthLift::Bilateral(Default::default()),
+            reinforce_px: 0.0,
+            lift: DepthLift::RobustMean,
             min_length: 6,
-            max_frames: 9000,
+            max_frames: 3000,
         }
     }
 }

@@ -1,0 +1,146 @@
+//! Is it a joint of an object? The depth pictures are asked, and limits are kept.
+
+use super::JointsConfig;
+use super::grown::Grown;
+use crate::base::BaseMotion;
+use crate::geometry::Pose;
+use crate::keyframes::Keyframes;
+use crate::structure::probe_points;
+use nalgebra::Point3;
+
+/// Keyframes and limits.
+pub struct Witness<'w> {
+    /// Camera motion.
+    pub base: &'w BaseMotion,
+    /// Whole frames.
+    pub keyframes: &'w Keyframes,
+    /// Limits.
+    pub config: &'w JointsConfig,
+}
+
+/// Members that are looked for in the pictures.
+const MAX_POINTS: usize = 120;
+/// Configurations that are tried where none is known.
+const SCAN: usize = 33;
+
+impl Witness<'_> {
+    /// Fills `through`, `hidden`, `scanned` and `contradicted` from the keyframes.
+    pub fn examine(&self, joint: &mut Grown, joints: &[Grown]) {
+        let stride = joint.members.len().div_ceil(MAX_POINTS).max(1);
+        let points: Vec<Point3<f64>> =
+            joint.members.iter().step_by(stride).map(|&t| joint.points[t]).collect();
+        if points.is_empty() {
+            joint.through = 1.0;
+            return;
+        }
+        let span = joint.span();
+        let pad = (0.5 * span).max(if joint.dof.hinge { 0.2 } else { 0.05 });
+        let low = joint.range[0] - pad;
+        let step = (span + 2.0 * pad) / (SCAN - 1) as f64;
+        let (mut through, mut agrees) = (0, 0);
+        let (mut blind, mut blind_agrees) = (0, 0);
+        joint.contradicted.clear();
+        for (frame, picture) in self.keyframes.iter() {
+            let camera_from_parent =
+                self.base.camera_from_base[frame] * parent_motion(joint, joints, frame);
+            let probe = |q: f64| {
+                let camera_from_part = camera_from_parent * joint.dof.geometry().motion(q);
+                probe_points(picture, &points, &camera_from_part)
+            };
+            let (t, a) = if joint.known[frame] {
+                joint.scanned[frame] = joint.q[frame];
+                let (t, a) = probe(joint.q[frame]);
+                if (t + a) * 5 >= points.len() && t > a {
+                    let around = frame.saturating_sub(2)..(frame + 3).min(joint.known.len());
+                    joint.contradicted.extend(around);
+                }
+                (t, a)
+            } else {
+                let (q, (t, a)) = (0..SCAN)
+                    .map(|i| low + step * i as f64)
+                    .map(|q| (q, probe(q)))
+                    .max_by_key(|(_, (t, a))| *a as i64 - *t as i64)
+                    .expect("the scan is not empty");
+                joint.scanned[frame] = q;
+                blind += 1;
+                blind_agrees += a;
+                (t, a)
+            };
+            through += t;
+            agrees += a;
+        }
+        joint.through = through as f64 / (through + agrees).max(1) as f64;
+        joint.hidden = if blind > 0 {
+            1.0 - blind_agrees as f64 / (blind * points.len()) as f64
+        } else {
+            0.0
+        };
+    }
+
+    /// All limits are kept.
+    pub fn accepts(&self, joint: &Grown) -> bool {
+        let config = self.config;
+        let known = joint.known_frames().len();
+        let coverage = known as f64 / joint.known.len() as f64;
+        let long_and_solid = coverage >= 0.6 && joint.through <= 0.12;
+        let max_cost = if long_and_solid { config.max_cost + 1.0 } else { config.max_cost };
+        joint.members.len() >= 5
+            && joint.gain >= config.min_gain
+            && joint.cost <= max_cost
+            && known >= 15
+            && joint.coupling >= 0.0
+            && joint.coupling <= 0.85
+            && travels_enough(joint)
+            && joint.through <= config.max_through
+            && joint.hidden <= config.max_hidden
+    }
+
+    /// Good enough to be a stretch of a joint that is accepted.
+    pub fn tolerates(&self, joint: &Grown) -> bool {
+        joint.members.len() >= 5
+            && joint.gain > self.config.min_gain / 3.0
+            && joint.cost < self.config.max_cost + 1.8
+            && joint.through < self.config.max_through + 0.03
+            && joint.hidden < self.config.max_hidden + 0.05
+            && joint.known_frames().len() >= 10
+            && joint.coupling < 0.85
+    }
+}
+
+/// 6 cm for a slide; 0.12 rad and 3 cm of arc for a hinge.
+fn travels_enough(joint: &Grown) -> bool {
+    if !joint.dof.hinge {
+        return joint.span() >= 0.06;
+    }
+    let mut levers: Vec<f64> =
+        joint.members.iter().map(|&t| joint.dof.lever(&joint.points[t])).collect();
+    levers.sort_by(f64::total_cmp);
+    let lever = levers.get(levers.len() * 3 / 4).copied().unwrap_or(0.0);
+    joint.span() >= 0.12 && joint.span() * lever >= 0.03
+}
+
+fn parent_motion(joint: &Grown, joints: &[Grown], frame: usize) -> Pose {
+    joint.parent.map_or_else(Pose::identity, |p| super::base_from_part(joints, p, frame))
+}
+
+/// Share of a child's configuration that is a function of its parent's: in a moving part's
+/// frame, what stands still makes a perfect mirror of the part's own joint.
+pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
+    let common: Vec<usize> =
+        joint.known_frames().into_iter().filter(|&f| parent.known[f]).collect();
+    if common.len() < 5 {
+        return 1.0;
+    }
+    let mean = |q: &dyn Fn(usize) -> f64| {
+        common.iter().map(|&f| q(f)).sum::<f64>() / common.len() as f64
+    };
+    let (mx, my) = (mean(&|f| parent.filled[f]), mean(&|f| joint.q[f]));
+    let sxx = mean(&|f| (parent.filled[f] - mx).powi(2));
+    let syy = mean(&|f| (joint.q[f] - my).powi(2));
+    let sxy = mean(&|f| (parent.filled[f] - mx) * (joint.q[f] - my));
+    let rest = if parent.dof.hinge { 0.04 } else { 0.02 };
+    if sxx.sqrt() < rest {
+        return -1.0;
+    }
+    if syy <= 0.0 { 1.0 } else { sxy * sxy / (sxx * syy) }
+}

@@ -1,0 +1,67 @@
+//! A joint of one degree of freedom, moving points.
+
+use crate::articulate::{JointGeometry, JointKind};
+use nalgebra::{Point3, UnitVector3, Vector3};
+
+/// A slide or a hinge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dof {
+    /// True for a hinge.
+    pub hinge: bool,
+    /// Unit direction.
+    pub axis: Vector3<f64>,
+    /// A point on the hinge.
+    pub origin: Point3<f64>,
+}
+
+impl Dof {
+    /// Rodrigues' rotation of a vector about the axis.
+    pub fn turn(&self, q: f64, v: &Vector3<f64>) -> Vector3<f64> {
+        let (sin, cos) = q.sin_cos();
+        v * cos + self.axis.cross(v) * sin + self.axis * (self.axis.dot(v) * (1.0 - cos))
+    }
+
+    /// Where a point of the part is at configuration `q`.
+    pub fn move_point(&self, q: f64, p: &Point3<f64>) -> Point3<f64> {
+        if self.hinge {
+            self.origin + self.turn(q, &(p - self.origin))
+        } else {
+            p + self.axis * q
+        }
+    }
+
+    /// The configuration that takes `part_point` closest to `seen`.
+    pub fn configuration(&self, part_point: &Point3<f64>, seen: &Point3<f64>) -> f64 {
+        if !self.hinge {
+            return self.axis.dot(&(seen - part_point));
+        }
+        let u = part_point - self.origin;
+        let v = seen - self.origin;
+        let cos = u.dot(&v) - self.axis.dot(&u) * self.axis.dot(&v);
+        let sin = self.axis.cross(&u).dot(&v);
+        sin.atan2(cos)
+    }
+
+    /// Velocity of a moved point with the configuration.
+    pub fn velocity(&self, moved: &Point3<f64>) -> Vector3<f64> {
+        if self.hinge { self.axis.cross(&(moved - self.origin)) } else { self.axis }
+    }
+
+    /// Distance of a point from the hinge; 1 for slides, whose configuration is a length.
+    pub fn lever(&self, p: &Point3<f64>) -> f64 {
+        if self.hinge {
+            crate::geometry::distance_to_line(&self.origin, &self.axis, p)
+        } else {
+            1.0
+        }
+    }
+
+    /// As the geometry of a model's joint.
+    pub fn geometry(&self) -> JointGeometry {
+        JointGeometry {
+            kind: if self.hinge { JointKind::Revolute } else { JointKind::Prismatic },
+            axis: UnitVector3::new_normalize(self.axis),
+            origin: self.origin,
+        }
+    }
+}

@@ -1,0 +1,398 @@
+//! Growth: from the window in which a joint was suspected to all of the recording. The
+//! joint's tracks give its configuration frame by frame; the configuration shows which other
+//! tracks follow it.
+
+use super::JointsConfig;
+use super::adjust::{locate_points, refine};
+use super::consensus::agree;
+use super::dof::Dof;
+use super::grown::Grown;
+use super::hypothesis::Hypothesis;
+use super::view::View;
+use crate::geometry::screw_of;
+use nalgebra::{Point3, Vector3};
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+/// Cost an observation above which a window's fit is not worth growing.
+const MAX_WINDOW_COST: f64 = 5.0;
+/// Least turn of a window's motion that can show a hinge, radians.
+const MIN_SCREW_ANGLE: f64 = 0.03;
+/// Farthest hinge from the tracks that it moves, metres.
+const MAX_LEVER: f64 = 2.0;
+/// Frames without agreement after which growth ends.
+const MAX_LOST: usize = 12;
+/// Frames between refinements while growing.
+const REFINE_EVERY: usize = 8;
+/// Tracks that a refinement uses while growing.
+const REFINE_TRACKS: usize = 80;
+/// Tracks that the last refinements use.
+const FINISH_TRACKS: usize = 150;
+/// A hinge must gain this much more than a slide: a large circle imitates any line.
+const HINGE_ADVANTAGE: f64 = 1.03;
+
+/// The better of slide and hinge grown from a hypothesis.
+pub fn grow_hypothesis(
+    view: &View,
+    hypothesis: &Hypothesis,
+    candidates: &[usize],
+    config: &JointsConfig,
+) -> Option<Grown> {
+    let mut best: Option<Grown> = None;
+    for (start, cost) in window_fits(view, hypothesis, config) {
+        if cost > MAX_WINDOW_COST {
+            continue;
+        }
+        let grown = grow(view, start, candidates, config);
+        if grown.members.len() < 4 {
+            continue;
+        }
+        let factor = match &best {
+            None => 0.0,
+            Some(_) if grown.dof.hinge => HINGE_ADVANTAGE,
+            Some(_) => 1.0 / HINGE_ADVANTAGE,
+        };
+        if best.as_ref().is_none_or(|b| grown.gain > factor * b.gain) {
+            best = Some(grown);
+        }
+    }
+    best
+}
+
+/// Slide and hinge fitted to the window alone, with their cost an observation.
+fn window_fits(view: &View, h: &Hypothesis, config: &JointsConfig) -> Vec<(Grown, f64)> {
+    let at = |t: usize, f: usize| view.at(t, f).map(|s| s.point.coords);
+    let n = h.tracks.len() as f64;
+    let start: Vector3<f64> = h.tracks.iter().filter_map(|&t| at(t, h.from)).sum::<Vector3<f64>>() / n;
+    let end: Vector3<f64> = h.tracks.iter().filter_map(|&t| at(t, h.to)).sum::<Vector3<f64>>() / n;
+    let centre = Point3::from(start);
+    let mut fits = Vec::new();
+    if let Some(axis) = (end - start).try_normalize(1e-6) {
+        fits.push(window_fit(view, Dof { hinge: false, axis, origin: centre }, h, config));
+    }
+    if let Some(screw) = screw_of(&h.motion)
+        && screw.angle > MIN_SCREW_ANGLE
+        && (screw.origin - centre).norm() < MAX_LEVER
+    {
+        let dof = Dof { hinge: true, axis: screw.axis.into_inner(), origin: screw.origin };
+        let hinge = window_fit(view, dof, h, config);
+        let slide_cost = fits.first().map_or(f64::INFINITY, |(_, c)| *c);
+        if slide_cost > 1.3 * hinge.1 + 0.2 {
+            fits.clear();
+        }
+        if hinge.1 < 0.95 * slide_cost {
+            fits.push(hinge);
+        }
+    }
+    fits
+}
+
+fn window_fit(view: &View, dof: Dof, h: &Hypothesis, config: &JointsConfig) -> (Grown, f64) {
+    let mut joint = Grown::new(dof, view, h.from);
+    for &t in &h.tracks {
+        if let Some(s) = view.at(t, h.from) {
+            joint.points[t] = s.point;
+        }
+    }
+    let mut q = 0.0;
+    for f in h.from..=h.to {
+        let alive: Vec<usize> = h.tracks.iter().copied().filter(|&t| view.at(t, f).is_some()).collect();
+        if alive.len() < 3 || !view.usable[f] {
+            continue;
+        }
+        let ones = vec![1.0; alive.len()];
+        let agreement = agree(&joint, view, &alive, &ones, f, Some(q), 2.0 * config.cut);
+        q = agreement.q;
+        if agreement.agreeing >= 3 {
+            joint.q[f] = q;
+            joint.known[f] = true;
+        }
+    }
+    joint.members = h.tracks.clone();
+    refine(&mut joint, view, &h.tracks, config.cut, 6);
+    let (mut sum, mut observations) = (0.0, 0);
+    for &t in &h.tracks {
+        let cost = joint.cost_of(view, t, config.cut);
+        sum += cost.sum;
+        observations += cost.observations;
+    }
+    (joint, sum / observations.max(1) as f64)
+}
+
+/// What is known of each track while a joint grows.
+struct Book {
+    known: Vec<bool>,
+    hits: Vec<usize>,
+    misses: Vec<usize>,
+    low: Vec<f64>,
+    high: Vec<f64>,
+}
+
+impl Book {
+    fn new(view: &View, joint: &Grown, cut: f64) -> Self {
+        let n = view.len();
+        let mut book = Self {
+            known: vec![false; n],
+            hits: vec![0; n],
+            misses: vec![0; n],
+            low: vec![f64::INFINITY; n],
+            high: vec![f64::NEG_INFINITY; n],
+        };
+        for &t in &joint.members {
+            book.known[t] = true;
+            let cost = joint.cost_of(view, t, cut);
+            book.hits[t] = cost.inliers;
+            book.misses[t] = cost.observations - cost.inliers;
+            for (f, _) in view.life(t).filter(|(f, _)| joint.known[*f]) {
+                book.saw(t, joint.q[f]);
+            }
+        }
+        book
+    }
+
+    fn saw(&mut self, t: usize, q: f64) {
+        self.low[t] = self.low[t].min(q);
+        self.high[t] = self.high[t].max(q);
+    }
+
+    /// Right four times, mostly right, and moved by a centimetre.
+    fn trusted(&self, joint: &Grown, t: usize) -> bool {
+        self.right(t)
+            && (self.high[t] - self.low[t]) * joint.dof.lever(&joint.points[t]) > 0.01
+    }
+
+    fn right(&self, t: usize) -> bool {
+        self.hits[t] >= 4 && self.hits[t] > 3 * self.misses[t]
+    }
+
+    fn weight(&self, trusted: bool, t: usize) -> f64 {
+        if trusted {
+            1.0
+        } else if self.right(t) {
+            0.15
+        } else if self.hits[t] + self.misses[t] < 4 {
+            0.1
+        } else {
+            0.02
+        }
+    }
+
+    /// New tracks get their part point from the frame that they are first seen in.
+    fn welcome(&mut self, view: &View, joint: &mut Grown, candidates: &[usize], f: usize, q: f64) {
+        for &t in candidates {
+            if let (false, Some(s)) = (self.known[t], view.at(t, f)) {
+                joint.points[t] = joint.dof.move_point(-q, &s.point);
+                self.known[t] = true;
+                self.saw(t, q);
+            }
+        }
+    }
+}
+
+fn grow(view: &View, mut joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+    let known = joint.known_frames();
+    let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return joint };
+    let mut book = Book::new(view, &joint, config.cut);
+    let mut rng = ChaCha8Rng::seed_from_u64(first as u64);
+    sweep(view, &mut joint, &mut book, candidates, config, &mut rng, first..view.frames);
+    sweep(view, &mut joint, &mut book, candidates, config, &mut rng, (0..last + 1).rev());
+    finish(view, &mut joint, candidates, config, 3);
+    joint
+}
+
+fn sweep(
+    view: &View,
+    joint: &mut Grown,
+    book: &mut Book,
+    candidates: &[usize],
+    config: &JointsConfig,
+    rng: &mut ChaCha8Rng,
+    frames: impl Iterator<Item = usize>,
+) {
+    let mut q = 0.0;
+    let (mut lost, mut grown) = (0, 0);
+    for f in frames {
+        if !view.usable[f] {
+            continue;
+        }
+        if joint.known[f] {
+            q = joint.q[f];
+            lost = 0;
+            book.welcome(view, joint, candidates, f, q);
+            continue;
+        }
+        match next_configuration(view, joint, book, candidates, config, f, q) {
+            Some(found) => {
+                q = found;
+                lost = 0;
+                joint.q[f] = q;
+                joint.known[f] = true;
+                book.welcome(view, joint, candidates, f, q);
+            }
+            None => lost += 1,
+        }
+        if lost > MAX_LOST {
+            return;
+        }
+        grown += 1;
+        if grown % REFINE_EVERY == 0 {
+            refine_while_growing(view, joint, book, candidates, config, rng);
+            if let Some(near) = joint.known_frames().into_iter().min_by_key(|k| k.abs_diff(f)) {
+                q = joint.q[near];
+            }
+        }
+    }
+}
+
+fn next_configuration(
+    view: &View,
+    joint: &Grown,
+    book: &mut Book,
+    candidates: &[usize],
+    config: &JointsConfig,
+    f: usize,
+    guess: f64,
+) -> Option<f64> {
+    let alive: Vec<usize> =
+        candidates.iter().copied().filter(|&t| book.known[t] && view.at(t, f).is_some()).collect();
+    if alive.is_empty() {
+        return None;
+    }
+    let trusted: Vec<bool> = alive.iter().map(|&t| book.trusted(joint, t)).collect();
+    let weights: Vec<f64> =
+        alive.iter().zip(&trusted).map(|(&t, &trusted)| book.weight(trusted, t)).collect();
+    let cut = 2.0 * config.cut;
+    let q = agree(joint, view, &alive, &weights, f, Some(guess), cut).q;
+    let agrees: Vec<bool> = alive
+        .iter()
+        .map(|&t| {
+            view.at(t, f)
+                .is_some_and(|s| s.distance_sq(&joint.dof.move_point(q, &joint.points[t])) < cut)
+        })
+        .collect();
+    let trusted_count = trusted.iter().filter(|t| **t).count();
+    let trusted_agreeing = trusted.iter().zip(&agrees).filter(|(t, a)| **t && **a).count();
+    let agreeing = agrees.iter().filter(|a| **a).count();
+    let weight_agreeing: f64 =
+        weights.iter().zip(&agrees).filter(|(_, a)| **a).map(|(w, _)| w).sum();
+    let good = (trusted_agreeing >= 3 && trusted_agreeing as f64 >= 0.35 * trusted_count as f64)
+        || (trusted_agreeing >= 2 && trusted_count <= 3)
+        || (trusted_count < 3
+            && agreeing >= 5
+            && weight_agreeing >= 0.6 * weights.iter().sum::<f64>());
+    if !good {
+        return None;
+    }
+    for (&t, &agrees) in alive.iter().zip(&agrees) {
+        if agrees {
+            book.hits[t] += 1;
+        } else {
+            book.misses[t] += 1;
+        }
+        book.saw(t, q);
+    }
+    Some(q)
+}
+
+fn refine_while_growing(
+    view: &View,
+    joint: &mut Grown,
+    book: &Book,
+    candidates: &[usize],
+    config: &JointsConfig,
+    rng: &mut ChaCha8Rng,
+) {
+    let known: Vec<usize> = candidates.iter().copied().filter(|&t| book.known[t]).collect();
+    let mut trusted: Vec<usize> =
+        known.iter().copied().filter(|&t| book.trusted(joint, t)).collect();
+    if trusted.len() < 4 {
+        return;
+    }
+    if trusted.len() > REFINE_TRACKS {
+        trusted.shuffle(rng);
+        trusted.truncate(REFINE_TRACKS);
+    }
+    refine(joint, view, &trusted, config.cut, config.growth_steps);
+    locate_points(joint, view, &known, 4.0 * config.cut);
+}
+
+/// Tracks that follow the joint: seen often enough, mostly right, better off than standing
+/// still, and moved by more than a centimetre.
+fn gather(view: &View, joint: &mut Grown, candidates: &[usize], cut: f64) -> Vec<(usize, f64, f64, usize)> {
+    locate_points(joint, view, candidates, 2.0 * cut);
+    candidates
+        .iter()
+        .filter_map(|&t| {
+            let cost = joint.cost_of(view, t, cut);
+            let still = view.static_cost(t, &joint.known, cut);
+            let follows = cost.observations >= 5
+                && cost.inliers as f64 > 0.7 * cost.observations as f64
+                && still - cost.sum > 2.0 * cut
+                && joint.travel(view, t) > 0.012;
+            follows.then_some((t, still, cost.sum, cost.observations))
+        })
+        .collect()
+}
+
+/// Gathers members, refines on them, recomputes every frame's configuration; `rounds` times.
+pub fn finish(
+    view: &View,
+    joint: &mut Grown,
+    candidates: &[usize],
+    config: &JointsConfig,
+    rounds: usize,
+) {
+    let mut rng = ChaCha8Rng::seed_from_u64(candidates.len() as u64);
+    for round in 0..rounds {
+        let cut = if round == 0 { 2.0 * config.cut } else { config.cut };
+        let members: Vec<usize> =
+            gather(view, joint, candidates, cut).into_iter().map(|m| m.0).collect();
+        if members.len() < 4 {
+            break;
+        }
+        let mut some = members.clone();
+        if some.len() > FINISH_TRACKS {
+            some.shuffle(&mut rng);
+            some.truncate(FINISH_TRACKS);
+            some.sort_unstable();
+        }
+        refine(joint, view, &some, config.cut, config.finish_steps);
+        locate_points(joint, view, &members, config.cut);
+        configure_all(view, joint, &members, config.cut);
+    }
+    let members = gather(view, joint, candidates, config.cut);
+    let (mut gain, mut cost, mut observations) = (0.0, 0.0, 0);
+    for (_, still, sum, n) in &members {
+        gain += still - sum;
+        cost += sum;
+        observations += n;
+    }
+    let known = joint.known.iter().filter(|k| **k).count();
+    joint.gain = gain / 5.0 - config.frame_penalty * (known + 5) as f64;
+    joint.cost = cost / observations.max(1) as f64;
+    joint.members = members.into_iter().map(|m| m.0).collect();
+    joint.summarise();
+}
+
+fn configure_all(view: &View, joint: &mut Grown, members: &[usize], cut: f64) {
+    for f in 0..view.frames {
+        if !view.usable[f] || joint.contradicted.contains(&f) {
+            joint.known[f] = false;
+            continue;
+        }
+        let alive: Vec<usize> =
+            members.iter().copied().filter(|&t| view.at(t, f).is_some()).collect();
+        if alive.len() < 3 {
+            joint.known[f] &= alive.len() == 2;
+            continue;
+        }
+        let guess = joint.known[f].then_some(joint.q[f]);
+        let ones = vec![1.0; alive.len()];
+        let agreement = agree(joint, view, &alive, &ones, f, guess, cut);
+        joint.known[f] = agreement.agreeing as f64 >= (0.4 * alive.len() as f64).max(3.0);
+        if joint.known[f] {
+            joint.q[f] = agreement.q;
+        }
+    }
+}

@@ -1,0 +1,450 @@
+//! Our way of learning: joints of one degree of freedom with a shared configuration q(t),
+//! fitted directly to the tracks. Suspected in short windows of time, a joint grows over the
+//! recording and gathers its tracks; poses, tree and covariance follow from it.
+//!
+//! Unlike the paper's order (cluster first, poses next, models last) nothing is decided
+//! before a joint has shown that it explains its tracks.
+
+mod accept;
+mod adjust;
+mod consensus;
+mod dof;
+mod grow;
+mod grown;
+mod hypothesis;
+mod merge;
+mod view;
+
+use crate::articulate::JointKind;
+use crate::base::BaseMotion;
+use crate::config::SkillConfig;
+use crate::geometry::Pose;
+use crate::keyframes::Keyframes;
+use crate::model::Joint;
+use crate::structure::{LearnedJoint, orient, range_of};
+use crate::track::{TrackSet, Trajectory};
+use accept::Witness;
+use grown::Grown;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use view::View;
+
+/// Values of this way of learning. All ours, measured on rendered recordings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct JointsConfig {
+    /// Squared Mahalanobis distance from which an observation counts no more.
+    pub cut: f64,
+    /// Hypotheses grown in one round and frame of reference.
+    pub max_hypotheses: usize,
+    /// Rounds of accepting a joint and searching what it leaves.
+    pub rounds: usize,
+    /// Refinement steps every few frames of growth.
+    pub growth_steps: usize,
+    /// Refinement steps when growth has ended.
+    pub finish_steps: usize,
+    /// Gain that each frame's configuration must earn.
+    pub frame_penalty: f64,
+    /// Frames for which a track rests that counts as an object's.
+    pub rest_frames: usize,
+    /// Cost an observation up to which a joint is believed: hands cost 2.5-3.9, real joints
+    /// 0.9-2.9.
+    pub max_cost: f64,
+    /// Least gain of a joint.
+    pub min_gain: f64,
+    /// Share of a joint's points that may be seen through.
+    pub max_through: f64,
+    /// Share of them that may be missing while the configuration is unknown.
+    pub max_hidden: f64,
+    /// Joints are also sought in the frames of parts that move.
+    pub chains: bool,
+    /// Stretches of one joint are merged.
+    pub merge: bool,
+}
+
+impl Default for JointsConfig {
+    fn default() -> Self {
+        Self {
+            cut: 16.0,
+            max_hypotheses: 6,
+            rounds: 4,
+            growth_steps: 2,
+            finish_steps: 5,
+            frame_penalty: 1.5,
+            rest_frames: 8,
+            max_cost: 2.2,
+            min_gain: 300.0,
+            max_through: 0.22,
+            max_hidden: 0.6,
+            chains: true,
+            merge: true,
+        }
+    }
+}
+
+/// Finds the joints of a demonstration.
+pub fn search(
+    set: &TrackSet,
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    config: &SkillConfig,
+) -> Vec<LearnedJoint> {
+    let moving: Vec<usize> = (0..base.tracks.len()).filter(|&t| base.tracks[t].moves).collect();
+    let view = View::from_base(base, moving);
+    let witness = Witness { base, keyframes, config: &config.joints };
+    let joints = Search { view: &view, witness, config, joints: Vec::new() }.run();
+    to_learned(set, base, &view, &joints, config)
+}
+
+struct Search<'s> {
+    view: &'s View,
+    witness: Witness<'s>,
+    config: &'s SkillConfig,
+    joints: Vec<Grown>,
+}
+
+impl Search<'_> {
+    fn run(mut self) -> Vec<Grown> {
+        let config = &self.config.joints;
+        let mut rest: Vec<usize> = (0..self.view.len()).collect();
+        for round in 0..config.rounds {
+            let mut candidates = self.in_frame(None, &rest, round);
+            if config.chains {
+                for parent in 0..self.joints.len() {
+                    candidates.extend(self.in_frame(Some(parent), &rest, round));
+                }
+            }
+            let Some(best) = self.best_of(&candidates) else { break };
+            let best = self.merged_with_its_stretches(best, &candidates, &rest);
+            let explained = self.explained(&best, &rest);
+            self.adopt(best, &rest);
+            rest.retain(|t| !explained.contains(t));
+        }
+        self.joints
+    }
+
+    /// The view from a part, through all of its parents.
+    fn view_from(&self, parent: Option<usize>) -> View {
+        match parent {
+            None => self.view.clone(),
+            Some(p) => self.view_from(self.joints[p].parent).from_part(&self.joints[p]),
+        }
+    }
+
+    /// Joints grown in the frame of a part.
+    fn in_frame(&self, parent: Option<usize>, rest: &[usize], round: usize) -> Vec<Grown> {
+        let config = &self.config.joints;
+        let view = self.view_from(parent);
+        let base = &self.config.base;
+        let candidates: Vec<usize> = if parent.is_some() {
+            rest.iter()
+                .copied()
+                .filter(|&t| view.moves(t, base.min_extent_m, base.min_extent_sigmas))
+                .collect()
+        } else {
+            rest.to_vec()
+        };
+        if candidates.len() < 4 {
+            return Vec::new();
+        }
+        let seed = self.config.seed.wrapping_add(round as u64);
+        let hypotheses = hypothesis::hypotheses(&view, &candidates, config, seed);
+        let mut grown: Vec<Grown> = Vec::new();
+        let mut tried: Vec<&[usize]> = Vec::new();
+        for h in &hypotheses {
+            if tried.len() >= config.max_hypotheses {
+                break;
+            }
+            let covered = |by: &[usize], share: f64| overlap(&h.tracks, by) > share;
+            if grown.iter().any(|g| covered(&g.members, 0.6))
+                || tried.iter().any(|t| covered(t, 0.6))
+            {
+                continue;
+            }
+            tried.push(&h.tracks);
+            let Some(mut joint) = grow::grow_hypothesis(&view, h, &candidates, config) else {
+                continue;
+            };
+            joint.parent = parent;
+            self.question(&view, &mut joint, &candidates);
+            tracing::debug!(
+                round,
+                parent = parent.map_or(0, |p| p + 1),
+                kind = joint.dof.geometry().kind.name(),
+                gain = joint.gain as i64,
+                members = joint.members.len(),
+                span = format!("{:.2}", joint.span()),
+                cost = format!("{:.2}", joint.cost),
+                frames = joint.known_frames().len(),
+                through = format!("{:.2}", joint.through),
+                hidden = format!("{:.2}", joint.hidden),
+                coupling = format!("{:.2}", joint.coupling),
+                accepted = self.witness.accepts(&joint),
+                "joint"
+            );
+            grown.push(joint);
+        }
+        grown
+    }
+
+    /// Confronts a joint with the depth pictures; takes back configurations that they
+    /// contradict.
+    fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
+        self.witness.examine(joint, &self.joints);
+        if !joint.contradicted.is_empty() && joint.through < 0.95 {
+            let before = joint.clone();
+            for f in joint.contradicted.clone() {
+                joint.known[f] = false;
+            }
+            if joint.known_frames().len() >= 10 {
+                grow::finish(view, joint, candidates, &self.config.joints, 2);
+                self.witness.examine(joint, &self.joints);
+            }
+            if joint.members.len() < 4 {
+                *joint = before;
+            }
+        }
+        joint.coupling = joint.parent.map_or(0.0, |p| accept::coupling(joint, &self.joints[p]));
+    }
+
+    /// The accepted joint of most gain; one of the base is preferred to one of a part that
+    /// explains the same tracks.
+    fn best_of(&self, candidates: &[Grown]) -> Option<Grown> {
+        let accepted: Vec<&Grown> =
+            candidates.iter().filter(|j| self.witness.accepts(j)).collect();
+        let known = |j: &Grown| j.known_frames().len() as f64;
+        let shadowed = |j: &Grown| {
+            j.parent.is_some()
+                && accepted.iter().any(|b| {
+                    b.parent.is_none()
+                        && known(b) > 0.6 * known(j)
+                        && (overlap(&j.members, &b.members) > 0.35
+                            || overlap(&b.members, &j.members) > 0.6)
+                })
+        };
+        accepted
+            .iter()
+            .filter(|j| !shadowed(j))
+            .map(|j| (self.gain_over_base(j), *j))
+            .filter(|(gain, _)| *gain > self.config.joints.min_gain)
+            .max_by(|(a, _), (b, _)| a.total_cmp(b))
+            .map(|(_, j)| j.clone())
+    }
+
+    /// Gain in one currency: cost against standing still in the base.
+    fn gain_over_base(&self, joint: &Grown) -> f64 {
+        if joint.parent.is_none() {
+            return joint.gain;
+        }
+        let cut = self.config.joints.cut;
+        let view = self.view_from(joint.parent);
+        let saved: f64 = joint
+            .members
+            .iter()
+            .map(|&t| self.view.static_cost(t, &joint.known, cut) - joint.cost_of(&view, t, cut).sum)
+            .sum();
+        let known = joint.known_frames().len();
+        0.9 * (saved / 5.0 - self.config.joints.frame_penalty * (known + 5) as f64)
+    }
+
+    fn merged_with_its_stretches(
+        &self,
+        mut best: Grown,
+        candidates: &[Grown],
+        rest: &[usize],
+    ) -> Grown {
+        if !self.config.joints.merge {
+            return best;
+        }
+        let mut others: Vec<&Grown> = candidates
+            .iter()
+            .filter(|j| j.parent == best.parent && self.witness.tolerates(j))
+            .collect();
+        others.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let view = self.view_from(best.parent);
+        for other in others {
+            if merge::is_same_joint(&best, other) && overlap(&other.members, &best.members) < 0.7 {
+                best = self.try_merge(&view, &best, other, rest).unwrap_or(best);
+            }
+        }
+        best
+    }
+
+    fn try_merge(&self, view: &View, a: &Grown, b: &Grown, rest: &[usize]) -> Option<Grown> {
+        let config = &self.config.joints;
+        let mut candidates = rest.to_vec();
+        candidates.extend(a.members.iter().chain(&b.members));
+        candidates.sort_unstable();
+        candidates.dedup();
+        let mut merged = merge::merged(view, a, b, &candidates, config)?;
+        self.witness.examine(&mut merged, &self.joints);
+        merged.coupling = a.coupling;
+        let better = merged.gain > a.gain.max(b.gain)
+            && merged.cost < config.max_cost + 0.6
+            && merged.through < config.max_through + 0.03;
+        tracing::debug!(gain = merged.gain as i64, before = a.gain as i64, better, "merge");
+        better.then_some(merged)
+    }
+
+    /// Adds a joint, or makes it part of one that is there already.
+    fn adopt(&mut self, joint: Grown, rest: &[usize]) {
+        let twin = self.joints.iter().position(|o| merge::is_same_joint(o, &joint));
+        match twin {
+            Some(i) if self.config.joints.merge => {
+                if self.joints[i].parent == joint.parent {
+                    let view = self.view_from(joint.parent);
+                    if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, rest) {
+                        self.joints[i] = merged;
+                    }
+                }
+            }
+            _ => self.joints.push(joint),
+        }
+    }
+
+    /// Tracks that a joint explains, short ones too: they drop out.
+    fn explained(&self, joint: &Grown, rest: &[usize]) -> Vec<usize> {
+        let cut = self.config.joints.cut;
+        let view = self.view_from(joint.parent);
+        let mut located = joint.clone();
+        adjust::locate_points(&mut located, &view, rest, 4.0 * cut);
+        rest.par_iter()
+            .copied()
+            .filter(|&t| {
+                let cost = located.cost_of(&view, t, 2.0 * cut);
+                let life = self.view.life(t).count();
+                cost.observations > 0 && cost.inliers as f64 > 0.8 * life as f64
+            })
+            .collect()
+    }
+}
+
+/// Share of `a` that is in `b`.
+fn overlap(a: &[usize], b: &[usize]) -> f64 {
+    if a.is_empty() {
+        return 0.0;
+    }
+    let set: std::collections::HashSet<&usize> = b.iter().collect();
+    a.iter().filter(|t| set.contains(t)).count() as f64 / a.len() as f64
+}
+
+/// Part motions in the base since the first frame, by joint and frame.
+fn base_from_part(joints: &[Grown], index: usize, frame: usize) -> Pose {
+    let joint = &joints[index];
+    let own = joint.dof.geometry().motion(joint.filled[frame]);
+    match joint.parent {
+        None => own,
+        Some(p) => base_from_part(joints, p, frame) * own,
+    }
+}
+
+fn to_learned(
+    set: &TrackSet,
+    base: &BaseMotion,
+    view: &View,
+    joints: &[Grown],
+    config: &SkillConfig,
+) -> Vec<LearnedJoint> {
+    let order = parents_first(joints);
+    let number_of = |joint: usize| order.iter().position(|&j| j == joint).map_or(0, |n| n + 1);
+    order
+        .iter()
+        .enumerate()
+        .map(|(n, &i)| {
+            let joint = &joints[i];
+            let frames = joint.known_frames();
+            // The object frame is the base at the first frame; a moving parent's line is
+            // carried to where the parent is then.
+            let base_from_parent =
+                joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, 0));
+            let mut geometry = joint.dof.geometry().transformed(&base_from_parent);
+            let first = joint.filled[0];
+            let mut configuration: Vec<f64> =
+                frames.iter().map(|&f| joint.q[f] - first).collect();
+            configuration.insert(0, 0.0);
+            orient(&mut geometry, &mut configuration);
+            configuration.remove(0);
+            let rest = base_from_part(joints, i, 0).inverse();
+            let mut trajectory: Trajectory = vec![None; base.camera_from_base.len()];
+            for &f in &frames {
+                trajectory[f] = Some(base_from_part(joints, i, f) * rest);
+            }
+            let some: Vec<usize> = joint.members.iter().copied().take(300).collect();
+            let parent_view = joint.parent.map(|p| view_of(view, joints, p));
+            let own_view = parent_view.as_ref().unwrap_or(view);
+            let covariance = adjust::covariance(joint, own_view, &some, config.joints.cut);
+            let mut line = geometry;
+            if joint.dof.hinge || joint.members.is_empty() {
+                line.origin = geometry.origin;
+            } else {
+                let mean = joint.members.iter().map(|&t| joint.points[t].coords).sum::<nalgebra::Vector3<f64>>()
+                    / joint.members.len() as f64;
+                line.origin = base_from_parent * nalgebra::Point3::from(mean);
+            }
+            let seconds = |f: usize| set.frame_utimes[f] as f64 * 1e-6;
+            LearnedJoint {
+                joint: Joint {
+                    name: format!("joint{}", n + 1),
+                    parent: joint.parent.map_or(0, number_of),
+                    child: n + 1,
+                    kind: if joint.dof.hinge { JointKind::Revolute } else { JointKind::Prismatic },
+                    axis: line.axis.into_inner().into(),
+                    origin: line.origin.into(),
+                    pitch: 0.0,
+                    range: range_of(&configuration),
+                    covariance: (0..6)
+                        .map(|r| std::array::from_fn(|c| covariance[(r, c)]))
+                        .collect(),
+                    observations: frames.len(),
+                    bic: -2.0 * joint.gain,
+                    log_likelihood: joint.gain,
+                    position_rmse: position_rmse(joint, own_view),
+                    orientation_rmse: 0.0,
+                    configuration: frames
+                        .iter()
+                        .zip(&configuration)
+                        .map(|(&f, &q)| [seconds(f), q])
+                        .collect(),
+                    type_probabilities: Vec::new(),
+                },
+                base_from_part: trajectory,
+                tracks: joint.members.iter().map(|&t| view.track_ids[t]).collect(),
+            }
+        })
+        .collect()
+}
+
+fn view_of(view: &View, joints: &[Grown], part: usize) -> View {
+    match joints[part].parent {
+        None => view.from_part(&joints[part]),
+        Some(p) => view_of(view, joints, p).from_part(&joints[part]),
+    }
+}
+
+fn position_rmse(joint: &Grown, view: &View) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    for &t in &joint.members {
+        for (f, s) in view.life(t).filter(|(f, _)| joint.known[*f]) {
+            let moved = joint.dof.move_point(joint.q[f], &joint.points[t]);
+            if s.distance_sq(&moved) < 16.0 {
+                sum += (moved - s.point).norm_squared();
+                count += 1;
+            }
+        }
+    }
+    (sum / f64::from(count.max(1))).sqrt()
+}
+
+fn parents_first(joints: &[Grown]) -> Vec<usize> {
+    let depth = |mut i: usize| {
+        let mut depth = 0;
+        while let Some(p) = joints[i].parent {
+            depth += 1;
+            i = p;
+        }
+        depth
+    };
+    let mut order: Vec<usize> = (0..joints.len()).collect();
+    order.sort_by_key(|&i| depth(i));
+    order
+}

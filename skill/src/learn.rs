@@ -1,0 +1,193 @@
+//! Learning from a demonstration: the paper's training phase (its Fig. 3), as one type that
+//! takes frames as they come and one function that finishes.
+
+use crate::articulate::JointKind;
+use crate::base::{BaseMotion, find_base};
+use crate::config::{LearningWay, SkillConfig};
+use crate::geometry::Pose;
+use crate::keyframes::Keyframes;
+use crate::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use crate::structure::{self, LearnedJoint};
+use crate::timing::StageTimes;
+use crate::track::{TrackSet, Tracker, Trajectory};
+use linkage_driver::RgbdFrame;
+
+/// A demonstration that nothing can be learned from, or not any more.
+#[derive(Debug, thiserror::Error)]
+pub enum LearnError {
+    /// Too few frames.
+    #[error("the demonstration has {found} frames, at least {needed} are needed")]
+    TooShort {
+        /// Frames given.
+        found: usize,
+        /// Frames needed.
+        needed: usize,
+    },
+    /// More frames than memory is kept for.
+    #[error("the demonstration is longer than {limit} frames; cut it, or raise track.max_frames")]
+    TooLong {
+        /// Frames allowed.
+        limit: usize,
+    },
+    /// Time stands still or runs backwards.
+    #[error("frame {frame} is not later than the one before it ({before} us, then {now} us)")]
+    TimeRunsBackwards {
+        /// Number of the frame.
+        frame: usize,
+        /// Time of the frame before.
+        before: i64,
+        /// Its time.
+        now: i64,
+    },
+    /// No depth at all.
+    #[error("no frame has depth at any feature: is the depth camera covered or depth_units_per_metre wrong?")]
+    NoDepth,
+    /// The vision library failed.
+    #[error("vision: {0}")]
+    Vision(#[from] opencv::Error),
+}
+
+/// Fewest frames of a demonstration.
+const MIN_FRAMES: usize = 10;
+
+/// All that was learned from one demonstration.
+pub struct Demonstration {
+    /// Parts and joints.
+    pub model: ObjectModel,
+    /// `camera_from_part`, a trajectory a part; part axes are the object frame's at the
+    /// reference frame, so that the base's is `camera_from_object`.
+    pub camera_from_part: Vec<Trajectory>,
+    /// Time of each frame, microseconds.
+    pub frame_utimes: Vec<i64>,
+    /// Tracks, for pictures.
+    pub tracks: TrackSet,
+    /// The part of each track; `None`: not known.
+    pub track_parts: Vec<Option<usize>>,
+    /// Frames kept for appearance.
+    pub keyframes: Keyframes,
+    /// Where the time went.
+    pub times: StageTimes,
+}
+
+/// Takes the frames of a demonstration, one after the other.
+pub struct Learner {
+    config: SkillConfig,
+    tracker: Tracker,
+    keyframes: Keyframes,
+    last_utime: Option<i64>,
+    times: StageTimes,
+}
+
+impl Learner {
+    /// A learner that has seen nothing.
+    pub fn new(config: &SkillConfig) -> Self {
+        Self {
+            tracker: Tracker::new(config.track.clone()),
+            keyframes: Keyframes::new(config.learn.keyframes),
+            config: config.clone(),
+            last_utime: None,
+            times: StageTimes::default(),
+        }
+    }
+
+    /// Takes the next frame.
+    ///
+    /// # Errors
+    /// [`LearnError::TimeRunsBackwards`], [`LearnError::TooLong`]; the learner stays usable.
+    pub fn push(&mut self, frame: &RgbdFrame) -> Result<(), LearnError> {
+        let index = self.tracker.frames();
+        if let Some(before) = self.last_utime
+            && frame.utime <= before
+        {
+            return Err(LearnError::TimeRunsBackwards { frame: index, before, now: frame.utime });
+        }
+        if index >= self.config.track.max_frames {
+            return Err(LearnError::TooLong { limit: self.config.track.max_frames });
+        }
+        self.last_utime = Some(frame.utime);
+        self.times.measure("track", || self.tracker.push(frame))?;
+        self.keyframes.offer(index, frame);
+        Ok(())
+    }
+
+    /// The tracker, for drawing what it follows.
+    pub fn tracker(&self) -> &Tracker {
+        &self.tracker
+    }
+
+    /// Learns from what was seen.
+    ///
+    /// # Errors
+    /// [`LearnError::TooShort`], [`LearnError::NoDepth`]. A demonstration in which nothing
+    /// articulated moves is no error: its model has no joints.
+    pub fn finish(self, object: &str) -> Result<Demonstration, LearnError> {
+        let Self { config, tracker, keyframes, mut times, .. } = self;
+        if tracker.frames() < MIN_FRAMES {
+            return Err(LearnError::TooShort { found: tracker.frames(), needed: MIN_FRAMES });
+        }
+        let set = tracker.finish();
+        if set.tracks.is_empty() {
+            return Err(LearnError::NoDepth);
+        }
+        let base = times.measure("base", || find_base(&set, &config.base, config.seed));
+        let joints = match config.learn.way {
+            LearningWay::Clusters => {
+                structure::from_clusters(&set, &base, &keyframes, &config, &mut times)
+            }
+            LearningWay::Joints => {
+                times.measure("joints", || crate::joints::search(&set, &base, &keyframes, &config))
+            }
+        };
+        Ok(assemble(object, &config, set, &base, joints, keyframes, times))
+    }
+}
+
+fn assemble(
+    object: &str,
+    config: &SkillConfig,
+    set: TrackSet,
+    base: &BaseMotion,
+    joints: Vec<LearnedJoint>,
+    keyframes: Keyframes,
+    times: StageTimes,
+) -> Demonstration {
+    let mut track_parts: Vec<Option<usize>> =
+        base.tracks.iter().map(|t| (!t.moves).then_some(0)).collect();
+    let mut parts = vec![Part { id: 0, name: "base".to_owned(), features: base.static_count }];
+    let mut camera_from_part: Vec<Trajectory> =
+        vec![base.camera_from_base.iter().copied().map(Some).collect()];
+    for learned in &joints {
+        let id = parts.len();
+        parts.push(Part { id, name: format!("part{id}"), features: learned.tracks.len() });
+        for &track in &learned.tracks {
+            track_parts[track] = Some(id);
+        }
+        let poses = learned
+            .base_from_part
+            .iter()
+            .zip(&base.camera_from_base)
+            .map(|(part, camera)| part.map(|p: Pose| camera * p))
+            .collect();
+        camera_from_part.push(poses);
+    }
+    let model = ObjectModel {
+        schema: MODEL_SCHEMA.to_owned(),
+        object: object.to_owned(),
+        reference_frame: ReferenceFrame::at_camera(set.frame_utimes[0] as f64 * 1e-6),
+        parts,
+        joints: joints.into_iter().map(|j| j.joint).collect(),
+        demonstrations: 1,
+        profile: config.profile.clone(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+    };
+    debug_assert!(model.joints.iter().all(|j| j.kind != JointKind::Fixed));
+    Demonstration {
+        model,
+        camera_from_part,
+        frame_utimes: set.frame_utimes.clone(),
+        tracks: set,
+        track_parts,
+        keyframes,
+        times,
+    }
+}

@@ -1,0 +1,186 @@
+//! The learned object: parts, joints, and how each joint was seen to move. Its JSON form is
+//! `linkage.model/1` (DESIGN 4.4).
+
+use crate::articulate::{JointGeometry, JointKind};
+use crate::geometry::{Pose, pose_from_array, pose_to_array};
+use nalgebra::{Point3, UnitVector3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Name and version of the JSON form.
+pub const MODEL_SCHEMA: &str = "linkage.model/1";
+
+/// A rigid part. Part 0 is the base: everything that does not move.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Number, 0 for the base.
+    pub id: usize,
+    /// Name.
+    pub name: String,
+    /// Tracks that lay on it.
+    pub features: usize,
+}
+
+/// A joint between two parts. Line and covariance are in the object frame, at the reference
+/// frame's configuration of all joints.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Joint {
+    /// Name, unique in the object.
+    pub name: String,
+    /// The part that carries it.
+    pub parent: usize,
+    /// The part that it moves.
+    pub child: usize,
+    /// Its kind.
+    #[serde(rename = "type")]
+    pub kind: JointKind,
+    /// Unit direction.
+    pub axis: [f64; 3],
+    /// A point on the axis, metres.
+    pub origin: [f64; 3],
+    /// Metres a turn, for helical joints; else 0.
+    pub pitch: f64,
+    /// Least and greatest configuration seen; radians or metres.
+    pub range: [f64; 2],
+    /// Covariance of (axis, origin), 6 x 6.
+    pub covariance: Vec<[f64; 6]>,
+    /// Frames in which the configuration is known.
+    pub observations: usize,
+    /// Bayesian information criterion.
+    pub bic: f64,
+    /// Log likelihood.
+    pub log_likelihood: f64,
+    /// Root mean square distance to the model, metres.
+    pub position_rmse: f64,
+    /// Root mean square angle to the model, radians.
+    pub orientation_rmse: f64,
+    /// `[t, q]`: seconds and configuration, 0 at the reference frame.
+    pub configuration: Vec<[f64; 2]>,
+    /// Probability of each kind given the observations, where it was computed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub type_probabilities: Vec<(JointKind, f64)>,
+}
+
+impl Joint {
+    /// Its line, in the object frame.
+    pub fn geometry(&self) -> JointGeometry {
+        JointGeometry {
+            kind: self.kind,
+            axis: UnitVector3::new_normalize(Vector3::from(self.axis)),
+            origin: Point3::from(self.origin),
+        }
+    }
+}
+
+/// What is known of an object's motion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ObjectModel {
+    /// [`MODEL_SCHEMA`].
+    pub schema: String,
+    /// Its name.
+    pub object: String,
+    /// The frame that all lines are given in.
+    pub reference_frame: ReferenceFrame,
+    /// Parts, the base first.
+    pub parts: Vec<Part>,
+    /// Joints, parents before children.
+    pub joints: Vec<Joint>,
+    /// Demonstrations it was learned from.
+    pub demonstrations: usize,
+    /// Profile it was learned with.
+    pub profile: String,
+    /// Version of the program that learned it.
+    pub version: String,
+}
+
+/// When and where the object frame was chosen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ReferenceFrame {
+    /// Seconds.
+    pub t: f64,
+    /// Pose of the object frame in the camera of that frame.
+    pub camera_from_object: [f64; 7],
+}
+
+impl ReferenceFrame {
+    /// As a pose; identity where the array is no pose.
+    pub fn pose(&self) -> Pose {
+        pose_from_array(&self.camera_from_object).unwrap_or_default()
+    }
+
+    /// The object frame is the camera frame at `t` seconds.
+    pub fn at_camera(t: f64) -> Self {
+        Self { t, camera_from_object: pose_to_array(&Pose::identity()) }
+    }
+}
+
+impl ObjectModel {
+    /// The joint of a name.
+    pub fn joint(&self, name: &str) -> Option<&Joint> {
+        self.joints.iter().find(|j| j.name == name)
+    }
+
+    /// `object_from_part` relative to the reference frame for given configurations: what
+    /// each part's points of the reference frame are moved by. Index by part; configurations
+    /// in the order of `joints`.
+    pub fn part_motions(&self, configurations: &[f64]) -> Vec<Pose> {
+        let mut motions = vec![Pose::identity(); self.parts.len()];
+        for (joint, &q) in self.joints.iter().zip(configurations) {
+            motions[joint.child] = motions[joint.parent] * joint.geometry().motion(q);
+        }
+        motions
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub(crate) fn door() -> ObjectModel {
+        ObjectModel {
+            schema: MODEL_SCHEMA.to_owned(),
+            object: "door".to_owned(),
+            reference_frame: ReferenceFrame::at_camera(0.0),
+            parts: vec![
+                Part { id: 0, name: "base".into(), features: 10 },
+                Part { id: 1, name: "part1".into(), features: 10 },
+            ],
+            joints: vec![Joint {
+                name: "joint1".into(),
+                parent: 0,
+                child: 1,
+                kind: JointKind::Revolute,
+                axis: [0.0, -1.0, 0.0],
+                origin: [0.4, 0.0, 1.1],
+                pitch: 0.0,
+                range: [0.0, 1.5],
+                covariance: vec![[0.0; 6]; 6],
+                observations: 3,
+                bic: -1.0,
+                log_likelihood: 1.0,
+                position_rmse: 0.0,
+                orientation_rmse: 0.0,
+                configuration: vec![[0.0, 0.0]],
+                type_probabilities: Vec::new(),
+            }],
+            demonstrations: 1,
+            profile: "default".into(),
+            version: "0".into(),
+        }
+    }
+
+    #[test]
+    fn the_json_form_follows_the_contract() {
+        let json = serde_json::to_value(door()).unwrap();
+        assert_eq!(json["schema"], "linkage.model/1");
+        assert_eq!(json["joints"][0]["type"], "revolute");
+        assert_eq!(json["reference_frame"]["camera_from_object"][6], 1.0);
+        assert_eq!(serde_json::from_value::<ObjectModel>(json).unwrap(), door());
+    }
+
+    #[test]
+    fn a_half_turn_carries_the_part_to_the_other_side_of_its_hinge() {
+        let motions = door().part_motions(&[std::f64::consts::PI]);
+        let handle = motions[1] * Point3::new(0.0, 0.2, 1.1);
+        assert!((handle - Point3::new(0.8, 0.2, 1.1)).norm() < 1e-12);
+    }
+}

@@ -1,0 +1,191 @@
+//! What distinguishes a part of an object from a hand: it rests, and where the model says
+//! that it is, nothing behind it is seen.
+
+use crate::articulate::JointGeometry;
+use crate::base::{BaseMotion, coarse_sigma};
+use crate::geometry::Pose;
+use crate::keyframes::Keyframes;
+use crate::pose::PartMotion;
+use linkage_driver::RgbdFrame;
+use nalgebra::Point3;
+
+/// Share of tracks that rest for `frames` observations at the start or the end of their life.
+pub fn rests(base: &BaseMotion, tracks: &[usize], frames: usize) -> f64 {
+    let resting = tracks
+        .iter()
+        .filter(|&&id| {
+            let seen: Vec<_> = base.tracks[id].seen().map(|(_, p)| *p).collect();
+            rest_length(seen.iter()) >= frames || rest_length(seen.iter().rev()) >= frames
+        })
+        .count();
+    resting as f64 / tracks.len().max(1) as f64
+}
+
+/// Observations before the first two in a row (nearly) that have left the start.
+fn rest_length<'p>(seen: impl Iterator<Item = &'p crate::base::BasePoint>) -> usize {
+    let mut sum = nalgebra::Vector3::zeros();
+    let (mut averaged, mut rested, mut strays) = (0.0, 0, 0);
+    for p in seen {
+        if averaged >= 3.0 && (p.point.coords - sum / averaged).norm() > (3.0 * p.sigma).max(0.006) {
+            strays += 1;
+            if strays >= 2 {
+                break;
+            }
+            continue;
+        }
+        strays = 0;
+        rested += 1;
+        if averaged < 20.0 {
+            sum += p.point.coords;
+            averaged += 1.0;
+        }
+    }
+    rested
+}
+
+/// How a joint's claim about where its part is fits what the camera saw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FreeSpace {
+    /// Share of points in front of what was seen: there the claim is false. 0 to 1.
+    pub through: f64,
+    /// Share of points, in frames without a known configuration, that were nowhere near
+    /// their surface at any configuration. 0 to 1.
+    pub hidden: f64,
+}
+
+/// What a depth picture says about a point.
+#[derive(Clone, Copy, PartialEq)]
+enum Probe {
+    /// Something behind it was seen.
+    Through,
+    /// Its surface was seen.
+    Agrees,
+    /// Hidden, outside, or no reading.
+    Unknown,
+}
+
+/// Tests a part's points in all keyframes: at the known configuration, or else at the one
+/// that fits best, which must exist somewhere in the range.
+pub fn free_space(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    motion: &PartMotion,
+    geometry: &JointGeometry,
+    frames: &[usize],
+    configuration: &[f64],
+) -> FreeSpace {
+    let points = rest_points(base, motion, geometry, frames, configuration);
+    free_space_of(base, keyframes, &points, geometry, frames, configuration)
+}
+
+/// As [`free_space`], for points given at configuration 0 in the base frame.
+pub fn free_space_of(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    points_at_rest: &[Point3<f64>],
+    geometry: &JointGeometry,
+    frames: &[usize],
+    configuration: &[f64],
+) -> FreeSpace {
+    let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let pad = 0.25 * (high - low);
+    let (mut through, mut agrees) = (0, 0);
+    let (mut unknown_frames, mut unknown_agrees) = (0, 0);
+    for (frame, picture) in keyframes.iter() {
+        let probe = |q: f64| {
+            probe_points(picture, points_at_rest, &(base.camera_from_base[frame] * geometry.motion(q)))
+        };
+        let counts = match frames.binary_search(&frame) {
+            Ok(i) => probe(configuration[i]),
+            Err(_) => {
+                let best = (0..33)
+                    .map(|i| probe(low - pad + (high - low + 2.0 * pad) * f64::from(i) / 32.0))
+                    .max_by_key(|(t, a)| *a as i64 - *t as i64)
+                    .unwrap_or_default();
+                unknown_frames += 1;
+                unknown_agrees += best.1;
+                best
+            }
+        };
+        through += counts.0;
+        agrees += counts.1;
+    }
+    let known = (through + agrees).max(1) as f64;
+    let asked = (unknown_frames * points_at_rest.len()).max(1) as f64;
+    FreeSpace {
+        through: through as f64 / known,
+        hidden: if unknown_frames > 0 { 1.0 - unknown_agrees as f64 / asked } else { 0.0 },
+    }
+}
+
+/// A part's tracked points carried back to configuration 0.
+fn rest_points(
+    base: &BaseMotion,
+    motion: &PartMotion,
+    geometry: &JointGeometry,
+    frames: &[usize],
+    configuration: &[f64],
+) -> Vec<Point3<f64>> {
+    let stride = (motion.tracks.len() / 120).max(1);
+    motion
+        .tracks
+        .iter()
+        .step_by(stride)
+        .filter_map(|&id| {
+            let at_rest: Vec<Point3<f64>> = base.tracks[id]
+                .seen()
+                .filter_map(|(t, p)| {
+                    let i = frames.binary_search(&t).ok()?;
+                    Some(geometry.motion(-configuration[i]) * p.point)
+                })
+                .collect();
+            crate::geometry::median_point(&at_rest)
+        })
+        .collect()
+}
+
+/// Points (of a part) that were seen through, and points whose surface was seen.
+pub fn probe_points(
+    picture: &RgbdFrame,
+    points: &[Point3<f64>],
+    camera_from_part: &Pose,
+) -> (usize, usize) {
+    let mut counts = (0, 0);
+    for p in points {
+        match probe_point(picture, &(camera_from_part * p)) {
+            Probe::Through => counts.0 += 1,
+            Probe::Agrees => counts.1 += 1,
+            Probe::Unknown => {}
+        }
+    }
+    counts
+}
+
+fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
+    let Some(pixel) = picture.camera.project(in_camera) else { return Probe::Unknown };
+    if !picture.camera.sees(&pixel, 3.0) {
+        return Probe::Unknown;
+    }
+    let (u, v) = (pixel.x.round() as usize, pixel.y.round() as usize);
+    let (mut nearest, mut farthest) = (f64::INFINITY, 0.0_f64);
+    for y in [v - 2, v, v + 2] {
+        for x in [u - 2, u, u + 2] {
+            if let Some(z) = picture.depth.at(x, y) {
+                nearest = nearest.min(f64::from(z));
+                farthest = farthest.max(f64::from(z));
+            }
+        }
+    }
+    if farthest == 0.0 {
+        return Probe::Unknown;
+    }
+    let margin = 0.02 + 1.5 * coarse_sigma(in_camera.z);
+    if nearest > in_camera.z + margin {
+        Probe::Through
+    } else if farthest < in_camera.z - margin {
+        Probe::Unknown
+    } else {
+        Probe::Agrees
+    }
+}

@@ -1,0 +1,16 @@
+//! `linkage bench`: figures that anyone can run again.
+
+mod dir;
+mod score;
+pub mod truth;
+
+use crate::cli::{BenchArgs, Common};
+use crate::commands::Outcome;
+use anyhow::anyhow;
+
+pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
+    match args.suite.as_str() {
+        "dir" => dir::run(args, common),
+        other => Err(anyhow!("no suite \"{other}\"; known: dir").into()),
+    }
+}

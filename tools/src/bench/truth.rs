@@ -1,0 +1,104 @@
+//! `truth.json` beside a recording: written by the simulator, read by the benchmark.
+
+use anyhow::Context;
+use linkage_skill::articulate::JointKind;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Poses as `[x, y, z, qx, qy, qz, qw]`.
+pub type PoseArray = [f64; 7];
+
+/// What truly happened in a recording.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Truth {
+    /// Which thing it is.
+    pub object: String,
+    /// Sort of thing.
+    pub category: String,
+    /// `rich`, `medium` or `poor`.
+    pub texture: String,
+    /// A person moves it.
+    pub hand: bool,
+    /// The camera moves.
+    pub moving_camera: bool,
+    /// Nobody is there; it is to be recognised.
+    pub encounter: bool,
+    /// It was never demonstrated.
+    pub unknown: bool,
+    /// Time of each frame, seconds.
+    pub frames: Vec<f64>,
+    /// Camera pose in each frame.
+    pub world_from_camera: Vec<PoseArray>,
+    /// Its parts.
+    pub parts: Vec<TruePart>,
+    /// Its joints that move, or could.
+    pub joints: Vec<TrueJoint>,
+}
+
+/// A rigid part.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct TruePart {
+    /// Its name.
+    pub name: String,
+    /// Its value in the label pictures.
+    pub label: u8,
+    /// Centre in its own frame, metres.
+    pub centroid: [f64; 3],
+    /// Its pose in each frame.
+    pub camera_from_part: Vec<PoseArray>,
+}
+
+/// A joint.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct TrueJoint {
+    /// Its name.
+    pub name: String,
+    /// Its kind.
+    #[serde(rename = "type")]
+    pub kind: JointKind,
+    /// Carrying part.
+    pub parent: String,
+    /// Moved part.
+    pub child: String,
+    /// Direction in the camera frame of the first frame.
+    pub axis: [f64; 3],
+    /// A point on it, likewise.
+    pub origin: [f64; 3],
+    /// Direction in the camera frame of the last frame.
+    pub axis_last: [f64; 3],
+    /// A point on it, likewise.
+    pub origin_last: [f64; 3],
+    /// Metres a turn.
+    pub pitch: f64,
+    /// Configuration in each frame.
+    pub configuration: Vec<f64>,
+    /// Least and greatest.
+    pub range_observed: [f64; 2],
+    /// False in encounters and for joints that stay still.
+    #[serde(default = "yes")]
+    pub moved: bool,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl Truth {
+    /// Reads a recording's truth.
+    pub fn read(recording: &Path) -> anyhow::Result<Self> {
+        let path = recording.join("truth.json");
+        let text = std::fs::read_to_string(&path)
+            .with_context(|| format!("{}: no truth to score against", path.display()))?;
+        serde_json::from_str(&text).with_context(|| path.display().to_string())
+    }
+
+    /// Joints that moved.
+    pub fn moved(&self) -> Vec<&TrueJoint> {
+        self.joints.iter().filter(|j| j.moved).collect()
+    }
+
+    /// A part by name.
+    pub fn part(&self, name: &str) -> Option<&TruePart> {
+        self.parts.iter().find(|p| p.name == name)
+    }
+}
