@@ -1,10 +1,12 @@
 //! The configuration of the whole skill: one struct a stage, nested here. Files hold only
 //! what differs from the profile that they extend.
 
+use crate::appearance::AppearanceConfig;
 use crate::articulate::ArticulateConfig;
 use crate::base::BaseConfig;
 use crate::joints::JointsConfig;
 use crate::pose::PoseConfig;
+use crate::recognise::RecogniseConfig;
 use crate::segment::SegmentConfig;
 use crate::structure::StructureConfig;
 use crate::track::TrackConfig;
@@ -60,6 +62,10 @@ pub struct SkillConfig {
     pub structure: StructureConfig,
     /// Our way of learning.
     pub joints: JointsConfig,
+    /// Appearance models.
+    pub appearance: AppearanceConfig,
+    /// Recognition.
+    pub recognise: RecogniseConfig,
 }
 
 impl Default for SkillConfig {
@@ -75,6 +81,8 @@ impl Default for SkillConfig {
             articulate: Default::default(),
             structure: Default::default(),
             joints: Default::default(),
+            appearance: Default::default(),
+            recognise: Default::default(),
         }
     }
 }

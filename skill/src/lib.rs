@@ -2,16 +2,21 @@
 //! their motion. Frames and configuration in, values out; no camera, socket or clock.
 #![forbid(unsafe_code)]
 
+pub mod appearance;
 pub mod articulate;
 pub mod base;
 pub mod config;
+pub mod encounter;
 pub mod geometry;
 pub mod joints;
 pub mod keyframes;
 pub mod learn;
 pub mod model;
 pub mod pose;
+pub mod predict;
+pub mod recognise;
 pub mod segment;
+pub mod store;
 pub mod structure;
 pub mod timing;
 pub mod track;

@@ -1,1 +1,18 @@
-//! Under construction.
+//! LCM: message types generated from `types/*.lcm`, their codec, and transport over liblcm.
+//!
+//! The codec is plain Rust and gives the bytes that lcm-gen's C gives. Decoding never
+//! trusts a length: what a packet claims to hold is compared with what is left of it.
+
+pub mod codec;
+pub mod transport;
+
+/// The messages, a module a package.
+pub mod messages {
+    include!(concat!(env!("OUT_DIR"), "/messages.rs"));
+}
+
+pub use codec::{DecodeError, EncodeError, Message, decode, encode};
+pub use transport::{Lcm, LcmError, Packet, Subscription};
+
+/// The default network: this host only (DESIGN 4.7).
+pub const DEFAULT_URL: &str = "udpm://239.255.76.67:7667?ttl=0";

@@ -1,6 +1,5 @@
 //! Lines and circles through weighted points in space.
 
-use crate::geometry::orthonormal_basis;
 use nalgebra::{Matrix2, Matrix3, Point3, UnitVector3, Vector2, Vector3};
 
 /// Mean and principal directions of weighted points, widest first.
@@ -118,6 +117,7 @@ fn refine_flat(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::orthonormal_basis;
     use proptest::prelude::*;
 
     proptest! {

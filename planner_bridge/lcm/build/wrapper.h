@@ -1,0 +1,1 @@
+#include <lcm/lcm.h>

@@ -1,0 +1,385 @@
+//! Builds an object's appearance from its demonstration.
+
+use super::describe::{FeatureSpread, describe_frame};
+use super::labels::{LabelGrid, PosedFrame, STEP, label};
+use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
+use crate::learn::Demonstration;
+use crate::vision::lab_picture;
+use linkage_driver::RgbdFrame;
+use linkage_driver::depth::{NormalMap, depth_sigma};
+use nalgebra::{Point3, Vector3};
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+use std::collections::{HashMap, HashSet};
+
+/// Side of a voxel in which surface is averaged, metres.
+const VOXEL_M: f64 = 0.006;
+/// Side of a cell of the coarse occupancy that stands for "near", metres.
+const COARSE_M: f64 = 0.04;
+/// How far beyond its tracked features a part may extend, metres.
+const PART_REACH_M: f64 = 0.12;
+/// Views of one point are merged within this distance, metres.
+const MERGE_M: f64 = 0.015;
+
+/// Coarse occupied space.
+struct Occupancy(HashSet<[i32; 3]>);
+
+impl Occupancy {
+    fn new(points: impl Iterator<Item = Point3<f64>>) -> Self {
+        Self(points.map(|p| cell(&p, COARSE_M)).collect())
+    }
+
+    /// All cells within `margin`.
+    fn grown(&self, margin: f64) -> Self {
+        let reach = (margin / COARSE_M).round() as i32;
+        let mut grown = HashSet::new();
+        for c in &self.0 {
+            for x in -reach..=reach {
+                for y in -reach..=reach {
+                    for z in -reach..=reach {
+                        if x * x + y * y + z * z <= reach * reach {
+                            grown.insert([c[0] + x, c[1] + y, c[2] + z]);
+                        }
+                    }
+                }
+            }
+        }
+        Self(grown)
+    }
+
+    fn holds(&self, p: &Point3<f64>) -> bool {
+        self.0.contains(&cell(p, COARSE_M))
+    }
+}
+
+fn cell(p: &Point3<f64>, side: f64) -> [i32; 3] {
+    [0, 1, 2].map(|k| (p[k] / side).floor() as i32)
+}
+
+/// Builds the appearance; empty when the demonstration has no joints.
+pub fn build(
+    demonstration: &Demonstration,
+    config: &AppearanceConfig,
+) -> opencv::Result<Appearance> {
+    if demonstration.model.joints.is_empty() {
+        return Ok(Appearance::default());
+    }
+    let posed = posed_frames(demonstration, config.keyframes);
+    let parts = demonstration.model.parts.len();
+    let tracked: Vec<Vec<Point3<f64>>> = (0..parts).map(|p| tracked_points(demonstration, p)).collect();
+    let reach: Vec<Occupancy> = tracked
+        .iter()
+        .map(|points| Occupancy::new(points.iter().copied()).grown(PART_REACH_M))
+        .collect();
+    let near_part = |part: usize, p: &Point3<f64>| reach[part].holds(p);
+    let swept = swept_volume(demonstration, &tracked);
+    let region = Region {
+        features: swept.grown(config.feature_margin_m),
+        surface: swept.grown(config.surface_margin_m),
+        room: room_planes(posed.first(), &swept.grown(0.3)),
+    };
+    let mut builder = Builder { region, features: Vec::new(), voxels: HashMap::new() };
+    for index in 0..posed.len() {
+        let grid = label(&posed, index, &near_part);
+        builder.take(index, &posed[index], &grid)?;
+    }
+    Ok(builder.finish(config))
+}
+
+/// Which of the base belongs to the object.
+struct Region {
+    features: Occupancy,
+    surface: Occupancy,
+    room: Vec<Plane>,
+}
+
+/// A plane of the room, in the object frame.
+struct Plane {
+    normal: Vector3<f64>,
+    through: Point3<f64>,
+}
+
+impl Plane {
+    fn holds(&self, p: &Point3<f64>, z: f64) -> bool {
+        self.normal.dot(&(p - self.through)).abs() < 0.012 + 3.0 * depth_sigma(z)
+    }
+}
+
+fn posed_frames<'d>(demonstration: &'d Demonstration, wanted: usize) -> Vec<PosedFrame<'d>> {
+    let stride = demonstration.keyframes.len().div_ceil(wanted.max(1)).max(1);
+    demonstration
+        .keyframes
+        .iter()
+        .step_by(stride)
+        .map(|(index, frame)| PosedFrame {
+            frame,
+            camera_from_part: demonstration.camera_from_part.iter().map(|t| t[index]).collect(),
+        })
+        .collect()
+}
+
+/// Places of a part's tracks at configuration 0, from their first posed observation.
+fn tracked_points(demonstration: &Demonstration, part: usize) -> Vec<Point3<f64>> {
+    demonstration
+        .tracks
+        .tracks
+        .iter()
+        .zip(&demonstration.track_parts)
+        .filter(|(_, p)| **p == Some(part))
+        .filter_map(|(track, _)| {
+            track.lifted().find_map(|(f, p)| {
+                Some(demonstration.camera_from_part[part][f]?.inverse_transform_point(&p))
+            })
+        })
+        .collect()
+}
+
+/// All that moving parts passed through.
+fn swept_volume(demonstration: &Demonstration, tracked: &[Vec<Point3<f64>>]) -> Occupancy {
+    let frames = demonstration.frame_utimes.len();
+    let mut points = Vec::new();
+    for f in (0..frames).step_by(4) {
+        let Some(camera_from_object) = demonstration.camera_from_part[0][f] else { continue };
+        for (part, at_rest) in tracked.iter().enumerate().skip(1) {
+            if let Some(pose) = demonstration.camera_from_part[part][f] {
+                let object_from_part = camera_from_object.inverse() * pose;
+                points.extend(at_rest.iter().map(|p| object_from_part * p));
+            }
+        }
+    }
+    Occupancy::new(points.into_iter())
+}
+
+/// Planes of the first keyframe most of which lies away from what moved: floor, table, wall.
+fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
+    let Some((frame, camera_from_object)) =
+        first.and_then(|f| Some((f.frame, f.camera_from_part[0]?)))
+    else {
+        return Vec::new();
+    };
+    let normals = NormalMap::new(&frame.depth, &frame.camera);
+    let mut left: Vec<(Point3<f64>, Vector3<f64>, f64)> = Vec::new();
+    for v in (0..frame.camera.height).step_by(6) {
+        for u in (0..frame.camera.width).step_by(6) {
+            let (Some(p), Some(n)) = (frame.point_at(u, v), normals.at(u, v)) else { continue };
+            if p.z < 3.5 {
+                left.push((
+                    camera_from_object.inverse_transform_point(&p),
+                    camera_from_object.inverse_transform_vector(&n.normal),
+                    p.z,
+                ));
+            }
+        }
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let mut planes = Vec::new();
+    for _ in 0..8 {
+        if left.len() < 150 {
+            break;
+        }
+        let mut best: (usize, Option<Plane>) = (0, None);
+        let mut order: Vec<usize> = (0..left.len()).collect();
+        order.partial_shuffle(&mut rng, 80);
+        for &i in order.iter().rev().take(80) {
+            let plane = Plane { normal: left[i].1, through: left[i].0 };
+            let count = left.iter().filter(|s| on_plane(&plane, s)).count();
+            if count > best.0 {
+                best = (count, Some(plane));
+            }
+        }
+        let (count, Some(plane)) = best else { break };
+        if count < 120 {
+            break;
+        }
+        let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| on_plane(&plane, s));
+        left = off;
+        let away = on.iter().filter(|(p, _, _)| !near.holds(p)).count();
+        if away * 5 > on.len() * 2 {
+            planes.push(plane);
+        }
+    }
+    planes
+}
+
+fn on_plane(plane: &Plane, (p, n, z): &(Point3<f64>, Vector3<f64>, f64)) -> bool {
+    plane.holds(p, *z) && n.dot(&plane.normal) > 0.93
+}
+
+/// Surface gathered in one voxel.
+#[derive(Default)]
+struct Voxel {
+    point: Vector3<f64>,
+    normal: Vector3<f64>,
+    lab: Vector3<f64>,
+    count: f64,
+    keyframes: HashSet<usize>,
+}
+
+struct Builder {
+    region: Region,
+    features: Vec<(ModelFeature, usize)>,
+    /// By part, cell and main direction of the normal: two sides of a board stay apart.
+    voxels: HashMap<(u16, [i32; 3], u8), Voxel>,
+}
+
+impl Builder {
+    fn take(&mut self, keyframe: usize, posed: &PosedFrame, grid: &LabelGrid) -> opencv::Result<()> {
+        let frame = posed.frame;
+        let normals = NormalMap::new(&frame.depth, &frame.camera);
+        let described = describe_frame(frame, &normals, FeatureSpread::Model, |u, v| {
+            grid.at(u, v).is_some()
+        })?;
+        for feature in described {
+            let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
+            let (Some(part), Some(point)) = (grid.at(u, v), feature.point) else { continue };
+            let Some(pose) = posed.camera_from_part[usize::from(part)] else { continue };
+            let at_rest = pose.inverse_transform_point(&point);
+            if part == 0 && !self.is_own_base(&self.region.features, &at_rest, point.z) {
+                continue;
+            }
+            let normal = pose.inverse_transform_vector(&feature.normal);
+            let kept = ModelFeature {
+                part,
+                kind: feature.kind,
+                point: at_rest.coords.map(|x| x as f32).into(),
+                normal: normal.map(|x| x as f32).into(),
+                size_m: feature.size as f32,
+                descriptor: quantise(&feature.descriptor),
+            };
+            self.features.push((kept, keyframe));
+        }
+        self.take_surface(keyframe, posed, grid, frame, &normals)
+    }
+
+    fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
+        region.holds(p) && !self.region.room.iter().any(|plane| plane.holds(p, z))
+    }
+
+    fn take_surface(
+        &mut self,
+        keyframe: usize,
+        posed: &PosedFrame,
+        grid: &LabelGrid,
+        frame: &RgbdFrame,
+        normals: &NormalMap,
+    ) -> opencv::Result<()> {
+        let lab = lab_picture(&frame.color)?;
+        for v in (STEP / 2..frame.camera.height).step_by(STEP / 2) {
+            for u in (STEP / 2..frame.camera.width).step_by(STEP / 2) {
+                let Some(part) = grid.at(u, v) else { continue };
+                let Some(pose) = &posed.camera_from_part[usize::from(part)] else { continue };
+                let Some(patch) = normals.at(u, v) else { continue };
+                let in_camera = frame.camera.back_project(u as f64, v as f64, patch.z);
+                if -patch.normal.dot(&in_camera.coords.normalize()) < 0.25 {
+                    continue;
+                }
+                let p = pose.inverse_transform_point(&in_camera);
+                if part == 0 && !self.is_own_base(&self.region.surface, &p, in_camera.z) {
+                    continue;
+                }
+                let n = pose.inverse_transform_vector(&patch.normal);
+                let side = n.iamax() as u8 * 2 + u8::from(n[n.iamax()] > 0.0);
+                let voxel = self.voxels.entry((part, cell(&p, VOXEL_M), side)).or_default();
+                voxel.point += p.coords;
+                voxel.normal += n;
+                voxel.lab += Vector3::from(lab.at(u, v).map(f64::from));
+                voxel.count += 1.0;
+                voxel.keyframes.insert(keyframe);
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(self, config: &AppearanceConfig) -> Appearance {
+        Appearance {
+            features: merged(self.features, config.max_features_per_part),
+            surfels: surfels(self.voxels, config.max_surfels_per_part),
+        }
+    }
+}
+
+fn surfels(voxels: HashMap<(u16, [i32; 3], u8), Voxel>, per_part: usize) -> Vec<Surfel> {
+    let mut solid: Vec<((u16, [i32; 3], u8), Voxel)> = voxels
+        .into_iter()
+        .filter(|(_, v)| v.keyframes.len() >= 2 && v.count >= 3.0 && v.normal.norm() > 0.8 * v.count)
+        .collect();
+    solid.sort_by_key(|(key, _)| *key);
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    solid.shuffle(&mut rng);
+    let mut taken: HashMap<u16, usize> = HashMap::new();
+    let mut kept: Vec<Surfel> = Vec::new();
+    for ((part, _, _), v) in solid {
+        let count = taken.entry(part).or_default();
+        if *count < per_part {
+            *count += 1;
+            kept.push(Surfel {
+                part,
+                point: (v.point / v.count).map(|x| x as f32).into(),
+                normal: v.normal.normalize().map(|x| x as f32).into(),
+                lab: (v.lab / v.count).map(|x| x as f32).into(),
+            });
+        }
+    }
+    kept.sort_by_key(|s| s.part);
+    kept
+}
+
+/// Views of one point (same part and kind, near, similar size and description) become one
+/// feature; those seen most often are kept first.
+fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<ModelFeature> {
+    let mut cells: HashMap<(u16, [i32; 3]), Vec<usize>> = HashMap::new();
+    for (i, (f, _)) in features.iter().enumerate() {
+        let p = Point3::from(Vector3::from(f.point).map(f64::from));
+        cells.entry((f.part, cell(&p, 2.0 * MERGE_M))).or_default().push(i);
+    }
+    let mut groups: Vec<((u16, [i32; 3]), Vec<usize>)> = cells.into_iter().collect();
+    groups.sort_by_key(|(key, _)| *key);
+    let mut kept: Vec<(usize, usize)> = Vec::new();
+    for (_, mut members) in groups {
+        while let Some((best, support)) = members
+            .iter()
+            .map(|&i| (i, members.iter().filter(|&&j| alike(&features[i].0, &features[j].0)).count()))
+            .max_by_key(|&(i, support)| (support, std::cmp::Reverse(i)))
+        {
+            kept.push((best, support));
+            members.retain(|&j| !alike(&features[best].0, &features[j].0));
+        }
+    }
+    kept.sort_by_key(|&(i, support)| (std::cmp::Reverse(support), i));
+    let mut taken: HashMap<(u16, bool), usize> = HashMap::new();
+    let mut result: Vec<ModelFeature> = Vec::new();
+    for (i, _) in kept {
+        let feature = &features[i].0;
+        let rectified = feature.kind == super::FeatureKind::Rectified;
+        let count = taken.entry((feature.part, rectified)).or_default();
+        if *count < per_part / 2 {
+            *count += 1;
+            result.push(feature.clone());
+        }
+    }
+    result.sort_by_key(|f| f.part);
+    result
+}
+
+fn alike(a: &ModelFeature, b: &ModelFeature) -> bool {
+    let apart = Vector3::from(a.point) - Vector3::from(b.point);
+    let size = (a.size_m / b.size_m).ln().abs();
+    let dot: i32 = a.descriptor.iter().zip(&b.descriptor).map(|(x, y)| i32::from(*x) * i32::from(*y)).sum();
+    // Unit vectors quantised to 255 at a half: |a - b|² = 2 - 2 a·b.
+    let distance_sq = 2.0 - 2.0 * f64::from(dot) / (QUANTUM * QUANTUM);
+    a.kind == b.kind && f64::from(apart.norm()) < MERGE_M && size < 0.3 && distance_sq < 0.2
+}
+
+/// Bytes in a unit: components of a RootSIFT hardly exceed a half.
+const QUANTUM: f64 = 510.0;
+
+fn quantise(descriptor: &[f32]) -> Vec<u8> {
+    descriptor.iter().map(|x| (f64::from(*x) * QUANTUM).round().min(255.0) as u8).collect()
+}
+
+/// The unit vector that was quantised.
+pub fn dequantise(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
+    bytes.iter().map(|b| f32::from(*b) / QUANTUM as f32)
+}
+

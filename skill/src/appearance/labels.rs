@@ -1,0 +1,123 @@
+//! Which part does a pixel of a keyframe belong to? Each part's motion is a claim about where
+//! the pixel's point must be in the other keyframes; their depth pictures say which claim
+//! holds. What fits no claim (the person) belongs to nothing.
+
+use crate::base::coarse_sigma;
+use crate::geometry::Pose;
+use linkage_driver::RgbdFrame;
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+/// A keyframe with the pose of every part: `camera_from_part`, mapping object coordinates at
+/// configuration 0; `None` where a joint's configuration is not known.
+pub struct PosedFrame<'f> {
+    /// The frame.
+    pub frame: &'f RgbdFrame,
+    /// By part.
+    pub camera_from_part: Vec<Option<Pose>>,
+}
+
+/// Pixels between labelled places.
+pub const STEP: usize = 4;
+/// Two claims are told apart only where they differ by this much, metres.
+const MIN_DIFFERENCE_M: f64 = 0.03;
+
+/// Part of each place on a grid of [`STEP`] pixels.
+pub struct LabelGrid {
+    columns: usize,
+    labels: Vec<Option<u16>>,
+}
+
+impl LabelGrid {
+    /// The part at a pixel.
+    pub fn at(&self, u: usize, v: usize) -> Option<u16> {
+        self.labels.get((v / STEP) * self.columns + (u / STEP).min(self.columns - 1)).copied()?
+    }
+}
+
+/// True when a place in a part's frame is near enough to the part's tracked features that it
+/// may lie on it.
+pub type NearPart<'n> = dyn Fn(usize, &Point3<f64>) -> bool + Sync + 'n;
+
+/// Labels all places of `frames[index]`.
+pub fn label(frames: &[PosedFrame], index: usize, near_part: &NearPart) -> LabelGrid {
+    let picture = frames[index].frame;
+    let columns = picture.camera.width.div_ceil(STEP);
+    let rows = picture.camera.height.div_ceil(STEP);
+    let labels = (0..columns * rows)
+        .into_par_iter()
+        .map(|i| {
+            let (u, v) = ((i % columns) * STEP + STEP / 2, (i / columns) * STEP + STEP / 2);
+            label_point(frames, index, &picture.point_at(u, v)?, near_part)
+        })
+        .collect();
+    LabelGrid { columns, labels }
+}
+
+fn label_point(
+    frames: &[PosedFrame],
+    index: usize,
+    in_camera: &Point3<f64>,
+    near_part: &NearPart,
+) -> Option<u16> {
+    let here = &frames[index];
+    let claims: Vec<(usize, Point3<f64>)> = here
+        .camera_from_part
+        .iter()
+        .enumerate()
+        .filter_map(|(part, pose)| {
+            let at_rest = pose.as_ref()?.inverse_transform_point(in_camera);
+            (part == 0 || near_part(part, &at_rest)).then_some((part, at_rest))
+        })
+        .collect();
+    let mut best: Option<(f64, usize)> = None;
+    for &(part, at_rest) in &claims {
+        let support = support(frames, index, part, &at_rest, &claims);
+        if best.is_none_or(|(s, _)| support > s) {
+            best = Some((support, part));
+        }
+    }
+    best.filter(|(support, _)| *support > 0.25).map(|(_, part)| part as u16)
+}
+
+/// Share of the telling frames that agree, less twice the share that contradict. Frames are
+/// telling where the claims differ; with one claim alone all are.
+fn support(
+    frames: &[PosedFrame],
+    index: usize,
+    part: usize,
+    at_rest: &Point3<f64>,
+    claims: &[(usize, Point3<f64>)],
+) -> f64 {
+    let (mut agree, mut against, mut told) = (0.0, 0.0, 0.0);
+    for (i, other) in frames.iter().enumerate() {
+        if i == index {
+            continue;
+        }
+        let Some(pose) = &other.camera_from_part[part] else { continue };
+        let claimed = pose * at_rest;
+        let differs = claims.iter().filter(|(p, _)| *p != part).all(|(p, rest)| {
+            other.camera_from_part[*p]
+                .as_ref()
+                .is_some_and(|pose| (pose * rest - claimed).norm() > MIN_DIFFERENCE_M)
+        });
+        if !differs {
+            continue;
+        }
+        let Some(pixel) = other.frame.camera.project(&claimed) else { continue };
+        let Some(z) = other.frame.depth.at_nearest(pixel.x, pixel.y) else { continue };
+        let margin = 0.012 + 3.0 * coarse_sigma(claimed.z);
+        let difference = f64::from(z) - claimed.z;
+        if difference > margin {
+            against += 1.0;
+            told += 1.0;
+        } else if difference > -margin {
+            agree += 1.0;
+            told += 1.0;
+        }
+    }
+    if told < 2.0 {
+        return 0.0;
+    }
+    (agree - 2.0 * against) / told
+}

@@ -1,0 +1,80 @@
+//! What an object looks like, kept for recognition: described features with their places in
+//! space and a thinned cloud of its surface, part by part (paper, section III-E, extended).
+//!
+//! All places are in the object frame with every joint at configuration 0.
+
+mod builder;
+mod describe;
+mod labels;
+
+pub use builder::{build, dequantise};
+pub use describe::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, describe_frame};
+
+use serde::{Deserialize, Serialize};
+
+/// A described feature of a part.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ModelFeature {
+    /// The part it lies on.
+    pub part: u16,
+    /// How it was described.
+    pub kind: FeatureKind,
+    /// Place, metres.
+    pub point: [f32; 3],
+    /// Unit surface normal; zero where unknown.
+    pub normal: [f32; 3],
+    /// Diameter of what is described, metres.
+    pub size_m: f32,
+    /// RootSIFT scaled to bytes.
+    pub descriptor: Vec<u8>,
+}
+
+/// A small piece of surface.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Surfel {
+    /// The part it lies on.
+    pub part: u16,
+    /// Place, metres.
+    pub point: [f32; 3],
+    /// Unit normal.
+    pub normal: [f32; 3],
+    /// CIE L*a*b*, slightly blurred.
+    pub lab: [f32; 3],
+}
+
+/// The appearance of an object.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Appearance {
+    /// Features.
+    pub features: Vec<ModelFeature>,
+    /// Surface.
+    pub surfels: Vec<Surfel>,
+}
+
+/// Values of the appearance stage. Ours.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AppearanceConfig {
+    /// Keyframes that are described.
+    pub keyframes: usize,
+    /// Features kept per part.
+    pub max_features_per_part: usize,
+    /// Surfels kept per part.
+    pub max_surfels_per_part: usize,
+    /// The base's features are kept within this distance of what moved, metres.
+    pub feature_margin_m: f64,
+    /// The base's surface is kept within this distance of what moved, metres.
+    pub surface_margin_m: f64,
+}
+
+impl Default for AppearanceConfig {
+    fn default() -> Self {
+        Self {
+            keyframes: 16,
+            max_features_per_part: 2000,
+            max_surfels_per_part: 1200,
+            feature_margin_m: 0.25,
+            surface_margin_m: 0.15,
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! Prediction (paper, section III-E): from the present configuration of a recognised object
+//! to a target, the motion of each joint and of each part that moves.
+
+mod surface;
+
+pub use surface::moved_surface;
+
+use crate::geometry::{Pose, pose_from_array};
+use crate::model::{Joint, ObjectModel};
+use crate::recognise::Recognised;
+
+/// Where a joint is to go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Target {
+    /// The end of the range away from where the demonstration began.
+    Open,
+    /// Where the demonstration began, or the end of the range nearest to it.
+    Closed,
+    /// A configuration, radians or metres.
+    Value(f64),
+}
+
+impl std::str::FromStr for Target {
+    type Err = PredictError;
+
+    fn from_str(text: &str) -> Result<Self, PredictError> {
+        match text {
+            "open" => Ok(Self::Open),
+            "closed" => Ok(Self::Closed),
+            _ => match text.parse::<f64>() {
+                Ok(value) if value.is_finite() => Ok(Self::Value(value)),
+                _ => Err(PredictError::Target { text: text.to_owned() }),
+            },
+        }
+    }
+}
+
+/// A prediction that cannot be made.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum PredictError {
+    /// No joint goes by that name.
+    #[error("{object} has no joint \"{joint}\"; it has: {known}")]
+    UnknownJoint {
+        /// The object.
+        object: String,
+        /// As asked.
+        joint: String,
+        /// What there is.
+        known: String,
+    },
+    /// The target was never seen to be reached.
+    #[error("{joint} was seen between {low:.3} and {high:.3} {unit} only; {target:.3} lies outside")]
+    OutsideRange {
+        /// The joint.
+        joint: String,
+        /// Target.
+        target: f64,
+        /// Least.
+        low: f64,
+        /// Greatest.
+        high: f64,
+        /// rad or m.
+        unit: &'static str,
+    },
+    /// The present configuration is not known.
+    #[error("the present configuration of {joint} could not be seen")]
+    Unseen {
+        /// The joint.
+        joint: String,
+    },
+    /// Not a target.
+    #[error("\"{text}\" is no target; give open, closed or a number")]
+    Target {
+        /// As given.
+        text: String,
+    },
+    /// The recognition is of another object, or has no pose.
+    #[error("the recognition does not fit the model of {object}")]
+    Mismatch {
+        /// The object.
+        object: String,
+    },
+}
+
+/// How far beyond the observed range a target may lie, as a share of it: the ends of a
+/// motion are seen least well.
+const RANGE_TOLERANCE: f64 = 0.02;
+
+/// Start and end of one joint's motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointMotion {
+    /// Index of the joint in the model.
+    pub joint: usize,
+    /// Present configuration.
+    pub from: f64,
+    /// Target configuration.
+    pub to: f64,
+}
+
+/// A recognised object with its model: what predictions start from.
+pub struct Encountered<'m> {
+    model: &'m ObjectModel,
+    camera_from_object: Pose,
+    configurations: Vec<Option<f64>>,
+}
+
+impl<'m> Encountered<'m> {
+    /// Puts a recognition and its model together.
+    ///
+    /// # Errors
+    /// [`PredictError::Mismatch`] when they are not of one object.
+    pub fn new(model: &'m ObjectModel, recognised: &Recognised) -> Result<Self, PredictError> {
+        let mismatch = || PredictError::Mismatch { object: model.object.clone() };
+        if recognised.object != model.object || recognised.joints.len() != model.joints.len() {
+            return Err(mismatch());
+        }
+        Ok(Self {
+            model,
+            camera_from_object: pose_from_array(&recognised.camera_from_object)
+                .ok_or_else(mismatch)?,
+            configurations: recognised.joints.iter().map(|j| j.configuration).collect(),
+        })
+    }
+
+    /// The motion of one joint, or of all whose configuration was seen when `joint` is
+    /// `None`.
+    ///
+    /// # Errors
+    /// [`PredictError::UnknownJoint`], [`PredictError::OutsideRange`],
+    /// [`PredictError::Unseen`].
+    pub fn motions(
+        &self,
+        joint: Option<&str>,
+        target: Target,
+    ) -> Result<Vec<JointMotion>, PredictError> {
+        if let Some(name) = joint {
+            let index = self.model.joints.iter().position(|j| j.name == name).ok_or_else(|| {
+                PredictError::UnknownJoint {
+                    object: self.model.object.clone(),
+                    joint: name.to_owned(),
+                    known: self.model.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", "),
+                }
+            })?;
+            return Ok(vec![self.motion(index, target)?]);
+        }
+        let seen: Vec<usize> =
+            (0..self.model.joints.len()).filter(|&i| self.configurations[i].is_some()).collect();
+        if let (true, Some(first)) = (seen.is_empty(), self.model.joints.first()) {
+            return Err(PredictError::Unseen { joint: first.name.clone() });
+        }
+        seen.into_iter().map(|i| self.motion(i, target)).collect()
+    }
+
+    fn motion(&self, index: usize, target: Target) -> Result<JointMotion, PredictError> {
+        let joint = &self.model.joints[index];
+        let from = self.configurations[index]
+            .ok_or_else(|| PredictError::Unseen { joint: joint.name.clone() })?;
+        Ok(JointMotion { joint: index, from, to: resolve(joint, target)? })
+    }
+
+    /// `camera_from_part` of every part for given configurations of some joints, the others
+    /// staying as they are. Part axes are the object's at configuration 0.
+    pub fn part_poses(&self, moved: &[(usize, f64)]) -> Vec<Pose> {
+        let mut q: Vec<f64> = self
+            .configurations
+            .iter()
+            .zip(&self.model.joints)
+            .map(|(q, j)| q.unwrap_or(0.0_f64.clamp(j.range[0], j.range[1])))
+            .collect();
+        for &(joint, value) in moved {
+            q[joint] = value;
+        }
+        self.model.part_motions(&q).iter().map(|m| self.camera_from_object * m).collect()
+    }
+
+    /// The model.
+    pub fn model(&self) -> &ObjectModel {
+        self.model
+    }
+
+    /// Pose of the object frame.
+    pub fn camera_from_object(&self) -> &Pose {
+        &self.camera_from_object
+    }
+}
+
+/// The configuration that a target means for a joint. The demonstration begins with the
+/// thing closed: configuration 0.
+fn resolve(joint: &Joint, target: Target) -> Result<f64, PredictError> {
+    let [low, high] = joint.range;
+    match target {
+        Target::Open => Ok(if high.abs() >= low.abs() { high } else { low }),
+        Target::Closed => Ok(0.0_f64.clamp(low, high)),
+        Target::Value(value) => {
+            let slack = RANGE_TOLERANCE * (high - low);
+            if value < low - slack || value > high + slack {
+                return Err(PredictError::OutsideRange {
+                    joint: joint.name.clone(),
+                    target: value,
+                    low,
+                    high,
+                    unit: joint.kind.unit(),
+                });
+            }
+            Ok(value.clamp(low, high))
+        }
+    }
+}

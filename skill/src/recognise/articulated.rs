@@ -1,0 +1,140 @@
+//! An object's pose with the configuration of its joints.
+
+use crate::articulate::{JointGeometry, JointKind};
+use crate::geometry::Pose;
+use crate::model::ObjectModel;
+use nalgebra::{DVector, Point3, UnitQuaternion, Vector3};
+
+/// Where the object is and how it stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// Pose of the object frame.
+    pub camera_from_object: Pose,
+    /// Configuration of each joint.
+    pub q: Vec<f64>,
+}
+
+/// A joint as recognition needs it.
+pub struct ChainJoint {
+    /// Its line in the object frame at configuration 0.
+    pub geometry: JointGeometry,
+    /// Carrying part.
+    pub parent: usize,
+    /// Moved part.
+    pub child: usize,
+    /// Range with a margin.
+    pub low: f64,
+    /// Range with a margin.
+    pub high: f64,
+}
+
+/// The object's kinematic tree.
+pub struct Articulated {
+    /// Number of parts.
+    pub parts: usize,
+    /// Joints, parents first.
+    pub joints: Vec<ChainJoint>,
+}
+
+impl Articulated {
+    /// Of a model.
+    pub fn new(model: &ObjectModel) -> Self {
+        let joints = model
+            .joints
+            .iter()
+            .map(|j| {
+                let margin = 0.12 * (j.range[1] - j.range[0]) + 0.02;
+                ChainJoint {
+                    geometry: j.geometry(),
+                    parent: j.parent,
+                    child: j.child,
+                    low: j.range[0] - margin,
+                    high: j.range[1] + margin,
+                }
+            })
+            .collect();
+        Self { parts: model.parts.len(), joints }
+    }
+
+    /// The configuration in the middle of what was seen, nearest to 0.
+    pub fn rest(&self) -> Vec<f64> {
+        self.joints.iter().map(|j| 0.0_f64.clamp(j.low, j.high)).collect()
+    }
+
+    /// `object_from_part` by part, relative to configuration 0.
+    pub fn motions(&self, q: &[f64]) -> Vec<Pose> {
+        let mut motions = vec![Pose::identity(); self.parts];
+        for (joint, &q) in self.joints.iter().zip(q) {
+            motions[joint.child] = motions[joint.parent] * joint.geometry.motion(q);
+        }
+        motions
+    }
+
+    /// `camera_from_part` by part.
+    pub fn poses(&self, state: &State) -> Vec<Pose> {
+        self.motions(&state.q).iter().map(|m| state.camera_from_object * m).collect()
+    }
+
+    /// Parts that a joint moves, through its descendants.
+    pub fn moved_by(&self, joint: usize) -> Vec<usize> {
+        let mut moved = vec![self.joints[joint].child];
+        for j in &self.joints {
+            if moved.contains(&j.parent) && !moved.contains(&j.child) {
+                moved.push(j.child);
+            }
+        }
+        moved
+    }
+
+    /// The state in which `part` has a pose, for given configurations.
+    pub fn state_with(&self, part: usize, camera_from_part: &Pose, q: Vec<f64>) -> State {
+        let motion = self.motions(&q)[part];
+        State { camera_from_object: camera_from_part * motion.inverse(), q }
+    }
+
+    /// Velocity of a point, seen in the camera frame, with each unknown: rotation of the
+    /// whole (3), translation (3), configurations.
+    pub fn velocities(
+        &self,
+        poses: &[Pose],
+        part: usize,
+        in_camera: &Point3<f64>,
+    ) -> Vec<Vector3<f64>> {
+        let mut columns = Vec::with_capacity(6 + self.joints.len());
+        for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+            columns.push(axis.cross(&in_camera.coords));
+        }
+        columns.extend([Vector3::x(), Vector3::y(), Vector3::z()]);
+        for (j, joint) in self.joints.iter().enumerate() {
+            columns.push(if self.moved_by(j).contains(&part) {
+                let line = joint.geometry.transformed(&poses[joint.parent]);
+                match line.kind {
+                    JointKind::Revolute => line.axis.cross(&(in_camera - line.origin)),
+                    JointKind::Prismatic => line.axis.into_inner(),
+                    _ => Vector3::zeros(),
+                }
+            } else {
+                Vector3::zeros()
+            });
+        }
+        columns
+    }
+
+    /// Applies a step over the unknowns of [`Self::velocities`], bounded and kept in range.
+    pub fn stepped(&self, state: &State, step: &DVector<f64>) -> State {
+        let bound = |x: f64, limit: f64| x.clamp(-limit, limit);
+        let turn = Vector3::from_fn(|k, _| bound(step[k], 0.1));
+        let shift = Vector3::from_fn(|k, _| bound(step[3 + k], 0.05));
+        let increment = Pose::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(turn));
+        State {
+            camera_from_object: increment * state.camera_from_object,
+            q: self
+                .joints
+                .iter()
+                .zip(&state.q)
+                .enumerate()
+                .map(|(j, (joint, q))| (q + bound(step[6 + j], 0.3)).clamp(joint.low, joint.high))
+                .collect(),
+        }
+    }
+}

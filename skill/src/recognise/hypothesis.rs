@@ -1,0 +1,316 @@
+//! Hypotheses: poses of one part from matches that agree in space; the other parts follow
+//! through the joints, whose configurations the other parts' matches vote for.
+
+use super::articulated::{Articulated, State};
+use super::matching::Match;
+use crate::articulate::JointKind;
+use crate::geometry::{Pose, median, rigid_fit};
+use nalgebra::Point3;
+use rand::seq::IndexedRandom;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::HashSet;
+
+/// A pose of one part with the configurations that follow.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    /// The part that it started from.
+    pub part: usize,
+    /// Its pose.
+    pub camera_from_part: Pose,
+    /// The whole object.
+    pub state: State,
+    /// Matches that agree, each place counted once.
+    pub support: usize,
+}
+
+/// Matches of a part that are considered.
+const MAX_MATCHES: usize = 250;
+/// Triples drawn.
+const TRIPLES: usize = 600;
+/// Seeds of triples.
+const SEEDS: usize = 80;
+/// Poses kept per part.
+const KEEP: usize = 6;
+/// Largest difference of angles between normals, radians.
+const MAX_ANGLE: f64 = 0.49;
+/// Normals contribute as points at this distance, metres.
+const NORMAL_ARM: f64 = 0.04;
+/// Least cosine between a model's and a seen normal.
+const MIN_COSINE: f64 = 0.82;
+
+/// All hypotheses, most support first.
+pub fn all(articulated: &Articulated, matches: &[Match], seed: u64) -> Vec<Hypothesis> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut found = Vec::new();
+    for part in 0..articulated.parts {
+        let own: Vec<&Match> = matches
+            .iter()
+            .filter(|m| m.part == part && m.seen_point.is_some())
+            .take(MAX_MATCHES)
+            .collect();
+        for camera_from_part in part_poses(&own, &mut rng) {
+            let q = configurations(articulated, matches, part, &camera_from_part);
+            let state = articulated.state_with(part, &camera_from_part, q);
+            let support = unique_inliers(articulated, matches, &state, None);
+            found.push(Hypothesis { part, camera_from_part, state, support });
+        }
+    }
+    found.sort_by_key(|h| std::cmp::Reverse(h.support));
+    found
+}
+
+/// Inliers of a state, counted once a place on the object and in the picture; of one part or
+/// of all.
+pub fn unique_inliers(
+    articulated: &Articulated,
+    matches: &[Match],
+    state: &State,
+    part: Option<usize>,
+) -> usize {
+    let poses = articulated.poses(state);
+    let (mut on_object, mut in_picture) = (HashSet::new(), HashSet::new());
+    for m in matches.iter().filter(|m| part.is_none_or(|p| p == m.part)) {
+        if agrees(m, &poses[m.part], 1.0) {
+            on_object.insert((m.part, [0, 1, 2].map(|k| (m.model_point[k] / 0.012).floor() as i32)));
+            in_picture.insert(m.pixel.map(|x| (x / 4.0).floor() as i32));
+        }
+    }
+    on_object.len().min(in_picture.len())
+}
+
+/// A match agrees with its part's pose in place and normal.
+pub fn agrees(m: &Match, camera_from_part: &Pose, slack: f64) -> bool {
+    let Some(seen) = m.seen_point else { return false };
+    (camera_from_part * m.model_point - seen).norm() < slack * m.tolerance
+        && (!has_normals(m)
+            || (camera_from_part * m.model_normal).dot(&m.seen_normal) > MIN_COSINE)
+}
+
+fn has_normals(m: &Match) -> bool {
+    m.model_normal.norm_squared() > 0.5 && m.seen_normal.norm_squared() > 0.5
+}
+
+/// A match with depth, flattened for the inner loops.
+struct Pair<'m> {
+    source: &'m Match,
+    seen: Point3<f64>,
+    normals: bool,
+}
+
+fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
+    let pairs: Vec<Pair> = matches
+        .iter()
+        .filter_map(|m| {
+            Some(Pair { source: m, seen: m.seen_point?, normals: has_normals(m) })
+        })
+        .collect();
+    let neighbours = compatibility(&pairs);
+    let mut seeds: Vec<usize> = (0..pairs.len()).filter(|&i| !neighbours[i].is_empty()).collect();
+    seeds.sort_by_key(|&i| std::cmp::Reverse(neighbours[i].len()));
+    seeds.truncate(SEEDS);
+    if seeds.is_empty() {
+        return Vec::new();
+    }
+    let mut triples = HashSet::new();
+    let per_seed = (TRIPLES / seeds.len()).max(4);
+    for &i in &seeds {
+        for _ in 0..per_seed {
+            let j = neighbours[i][rng.random_range(0..neighbours[i].len())];
+            let common: Vec<usize> =
+                neighbours[i].iter().copied().filter(|k| neighbours[j].contains(k)).collect();
+            let k = common.choose(rng).copied().unwrap_or(j);
+            let mut triple = [i, j, k];
+            triple.sort_unstable();
+            triples.insert(triple);
+        }
+    }
+    let mut triples: Vec<[usize; 3]> = triples.into_iter().collect();
+    triples.sort_unstable();
+    let mut scored: Vec<(f64, Pose)> = triples
+        .iter()
+        .filter_map(|t| {
+            let pose = fit(&pairs, t)?;
+            Some((score(&pairs, &pose), pose))
+        })
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    distinct(&pairs, &scored)
+}
+
+/// Pairs of matches whose distance and normals' angles are those of the model.
+fn compatibility(pairs: &[Pair]) -> Vec<Vec<usize>> {
+    (0..pairs.len())
+        .map(|i| (0..pairs.len()).filter(|&j| j != i && compatible(&pairs[i], &pairs[j])).collect())
+        .collect()
+}
+
+fn compatible(a: &Pair, b: &Pair) -> bool {
+    let on_model = b.source.model_point - a.source.model_point;
+    let in_scene = b.seen - a.seen;
+    let (dm, ds) = (on_model.norm(), in_scene.norm());
+    if dm < 0.025 || ds < 0.025 || (dm - ds).abs() > 0.6 * (a.source.tolerance + b.source.tolerance) {
+        return false;
+    }
+    let angle = |x: f64| x.clamp(-1.0, 1.0).acos();
+    if a.normals && b.normals {
+        let model = angle(a.source.model_normal.dot(&b.source.model_normal));
+        let scene = angle(a.source.seen_normal.dot(&b.source.seen_normal));
+        if (model - scene).abs() > MAX_ANGLE {
+            return false;
+        }
+    }
+    [(a, 1.0), (b, -1.0)].iter().all(|(p, sign)| {
+        !p.normals || {
+            let model = angle(sign * p.source.model_normal.dot(&on_model) / dm);
+            let scene = angle(sign * p.source.seen_normal.dot(&in_scene) / ds);
+            (model - scene).abs() < MAX_ANGLE
+        }
+    })
+}
+
+/// Rigid fit of places and of the tips of their normals.
+fn fit(pairs: &[Pair], of: &[usize]) -> Option<Pose> {
+    let (mut from, mut to, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+    for &i in of {
+        let p = &pairs[i];
+        from.push(p.source.model_point);
+        to.push(p.seen);
+        weights.push(1.0);
+        if p.normals {
+            from.push(p.source.model_point + NORMAL_ARM * p.source.model_normal);
+            to.push(p.seen + NORMAL_ARM * p.source.seen_normal);
+            weights.push(0.5);
+        }
+    }
+    rigid_fit(&from, &to, &weights)
+}
+
+fn score(pairs: &[Pair], pose: &Pose) -> f64 {
+    pairs
+        .iter()
+        .filter(|p| agrees(p.source, pose, 1.0))
+        .map(|p| {
+            let residual = (pose * p.source.model_point - p.seen).norm() / p.source.tolerance;
+            1.0 - 0.5 * residual * residual
+        })
+        .sum()
+}
+
+/// The best poses that do not share most of their inliers, refitted on them.
+fn distinct(pairs: &[Pair], scored: &[(f64, Pose)]) -> Vec<Pose> {
+    let inliers = |pose: &Pose| -> Vec<usize> {
+        (0..pairs.len()).filter(|&i| agrees(pairs[i].source, pose, 1.0)).collect()
+    };
+    let mut kept = Vec::new();
+    let mut used: Vec<HashSet<usize>> = Vec::new();
+    for (_, pose) in scored {
+        let mut own = inliers(pose);
+        if own.len() < 3 {
+            break;
+        }
+        let shared = |u: &HashSet<usize>| own.iter().filter(|i| u.contains(i)).count();
+        if used.iter().any(|u| 2 * shared(u) > own.len()) {
+            continue;
+        }
+        used.push(own.iter().copied().collect());
+        let mut best = *pose;
+        for _ in 0..2 {
+            let Some(refitted) = fit(pairs, &own) else { break };
+            let now = inliers(&refitted);
+            if now.len() >= own.len() {
+                best = refitted;
+                own = now;
+            }
+        }
+        kept.push(best);
+        if kept.len() == KEEP {
+            break;
+        }
+    }
+    kept
+}
+
+/// Configurations by votes, spreading through the tree from the part whose pose is known.
+/// Joints without votes stay at rest.
+fn configurations(
+    articulated: &Articulated,
+    matches: &[Match],
+    part: usize,
+    camera_from_part: &Pose,
+) -> Vec<f64> {
+    let mut q = articulated.rest();
+    let mut pose_of: Vec<Option<Pose>> = vec![None; articulated.parts];
+    pose_of[part] = Some(*camera_from_part);
+    loop {
+        let next = articulated.joints.iter().position(|j| {
+            pose_of[j.parent].is_some() != pose_of[j.child].is_some()
+        });
+        let Some(i) = next else { return q };
+        let joint = &articulated.joints[i];
+        let forward = pose_of[joint.parent].is_some();
+        let (known, other) =
+            if forward { (joint.parent, joint.child) } else { (joint.child, joint.parent) };
+        let Some(pose) = pose_of[known] else { return q };
+        if let Some(voted) = vote(articulated, matches, i, other, &pose, forward) {
+            q[i] = voted;
+        }
+        // Poses of parts relative to their parent at configuration 0 coincide: the motion of
+        // the joint is all that lies between them.
+        let motion = joint.geometry.motion(q[i]);
+        pose_of[other] = Some(if forward { pose * motion } else { pose * motion.inverse() });
+    }
+}
+
+/// The configuration that most matches of `other` agree on, given the known side's pose.
+fn vote(
+    articulated: &Articulated,
+    matches: &[Match],
+    joint: usize,
+    other: usize,
+    camera_from_known: &Pose,
+    forward: bool,
+) -> Option<f64> {
+    let j = &articulated.joints[joint];
+    let votes: Vec<(f64, f64)> = matches
+        .iter()
+        .filter(|m| m.part == other)
+        .filter_map(|m| {
+            let seen = camera_from_known.inverse_transform_point(&m.seen_point?);
+            // Forward: motion(q) takes the model's place to the seen one; backward it is the
+            // seen place that the motion takes to the model's.
+            let (from, to) = if forward { (m.model_point, seen) } else { (seen, m.model_point) };
+            let (q, residual, lever) = vote_of(j.geometry.kind, &j.geometry, &from, &to);
+            (residual < 1.3 * m.tolerance && q > j.low && q < j.high)
+                .then_some((q, m.tolerance / lever.max(0.03)))
+        })
+        .collect();
+    let (best, width) = votes
+        .iter()
+        .max_by_key(|(q, width)| votes.iter().filter(|(other, _)| (other - q).abs() < *width).count())
+        .copied()?;
+    let mut near: Vec<f64> =
+        votes.iter().map(|v| v.0).filter(|q| (q - best).abs() < width).collect();
+    median(&mut near)
+}
+
+/// Configuration that takes `from` closest to `to`, how far it misses, and the lever arm.
+fn vote_of(
+    kind: JointKind,
+    line: &crate::articulate::JointGeometry,
+    from: &Point3<f64>,
+    to: &Point3<f64>,
+) -> (f64, f64, f64) {
+    let axis = line.axis.into_inner();
+    if kind == JointKind::Prismatic {
+        let d = to - from;
+        let q = axis.dot(&d);
+        return (q, (d - axis * q).norm(), 1.0);
+    }
+    let (x, y) = (from - line.origin, to - line.origin);
+    let (hx, hy) = (axis.dot(&x), axis.dot(&y));
+    let (px, py) = (x - axis * hx, y - axis * hy);
+    let q = axis.dot(&px.cross(&py)).atan2(px.dot(&py));
+    let residual = (px.norm() - py.norm()).hypot(hy - hx);
+    (q, residual, 0.5 * (px.norm() + py.norm()))
+}

@@ -1,0 +1,262 @@
+//! Recognition in a future encounter (paper, section III-E): which learned object is in the
+//! picture, where its frame is, and at which configuration each of its joints is.
+//!
+//! Features are matched, hypotheses of each part's pose come from matches that agree in
+//! space, the other parts follow through their joints, everything is refined together, and
+//! the result is verified against the picture: geometry alone cannot tell look-alikes apart,
+//! inliers alone cannot either.
+
+mod articulated;
+mod hypothesis;
+mod matching;
+mod pnp;
+mod refine;
+mod retrieval;
+mod scene;
+mod verify;
+
+pub use retrieval::{Index, Vocabulary};
+pub use scene::Scene;
+
+use crate::appearance::Appearance;
+use crate::articulate::JointKind;
+use crate::geometry::{Pose, pose_to_array};
+use crate::model::ObjectModel;
+use articulated::{Articulated, State};
+use matching::{FeatureTable, Match, match_features};
+use serde::{Deserialize, Serialize};
+use verify::{Cloud, Verdict};
+
+/// Name and version of the JSON form.
+pub const RECOGNITION_SCHEMA: &str = "linkage.recognition/1";
+
+/// Values of the recognition stage. All ours.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecogniseConfig {
+    /// Score above which an object is reported.
+    pub min_score: f64,
+    /// Matches kept, best first.
+    pub max_matches: usize,
+    /// Largest ratio of the best match's distance to that of the best elsewhere.
+    pub max_ratio: f64,
+    /// Matches that agree in space before anything dense is computed.
+    pub min_inliers: usize,
+    /// Pose hypotheses that are refined and verified.
+    pub hypotheses: usize,
+    /// Objects compared in full; more are shortlisted by the bag of words.
+    pub shortlist: usize,
+}
+
+impl Default for RecogniseConfig {
+    fn default() -> Self {
+        Self {
+            min_score: 0.5,
+            max_matches: 400,
+            max_ratio: 0.9,
+            min_inliers: 6,
+            hypotheses: 4,
+            shortlist: 30,
+        }
+    }
+}
+
+/// An object with its appearance prepared for matching.
+pub struct KnownObject {
+    /// Motion.
+    pub model: ObjectModel,
+    table: FeatureTable,
+    cloud: Cloud,
+}
+
+impl KnownObject {
+    /// Prepares an object.
+    pub fn new(model: ObjectModel, appearance: &Appearance) -> Self {
+        Self { model, table: FeatureTable::new(appearance), cloud: Cloud::new(appearance) }
+    }
+}
+
+/// A joint as it is now, in the camera frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointState {
+    /// Its name.
+    pub name: String,
+    /// Its kind.
+    #[serde(rename = "type")]
+    pub kind: JointKind,
+    /// Unit direction, camera frame.
+    pub axis: [f64; 3],
+    /// A point on it, camera frame, metres.
+    pub origin: [f64; 3],
+    /// Configuration; `null` without evidence of its own.
+    pub configuration: Option<f64>,
+    /// Range seen in the demonstrations.
+    pub range: [f64; 2],
+}
+
+/// A recognised object.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recognised {
+    /// Its name.
+    pub object: String,
+    /// 0 to 1; reported above [`RecogniseConfig::min_score`].
+    pub score: f64,
+    /// Matches that agree in space.
+    pub inliers: usize,
+    /// Pose of the object frame.
+    pub camera_from_object: [f64; 7],
+    /// Its joints.
+    pub joints: Vec<JointState>,
+}
+
+/// All that was recognised in a frame: `linkage.recognition/1`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recognition {
+    /// [`RECOGNITION_SCHEMA`].
+    pub schema: String,
+    /// Best first.
+    pub matches: Vec<Recognised>,
+}
+
+impl Recognition {
+    /// Wraps matches, best first.
+    pub fn new(mut matches: Vec<Recognised>) -> Self {
+        matches.sort_by(|a, b| b.score.total_cmp(&a.score));
+        Self { schema: RECOGNITION_SCHEMA.to_owned(), matches }
+    }
+}
+
+/// Looks for every object in the scene; those above the threshold, best first.
+pub fn recognise(
+    scene: &Scene,
+    objects: &[&KnownObject],
+    config: &RecogniseConfig,
+    seed: u64,
+) -> Recognition {
+    let matches = objects
+        .iter()
+        .filter_map(|object| find(scene, object, config, seed))
+        .filter(|m| m.score >= config.min_score)
+        .collect();
+    Recognition::new(matches)
+}
+
+/// The best explanation of the scene by one object, whatever its score; `None` when too few
+/// matches agree in space.
+pub fn find(
+    scene: &Scene,
+    object: &KnownObject,
+    config: &RecogniseConfig,
+    seed: u64,
+) -> Option<Recognised> {
+    let matches = match_features(scene, &object.table, config);
+    let articulated = Articulated::new(&object.model);
+    let found = if scene.has_depth() {
+        with_depth(scene, object, &articulated, &matches, config, seed)
+    } else {
+        pnp::find(scene, &articulated, &matches)
+    }?;
+    tracing::debug!(
+        object = object.model.object,
+        score = found.score,
+        inliers = found.inliers,
+        matches = matches.len(),
+        verdict = ?found.verdict,
+        "candidate"
+    );
+    Some(report(object, &found))
+}
+
+/// A state of the object with its evidence.
+struct Found {
+    state: State,
+    score: f64,
+    inliers: usize,
+    verdict: Option<Verdict>,
+    /// Joints whose moving side has evidence of its own.
+    evident: Vec<bool>,
+}
+
+fn with_depth(
+    scene: &Scene,
+    object: &KnownObject,
+    articulated: &Articulated,
+    matches: &[Match],
+    config: &RecogniseConfig,
+    seed: u64,
+) -> Option<Found> {
+    let mut hypotheses = hypothesis::all(articulated, matches, seed);
+    hypotheses.retain(|h| h.support >= config.min_inliers.min(4));
+    let mut tried: Vec<(usize, Pose)> = Vec::new();
+    let mut best: Option<Found> = None;
+    for h in &hypotheses {
+        if tried.len() >= config.hypotheses {
+            break;
+        }
+        let known = tried.iter().any(|(part, pose)| {
+            let apart = pose.inverse() * h.camera_from_part;
+            *part == h.part && apart.translation.vector.norm() < 0.05 && apart.rotation.angle() < 0.2
+        });
+        if known {
+            continue;
+        }
+        tried.push((h.part, h.camera_from_part));
+        let state = refine::settle(scene, articulated, &object.cloud, matches, h);
+        let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
+        let verdict = verify::verify(scene, articulated, &object.cloud, &state, true);
+        let score = verdict.score(inliers);
+        if best.as_ref().is_none_or(|b| score > b.score) {
+            let evident = evident_joints(articulated, matches, &state, &verdict);
+            best = Some(Found { state, score, inliers, verdict: Some(verdict), evident });
+        }
+    }
+    best.filter(|b| b.inliers >= config.min_inliers)
+}
+
+/// A configuration is told only when the part beyond the joint was itself seen.
+fn evident_joints(
+    articulated: &Articulated,
+    matches: &[Match],
+    state: &State,
+    verdict: &Verdict,
+) -> Vec<bool> {
+    (0..articulated.joints.len())
+        .map(|j| {
+            articulated.moved_by(j).into_iter().any(|part| {
+                let features = hypothesis::unique_inliers(articulated, matches, state, Some(part));
+                let surface = &verdict.parts[part];
+                features >= 4 || (surface.agree >= 25 && surface.agree > 4 * surface.through)
+            })
+        })
+        .collect()
+}
+
+fn report(object: &KnownObject, found: &Found) -> Recognised {
+    let motions = object.model.part_motions(&found.state.q);
+    let joints = object
+        .model
+        .joints
+        .iter()
+        .enumerate()
+        .map(|(i, joint)| {
+            // The line is carried by the parent, from where it was at configuration 0.
+            let camera_from_parent = found.state.camera_from_object * motions[joint.parent];
+            let line = joint.geometry().transformed(&camera_from_parent);
+            JointState {
+                name: joint.name.clone(),
+                kind: joint.kind,
+                axis: line.axis.into_inner().into(),
+                origin: line.origin.into(),
+                configuration: found.evident[i].then_some(found.state.q[i]),
+                range: joint.range,
+            }
+        })
+        .collect();
+    Recognised {
+        object: object.model.object.clone(),
+        score: found.score,
+        inliers: found.inliers,
+        camera_from_object: pose_to_array(&found.state.camera_from_object),
+        joints,
+    }
+}

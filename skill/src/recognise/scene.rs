@@ -1,0 +1,48 @@
+//! An encounter's frame, prepared once for all objects.
+
+use crate::appearance::{DescribedFeature, FeatureSpread, describe_frame};
+use crate::vision::{LabPicture, lab_picture};
+use linkage_driver::RgbdFrame;
+use linkage_driver::depth::{NormalMap, SurfacePatch};
+use nalgebra::Vector3;
+
+/// A frame with features, normals and colour.
+pub struct Scene {
+    /// The frame.
+    pub frame: RgbdFrame,
+    /// Its features.
+    pub features: Vec<DescribedFeature>,
+    /// Its colour.
+    pub lab: LabPicture,
+    normals: NormalMap,
+}
+
+/// Share of pixels without depth above which depth counts as missing.
+const MOSTLY_BLIND: f64 = 0.97;
+
+impl Scene {
+    /// Describes a frame.
+    ///
+    /// # Errors
+    /// Whatever the vision library says.
+    pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
+        let normals = NormalMap::new(&frame.depth, &frame.camera);
+        let features = describe_frame(frame, &normals, FeatureSpread::Query, |_, _| true)?;
+        Ok(Self { features, lab: lab_picture(&frame.color)?, normals, frame: frame.clone() })
+    }
+
+    /// True when depth is there at all.
+    pub fn has_depth(&self) -> bool {
+        self.frame.depth.invalid_share() < MOSTLY_BLIND
+    }
+
+    /// The surface at a pixel.
+    pub fn surface(&self, u: usize, v: usize) -> Option<SurfacePatch> {
+        self.normals.at(u, v)
+    }
+
+    /// The normal at a pixel; zero where there is none.
+    pub fn normal(&self, u: usize, v: usize) -> Vector3<f64> {
+        self.surface(u, v).map_or_else(Vector3::zeros, |s| s.normal)
+    }
+}

@@ -1,0 +1,223 @@
+//! Verification: what of the object's surface should be visible is compared with what is, in
+//! depth, in orientation and in appearance.
+
+use super::articulated::{Articulated, State};
+use super::scene::Scene;
+use crate::appearance::Appearance;
+use crate::geometry::Pose;
+use linkage_driver::depth::depth_sigma;
+use nalgebra::{Point3, Vector3};
+
+/// An object's surface.
+pub struct Cloud {
+    /// Part, place and normal at configuration 0, colour.
+    pub surfels: Vec<CloudPoint>,
+}
+
+/// One surfel.
+#[derive(Clone, Copy)]
+pub struct CloudPoint {
+    /// Part.
+    pub part: usize,
+    /// Place.
+    pub point: Point3<f64>,
+    /// Normal.
+    pub normal: Vector3<f64>,
+    /// L*a*b*.
+    pub lab: [f32; 3],
+}
+
+impl Cloud {
+    /// Unpacks an appearance.
+    pub fn new(appearance: &Appearance) -> Self {
+        let wide = |a: [f32; 3]| Vector3::from(a).map(f64::from);
+        Self {
+            surfels: appearance
+                .surfels
+                .iter()
+                .map(|s| CloudPoint {
+                    part: usize::from(s.part),
+                    point: Point3::from(wide(s.point)),
+                    normal: wide(s.normal),
+                    lab: s.lab,
+                })
+                .collect(),
+        }
+    }
+}
+
+/// A surfel placed in the picture, visible if nothing of the object hides it.
+#[derive(Clone, Copy)]
+pub struct Placed {
+    /// Index in the cloud.
+    pub index: usize,
+    /// Part.
+    pub part: usize,
+    /// Place in the camera frame.
+    pub point: Point3<f64>,
+    /// Normal in the camera frame.
+    pub normal: Vector3<f64>,
+    /// Pixel.
+    pub pixel: (usize, usize),
+    /// Cosine between the normal and the direction to the camera.
+    pub cosine: f64,
+}
+
+/// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
+const BUFFER_PX: usize = 4;
+
+/// Surfels of a state that the camera should see.
+pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
+    let camera = &scene.frame.camera;
+    let (columns, rows) = (camera.width / BUFFER_PX + 3, camera.height / BUFFER_PX + 3);
+    let mut buffer = vec![f64::INFINITY; columns * rows];
+    let mut placed = Vec::with_capacity(cloud.surfels.len());
+    for (index, s) in cloud.surfels.iter().enumerate() {
+        let point = poses[s.part] * s.point;
+        if point.z < 0.3 {
+            continue;
+        }
+        let Some(pixel) = camera.project(&point) else { continue };
+        if !camera.sees(&pixel, 2.0) {
+            continue;
+        }
+        let pixel = (pixel.x.round() as usize, pixel.y.round() as usize);
+        let (cu, cv) = (pixel.0 / BUFFER_PX + 1, pixel.1 / BUFFER_PX + 1);
+        for v in cv - 1..=cv + 1 {
+            for u in cu - 1..=cu + 1 {
+                let nearest = &mut buffer[v * columns + u];
+                *nearest = nearest.min(point.z);
+            }
+        }
+        let normal = poses[s.part] * s.normal;
+        let cosine = -normal.dot(&point.coords.normalize());
+        placed.push(Placed { index, part: s.part, point, normal, pixel, cosine });
+    }
+    placed.retain(|p| {
+        let (cu, cv) = (p.pixel.0 / BUFFER_PX + 1, p.pixel.1 / BUFFER_PX + 1);
+        let slack = 0.03 + 0.02 * (1.0 - p.cosine.clamp(0.0, 1.0));
+        p.cosine > 0.2 && p.point.z <= buffer[cv * columns + cu] + slack
+    });
+    placed
+}
+
+/// What the picture says of one part.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PartVerdict {
+    /// Surfels that agree in depth and normal.
+    pub agree: usize,
+    /// Surfels that are seen through.
+    pub through: usize,
+}
+
+/// What the picture says of a state.
+#[derive(Debug, Clone, Default)]
+pub struct Verdict {
+    /// Visible surfels at pixels with depth, not hidden by something in front.
+    pub judged: usize,
+    /// Of those, at the right depth.
+    pub agree: usize,
+    /// Of those, with the right normal.
+    pub agree_normal: usize,
+    /// Surfels in front of what is seen: nothing is there.
+    pub through: usize,
+    /// Surfels behind something else.
+    pub hidden: usize,
+    /// Correlation of lightness, -1 to 1.
+    pub correlation: f64,
+    /// By part.
+    pub parts: Vec<PartVerdict>,
+}
+
+impl Verdict {
+    /// 0 to 1: appearance times agreement in depth times free space, less for little evidence.
+    pub fn score(&self, inliers: usize) -> f64 {
+        let judged = self.judged.max(1) as f64;
+        self.correlation.max(0.0)
+            * (self.agree as f64 / judged)
+            * (1.0 - 5.0 * self.through as f64 / judged).max(0.0)
+            * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
+            * (1.0 - (-(inliers as f64) / 3.0).exp())
+    }
+
+    /// Agreement of geometry alone, for comparing configurations.
+    pub fn fit(&self) -> f64 {
+        self.agree_normal as f64 - 2.0 * self.through as f64
+    }
+}
+
+/// Compares a state with the picture; appearance only where asked.
+pub fn verify(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    state: &State,
+    appearance: bool,
+) -> Verdict {
+    let poses = articulated.poses(state);
+    let mut verdict = Verdict { parts: vec![PartVerdict::default(); articulated.parts], ..Default::default() };
+    let mut colours: Vec<(usize, [f32; 3], [f32; 3])> = Vec::new();
+    for p in visible(scene, cloud, &poses) {
+        let (u, v) = p.pixel;
+        let Some(z) = scene.frame.depth.at(u, v) else { continue };
+        let slant = (1.0 / p.cosine.max(0.2).powi(2) - 1.0).max(0.0).sqrt();
+        let tolerance = 0.006 + 3.0 * depth_sigma(p.point.z) + 0.004 * slant;
+        let behind = f64::from(z) - p.point.z;
+        verdict.judged += 1;
+        if behind > 2.0 * tolerance {
+            verdict.through += 1;
+            verdict.parts[p.part].through += 1;
+        } else if behind < -tolerance {
+            verdict.hidden += 1;
+        } else if behind < tolerance {
+            verdict.agree += 1;
+            let cosine = scene.surface(u, v).map_or(0.0, |s| s.normal.dot(&p.normal));
+            if cosine > 0.87 {
+                verdict.agree_normal += 1;
+                verdict.parts[p.part].agree += 1;
+            }
+            if appearance && cosine > 0.7 {
+                let normal = cloud.surfels[p.index].normal;
+                let side = normal.iamax() * 2 + usize::from(normal[normal.iamax()] > 0.0);
+                colours.push((p.part * 6 + side, cloud.surfels[p.index].lab, scene.lab.at(u, v)));
+            }
+        }
+    }
+    // What stands before the object takes nothing away from it, up to a point.
+    let half = verdict.judged / 2;
+    verdict.judged -= verdict.hidden.min(half);
+    if appearance {
+        verdict.correlation = correlation(&mut colours);
+    }
+    verdict
+}
+
+/// Correlation of lightness after the mean of each part's side is removed: light differs
+/// between encounters, texture does not.
+fn correlation(colours: &mut [(usize, [f32; 3], [f32; 3])]) -> f64 {
+    colours.sort_by_key(|c| c.0);
+    let (mut xx, mut yy, mut xy, mut count) = (0.0, 0.0, 0.0, 0);
+    for group in colours.chunk_by(|a, b| a.0 == b.0) {
+        if group.len() < 12 {
+            continue;
+        }
+        let n = group.len() as f64;
+        let mean = |f: &dyn Fn(&(usize, [f32; 3], [f32; 3])) -> f32| {
+            group.iter().map(|c| f64::from(f(c))).sum::<f64>() / n
+        };
+        let (mx, my) = (mean(&|c| c.1[0]), mean(&|c| c.2[0]));
+        for c in group {
+            let (x, y) = (f64::from(c.1[0]) - mx, f64::from(c.2[0]) - my);
+            xx += x * x;
+            yy += y * y;
+            xy += x * y;
+        }
+        count += group.len();
+    }
+    if count < 40 {
+        return 0.0;
+    }
+    let n = count as f64;
+    // A square unit of lightness keeps plain surfaces from correlating by their noise.
+    (xy / n) / ((xx / n).sqrt() * (yy / n).sqrt() + 1.0)
+}

@@ -1,0 +1,376 @@
+//! The store: one SQLite file with models, appearance, vocabulary and provenance. Every
+//! change is one transaction, so a kill at any moment leaves what was there before.
+
+mod schema;
+
+use crate::appearance::Appearance;
+use crate::model::ObjectModel;
+use crate::recognise::{Index, KnownObject, RecogniseConfig, Recognition, Scene, Vocabulary, recognise};
+use rusqlite::{Connection, OptionalExtension, params};
+use std::path::{Path, PathBuf};
+
+pub use schema::SCHEMA_VERSION;
+
+/// A store that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// It is not there.
+    #[error("{path}: no such store; learn an object with --store first")]
+    Missing {
+        /// The file.
+        path: String,
+    },
+    /// It is something else.
+    #[error("{path}: not a Linkage store; give another file name")]
+    NotAStore {
+        /// The file.
+        path: String,
+    },
+    /// It was written by a newer version.
+    #[error("{path}: schema {found} is newer than {known}, the newest that this version knows; update linkage")]
+    Newer {
+        /// The file.
+        path: String,
+        /// Its schema.
+        found: i64,
+        /// Ours.
+        known: i64,
+    },
+    /// No object goes by that name.
+    #[error("{path}: no object \"{object}\"; it holds: {known}")]
+    UnknownObject {
+        /// The file.
+        path: String,
+        /// As asked.
+        object: String,
+        /// What there is.
+        known: String,
+    },
+    /// A row that cannot be decoded.
+    #[error("{path}: object \"{object}\" is damaged: {reason}; remove it and learn it again")]
+    Damaged {
+        /// The file.
+        path: String,
+        /// Which.
+        object: String,
+        /// Why.
+        reason: String,
+    },
+    /// SQLite's own errors: disk full, no permission, locked.
+    #[error("{path}: {source}")]
+    Database {
+        /// The file.
+        path: String,
+        /// Why.
+        source: rusqlite::Error,
+    },
+}
+
+/// Where an object's knowledge comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Provenance {
+    /// Recording.
+    pub source: String,
+    /// When it was learned, microseconds since 1970.
+    pub learned_utime: i64,
+}
+
+/// An object as it is kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredObject {
+    /// Motion.
+    pub model: ObjectModel,
+    /// Looks.
+    pub appearance: Appearance,
+    /// Demonstrations, oldest first.
+    pub provenance: Vec<Provenance>,
+}
+
+/// An open store.
+pub struct Store {
+    path: PathBuf,
+    connection: Connection,
+}
+
+impl Store {
+    /// Opens an existing store.
+    ///
+    /// # Errors
+    /// [`StoreError::Missing`], [`StoreError::NotAStore`], [`StoreError::Newer`].
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        if !path.exists() {
+            return Err(StoreError::Missing { path: path.display().to_string() });
+        }
+        Self::open_or_create(path)
+    }
+
+    /// Opens a store, or makes an empty one.
+    ///
+    /// # Errors
+    /// As [`Self::open`], and [`StoreError::Database`] when it cannot be made.
+    pub fn open_or_create(path: &Path) -> Result<Self, StoreError> {
+        let connection = Connection::open(path).map_err(|e| schema::explain(path, e))?;
+        schema::prepare(path, &connection)?;
+        Ok(Self { path: path.to_owned(), connection })
+    }
+
+    /// Names of all objects, in alphabetical order.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub fn names(&self) -> Result<Vec<String>, StoreError> {
+        let mut statement = self.sql(self.connection.prepare("SELECT name FROM object ORDER BY name"))?;
+        let rows = self.sql(statement.query_map([], |row| row.get(0)))?;
+        self.sql(rows.collect())
+    }
+
+    /// An object.
+    ///
+    /// # Errors
+    /// [`StoreError::UnknownObject`] lists what there is; [`StoreError::Damaged`].
+    pub fn get(&self, name: &str) -> Result<StoredObject, StoreError> {
+        let row = self.sql(
+            self.connection
+                .query_row("SELECT model, appearance FROM object WHERE name = ?1", [name], |row| {
+                    Ok((row.get::<_, String>(0)?, row.get::<_, Vec<u8>>(1)?))
+                })
+                .optional(),
+        )?;
+        let Some((model, appearance)) = row else {
+            return Err(self.unknown(name)?);
+        };
+        let damaged = |reason: String| StoreError::Damaged {
+            path: self.path.display().to_string(),
+            object: name.to_owned(),
+            reason,
+        };
+        Ok(StoredObject {
+            model: serde_json::from_str(&model).map_err(|e| damaged(e.to_string()))?,
+            appearance: postcard::from_bytes(&appearance).map_err(|e| damaged(e.to_string()))?,
+            provenance: self.provenance(name)?,
+        })
+    }
+
+    /// Puts an object in, in place of one of the same name.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`]; the store then holds what it held before.
+    pub fn put(&mut self, object: &StoredObject) -> Result<(), StoreError> {
+        self.put_all(std::slice::from_ref(object))
+    }
+
+    /// Puts several objects in, all or none.
+    ///
+    /// # Errors
+    /// As [`Self::put`].
+    pub fn put_all(&mut self, objects: &[StoredObject]) -> Result<(), StoreError> {
+        let path = self.path.clone();
+        let explain = |e| schema::explain(&path, e);
+        let transaction = self.connection.transaction().map_err(explain)?;
+        for object in objects {
+            write_object(&transaction, object).map_err(explain)?;
+        }
+        // The words of what is new are not in the old vocabulary: it is trained anew when
+        // it is next needed.
+        transaction.execute("DELETE FROM vocabulary", []).map_err(explain)?;
+        transaction.commit().map_err(explain)
+    }
+
+    /// Takes an object out.
+    ///
+    /// # Errors
+    /// [`StoreError::UnknownObject`].
+    pub fn remove(&mut self, name: &str) -> Result<(), StoreError> {
+        let removed =
+            self.sql(self.connection.execute("DELETE FROM object WHERE name = ?1", [name]))?;
+        if removed == 0 { Err(self.unknown(name)?) } else { Ok(()) }
+    }
+
+    /// Everything, prepared for recognition.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub fn load(&self) -> Result<Library, StoreError> {
+        let objects =
+            self.names()?.iter().map(|n| self.get(n)).collect::<Result<Vec<_>, _>>()?;
+        let vocabulary = self.vocabulary(&objects)?;
+        Ok(Library::new(objects, vocabulary))
+    }
+
+    /// The vocabulary of all objects, trained if there is none.
+    fn vocabulary(&self, objects: &[StoredObject]) -> Result<Vocabulary, StoreError> {
+        let kept: Option<Vec<u8>> = self.sql(
+            self.connection
+                .query_row("SELECT tree FROM vocabulary", [], |row| row.get(0))
+                .optional(),
+        )?;
+        if let Some(vocabulary) = kept.and_then(|b| postcard::from_bytes(&b).ok()) {
+            return Ok(vocabulary);
+        }
+        let vocabulary = Vocabulary::train(objects.iter().map(|o| &o.appearance));
+        if let Ok(bytes) = postcard::to_stdvec(&vocabulary) {
+            // A store that cannot be written can still be read.
+            let kept = self
+                .connection
+                .execute("INSERT OR REPLACE INTO vocabulary (id, tree) VALUES (1, ?1)", [bytes]);
+            if let Err(error) = kept {
+                tracing::debug!(%error, "the vocabulary was not kept");
+            }
+        }
+        Ok(vocabulary)
+    }
+
+    fn provenance(&self, name: &str) -> Result<Vec<Provenance>, StoreError> {
+        let mut statement = self.sql(self.connection.prepare(
+            "SELECT source, learned_utime FROM demonstration WHERE object = ?1 ORDER BY id",
+        ))?;
+        let rows = self.sql(statement.query_map([name], |row| {
+            Ok(Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
+        }))?;
+        self.sql(rows.collect())
+    }
+
+    fn unknown(&self, name: &str) -> Result<StoreError, StoreError> {
+        let names = self.names()?;
+        Ok(StoreError::UnknownObject {
+            path: self.path.display().to_string(),
+            object: name.to_owned(),
+            known: if names.is_empty() { "nothing".to_owned() } else { names.join(", ") },
+        })
+    }
+
+    fn sql<T>(&self, result: rusqlite::Result<T>) -> Result<T, StoreError> {
+        result.map_err(|e| schema::explain(&self.path, e))
+    }
+}
+
+fn write_object(transaction: &rusqlite::Transaction, object: &StoredObject) -> rusqlite::Result<()> {
+    let encoding = |e: Box<dyn std::error::Error + Send + Sync>| rusqlite::Error::ToSqlConversionFailure(e);
+    let name = &object.model.object;
+    let model = serde_json::to_string(&object.model).map_err(|e| encoding(e.into()))?;
+    let appearance =
+        postcard::to_stdvec(&object.appearance).map_err(|e| encoding(e.into()))?;
+    transaction.execute("DELETE FROM object WHERE name = ?1", [name])?;
+    transaction.execute(
+        "INSERT INTO object (name, model, appearance) VALUES (?1, ?2, ?3)",
+        params![name, model, appearance],
+    )?;
+    for p in &object.provenance {
+        transaction.execute(
+            "INSERT INTO demonstration (object, source, learned_utime) VALUES (?1, ?2, ?3)",
+            params![name, p.source, p.learned_utime],
+        )?;
+    }
+    Ok(())
+}
+
+/// All objects of a store in memory, with their index.
+pub struct Library {
+    objects: Vec<KnownObject>,
+    index: Index,
+}
+
+impl Library {
+    /// Prepares objects for recognition.
+    pub fn new(objects: Vec<StoredObject>, vocabulary: Vocabulary) -> Self {
+        let index = Index::new(vocabulary, objects.iter().map(|o| &o.appearance));
+        let objects =
+            objects.into_iter().map(|o| KnownObject::new(o.model, &o.appearance)).collect();
+        Self { objects, index }
+    }
+
+    /// What of it is in the scene, best first.
+    pub fn recognise(&self, scene: &Scene, config: &RecogniseConfig, seed: u64) -> Recognition {
+        let shortlist: Vec<&KnownObject> = if self.objects.len() <= config.shortlist {
+            self.objects.iter().collect()
+        } else {
+            let seen = scene
+                .features
+                .iter()
+                .filter(|f| f.kind == crate::appearance::FeatureKind::Picture)
+                .map(|f| f.descriptor);
+            let ranked = self.index.rank(seen);
+            ranked.iter().take(config.shortlist).map(|(i, _)| &self.objects[*i]).collect()
+        };
+        recognise(scene, &shortlist, config, seed)
+    }
+
+    /// The objects.
+    pub fn objects(&self) -> &[KnownObject] {
+        &self.objects
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{MODEL_SCHEMA, ReferenceFrame};
+
+    pub fn object(name: &str) -> StoredObject {
+        StoredObject {
+            model: ObjectModel {
+                schema: MODEL_SCHEMA.into(),
+                object: name.into(),
+                reference_frame: ReferenceFrame::at_camera(0.0),
+                parts: Vec::new(),
+                joints: Vec::new(),
+                demonstrations: 1,
+                profile: "default".into(),
+                version: "0".into(),
+            },
+            appearance: Appearance::default(),
+            provenance: vec![Provenance { source: "tum:x".into(), learned_utime: 5 }],
+        }
+    }
+
+    #[test]
+    fn what_was_put_in_comes_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        let mut store = Store::open_or_create(&path).unwrap();
+        store.put(&object("fridge")).unwrap();
+        store.put(&object("door")).unwrap();
+        drop(store);
+        let store = Store::open(&path).unwrap();
+        assert_eq!(store.names().unwrap(), ["door", "fridge"]);
+        assert_eq!(store.get("fridge").unwrap(), object("fridge"));
+    }
+
+    #[test]
+    fn an_unknown_object_is_named_with_what_there_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut store = Store::open_or_create(&dir.path().join("s.linkage")).unwrap();
+        store.put(&object("door")).unwrap();
+        let message = store.get("oven").unwrap_err().to_string();
+        assert!(message.contains("\"oven\"") && message.contains("door"), "{message}");
+    }
+
+    #[test]
+    fn a_text_file_is_no_store() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("notes.txt");
+        std::fs::write(&path, "hello, this is not a database at all. ".repeat(100)).unwrap();
+        assert!(matches!(Store::open(&path), Err(StoreError::NotAStore { .. })));
+        assert_eq!(std::fs::read_to_string(&path).unwrap().len(), 3800);
+    }
+
+    #[test]
+    fn another_programs_database_is_no_store_and_is_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("other.db");
+        let other = Connection::open(&path).unwrap();
+        other.execute_batch("CREATE TABLE t (x); INSERT INTO t VALUES (1);").unwrap();
+        drop(other);
+        assert!(matches!(Store::open(&path), Err(StoreError::NotAStore { .. })));
+    }
+
+    #[test]
+    fn a_newer_schema_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        Store::open_or_create(&path).unwrap();
+        Connection::open(&path).unwrap().pragma_update(None, "user_version", 99).unwrap();
+        let error = Store::open(&path).err().unwrap();
+        assert!(matches!(error, StoreError::Newer { found: 99, .. }), "{error}");
+    }
+}

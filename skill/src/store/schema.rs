@@ -1,0 +1,78 @@
+//! The store's tables and their versions.
+
+use super::StoreError;
+use rusqlite::Connection;
+use std::path::Path;
+
+/// The newest schema that this version knows.
+pub const SCHEMA_VERSION: i64 = 1;
+
+/// Marks an SQLite file as ours: "LNKG".
+const APPLICATION_ID: i64 = 0x4c4e_4b47;
+
+const CREATE: &str = "
+BEGIN IMMEDIATE;
+CREATE TABLE object (
+    name TEXT PRIMARY KEY,
+    model TEXT NOT NULL,
+    appearance BLOB NOT NULL
+);
+CREATE TABLE demonstration (
+    id INTEGER PRIMARY KEY,
+    object TEXT NOT NULL REFERENCES object (name) ON DELETE CASCADE,
+    source TEXT NOT NULL,
+    learned_utime INTEGER NOT NULL
+);
+CREATE INDEX demonstration_of_object ON demonstration (object);
+CREATE TABLE vocabulary (id INTEGER PRIMARY KEY CHECK (id = 1), tree BLOB NOT NULL);
+PRAGMA application_id = 1280199495;
+PRAGMA user_version = 1;
+COMMIT;
+";
+
+/// Makes the tables of an empty file, or checks those of an old one.
+pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
+    let sql = |e| explain(path, e);
+    connection.busy_timeout(std::time::Duration::from_secs(5)).map_err(sql)?;
+    let number = |pragma: &str| {
+        connection.pragma_query_value(None, pragma, |row| row.get::<_, i64>(0)).map_err(sql)
+    };
+    let tables: i64 = connection
+        .query_row("SELECT count(*) FROM sqlite_master", [], |row| row.get(0))
+        .map_err(sql)?;
+    let (application, version) = (number("application_id")?, number("user_version")?);
+    if tables == 0 && application == 0 {
+        connection.pragma_update(None, "journal_mode", "WAL").map_err(sql)?;
+        connection.execute_batch(CREATE).map_err(sql)?;
+    } else if application != APPLICATION_ID {
+        return Err(StoreError::NotAStore { path: path.display().to_string() });
+    } else if version > SCHEMA_VERSION {
+        return Err(StoreError::Newer {
+            path: path.display().to_string(),
+            found: version,
+            known: SCHEMA_VERSION,
+        });
+    }
+    connection.pragma_update(None, "foreign_keys", true).map_err(sql)?;
+    connection.pragma_update(None, "synchronous", "FULL").map_err(sql)
+}
+
+/// An error of SQLite with the file's name.
+pub fn explain(path: &Path, source: rusqlite::Error) -> StoreError {
+    let path = path.display().to_string();
+    match source.sqlite_error_code() {
+        Some(rusqlite::ErrorCode::NotADatabase) => StoreError::NotAStore { path },
+        _ => StoreError::Database { path, source },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mark_in_the_tables_is_the_mark_that_is_checked() {
+        assert!(CREATE.contains(&format!("application_id = {APPLICATION_ID};")));
+        assert!(CREATE.contains(&format!("user_version = {SCHEMA_VERSION};")));
+    }
+}
