@@ -1,1 +1,29 @@
-//! Under construction.
+//! From predictions to plans: jerk-limited trajectories, and the messages that planners and
+//! viewers subscribe to.
+
+pub mod limits;
+pub mod messages;
+pub mod plan;
+pub mod trajectory;
+
+pub use limits::{MotionLimits, Rig, RigError};
+pub use plan::{PREDICTION_SCHEMA, Prediction, predict};
+pub use trajectory::{Knot, TrajectoryError, time_parameterise};
+
+/// Channels of DESIGN 4.7.
+pub mod channel {
+    /// `linkage.model_t`.
+    pub const MODEL: &str = "LINKAGE_MODEL";
+    /// `linkage.recognition_t`.
+    pub const RECOGNITION: &str = "LINKAGE_RECOGNITION";
+    /// `linkage.prediction_t`.
+    pub const PREDICTION: &str = "LINKAGE_PREDICTION";
+    /// `articulation.articulated_object_msg_t`.
+    pub const ARTICULATED_OBJECT: &str = "ARTICULATED_OBJECT";
+    /// Drake's `lcmt_robot_plan`.
+    pub const PLAN: &str = "LINKAGE_PLAN";
+    /// `linkage.status_t`.
+    pub const STATUS: &str = "LINKAGE_STATUS";
+    /// `linkage.command_t`.
+    pub const COMMAND: &str = "LINKAGE_COMMAND";
+}

@@ -11,6 +11,7 @@ use crate::segment::SegmentConfig;
 use crate::structure::StructureConfig;
 use crate::track::TrackConfig;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Which way of learning is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,6 +69,103 @@ pub struct SkillConfig {
     pub recognise: RecogniseConfig,
 }
 
+/// A configuration that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// No profile goes by that name.
+    #[error("no profile \"{name}\"; known: default, paper")]
+    Profile {
+        /// As asked.
+        name: String,
+    },
+    /// The file cannot be read, is no TOML, or holds what is not known.
+    #[error("{path}: {reason}")]
+    File {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+impl SkillConfig {
+    /// A profile, with what a file sets over it.
+    ///
+    /// # Errors
+    /// [`ConfigError`]; an unknown key is named with the nearest known one.
+    pub fn load(profile: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
+        let text = match profile {
+            "default" => include_str!("../../config/default.toml"),
+            "paper" => include_str!("../../config/paper.toml"),
+            _ => return Err(ConfigError::Profile { name: profile.to_owned() }),
+        };
+        let mut table = toml::Table::try_from(Self::default())
+            .expect("every value of the configuration has a TOML form");
+        let embedded = format!("config/{profile}.toml");
+        merge(&mut table, parse(&embedded, text)?);
+        let mut path = embedded;
+        if let Some(file) = file {
+            path = file.display().to_string();
+            let text = std::fs::read_to_string(file)
+                .map_err(|e| ConfigError::File { path: path.clone(), reason: e.to_string() })?;
+            merge(&mut table, parse(&path, &text)?);
+        }
+        Self::deserialize(table)
+            .map_err(|e| ConfigError::File { path, reason: with_nearest_key(&e.to_string()) })
+    }
+}
+
+fn parse(path: &str, text: &str) -> Result<toml::Table, ConfigError> {
+    text.parse::<toml::Table>().map_err(|e| ConfigError::File {
+        path: path.to_owned(),
+        reason: e.to_string().split_whitespace().collect::<Vec<_>>().join(" "),
+    })
+}
+
+/// Sets what `over` sets, table by table.
+pub fn merge(table: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (table.get_mut(&key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(over)) => merge(inner, over),
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+/// Serde names the unknown key and all known ones, each in backquotes: the nearest is
+/// what was meant.
+fn with_nearest_key(message: &str) -> String {
+    let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut names = line.split('`').skip(1).step_by(2);
+    match (line.starts_with("unknown field"), names.next()) {
+        (true, Some(unknown)) => {
+            match names.min_by_key(|known| edit_distance(unknown, known)) {
+                Some(nearest) => format!("unknown key \"{unknown}\"; did you mean \"{nearest}\"?"),
+                None => line,
+            }
+        }
+        _ => line,
+    }
+}
+
+/// Levenshtein's distance.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(row[j + 1] + 1);
+        }
+    }
+    row[b.len()]
+}
+
 impl Default for SkillConfig {
     fn default() -> Self {
         Self {
@@ -84,5 +182,36 @@ impl Default for SkillConfig {
             appearance: Default::default(),
             recognise: Default::default(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_profile_is_the_default() {
+        assert_eq!(SkillConfig::load("default", None).unwrap(), SkillConfig::default());
+    }
+
+    #[test]
+    fn the_paper_profile_holds_the_papers_values() {
+        let paper = SkillConfig::load("paper", None).unwrap();
+        assert_eq!(paper.learn.way, LearningWay::Clusters);
+        assert_eq!((paper.track.max_features, paper.track.quality), (1500, 0.04));
+        assert_eq!(paper.pose.gaps, [1, 10]);
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_the_nearest_known_one() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "[track]\nmax_featurs = 3\n").unwrap();
+        let message = SkillConfig::load("default", Some(file.path())).unwrap_err().to_string();
+        assert!(message.contains("\"max_featurs\"; did you mean \"max_features\"?"), "{message}");
+    }
+
+    #[test]
+    fn an_unknown_profile_is_refused() {
+        assert!(matches!(SkillConfig::load("best", None), Err(ConfigError::Profile { .. })));
     }
 }

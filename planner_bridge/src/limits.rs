@@ -1,0 +1,105 @@
+//! A rig's file: network and motion limits.
+
+use linkage_skill::articulate::JointKind;
+use linkage_skill::config::merge;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Greatest velocity, acceleration and jerk of a joint; metres or radians, seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotionLimits {
+    /// m/s or rad/s.
+    pub velocity: f64,
+    /// m/s² or rad/s².
+    pub acceleration: f64,
+    /// m/s³ or rad/s³.
+    pub jerk: f64,
+}
+
+/// Where plans go and how fast they may be.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rig {
+    /// LCM network.
+    pub lcm_url: String,
+    /// Hinges.
+    pub revolute: MotionLimits,
+    /// Slides.
+    pub prismatic: MotionLimits,
+}
+
+impl Default for Rig {
+    fn default() -> Self {
+        toml::from_str(include_str!("../../config/rigs/default.toml"))
+            .expect("config/rigs/default.toml is checked by a test")
+    }
+}
+
+/// A rig's file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {reason}")]
+pub struct RigError {
+    path: String,
+    reason: String,
+}
+
+impl Rig {
+    /// Reads a rig's file; what it leaves out is as in `config/rigs/default.toml`.
+    ///
+    /// # Errors
+    /// [`RigError`] names the file and what is wrong.
+    pub fn read(path: &Path) -> Result<Self, RigError> {
+        let error = |reason: String| RigError { path: path.display().to_string(), reason };
+        let text = std::fs::read_to_string(path).map_err(|e| error(e.to_string()))?;
+        let toml_error = |e: toml::de::Error| {
+            error(e.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
+        };
+        let mut table = toml::Table::try_from(Self::default())
+            .expect("every value of a rig has a TOML form");
+        merge(&mut table, text.parse().map_err(toml_error)?);
+        let rig = Self::deserialize(table).map_err(toml_error)?;
+        rig.check().map_err(error)?;
+        Ok(rig)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        for (name, limits) in [("revolute", &self.revolute), ("prismatic", &self.prismatic)] {
+            for (key, value) in [
+                ("velocity", limits.velocity),
+                ("acceleration", limits.acceleration),
+                ("jerk", limits.jerk),
+            ] {
+                if !(value.is_finite() && value > 0.0) {
+                    return Err(format!("{name}.{key} is {value}: it must be finite and above 0"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Limits of a kind of joint.
+    pub fn limits(&self, kind: JointKind) -> &MotionLimits {
+        match kind {
+            JointKind::Revolute | JointKind::Helical => &self.revolute,
+            _ => &self.prismatic,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_rig_is_sound() {
+        assert_eq!(Rig::default().check(), Ok(()));
+    }
+
+    #[test]
+    fn a_limit_of_zero_is_refused_by_name() {
+        let mut rig = Rig::default();
+        rig.prismatic.jerk = 0.0;
+        assert!(rig.check().unwrap_err().contains("prismatic.jerk is 0"));
+    }
+}
