@@ -33,10 +33,175 @@ pub struct Common {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// The whole way once on simulated recordings: learn, recognise, predict, publish
+    Demo(DemoArgs),
     /// Learn an object from demonstrations
     Learn(LearnArgs),
+    /// Recognise learned objects and how they stand
+    Recognise(RecogniseArgs),
+    /// Predict a recognised object's motion to a target, and publish it
+    Predict(PredictArgs),
+    /// Fit joints to pose logs
+    Fit(FitArgs),
+    /// List, show, remove or merge stored objects
+    Store(StoreArgs),
+    /// Write a stored object's model to a file
+    Export(ExportArgs),
+    /// Render a recording with exact truth
+    Simulate(SimulateArgs),
     /// Score recordings with truth beside them
     Bench(BenchArgs),
+    /// Check what this machine has: vision library, LCM, store
+    Doctor(DoctorArgs),
+    /// Print the effective configuration
+    Config(ConfigArgs),
+}
+
+/// Store that commands use where none is named.
+pub const DEFAULT_STORE: &str = "objects.linkage";
+
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for recordings, JSON and pictures
+    #[arg(long, default_value = "out/demo", value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct RecogniseArgs {
+    /// A recording: a directory or tum:DIR
+    pub source: String,
+    /// Store with the learned objects
+    #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+    pub store: PathBuf,
+    /// Write linkage.recognition/1; - for standard output
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write a page to look at
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct PredictArgs {
+    /// A recording: a directory or tum:DIR
+    pub source: String,
+    /// Store with the learned objects
+    #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+    pub store: PathBuf,
+    /// Joint to move; all that were seen where none is named
+    #[arg(long, value_name = "NAME")]
+    pub joint: Option<String>,
+    /// open, closed, or a configuration in radians or metres
+    #[arg(long, default_value = "open", value_name = "TARGET", allow_hyphen_values = true)]
+    pub to: String,
+    /// Publish over LCM; without a URL the rig's
+    #[arg(long, value_name = "URL", num_args = 0..=1, default_missing_value = "")]
+    pub publish: Option<String>,
+    /// Rig file with motion limits
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// Write linkage.prediction/1; - for standard output
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct FitArgs {
+    /// Pose logs: "x y z", "x y z qx qy qz qw" or "t x y z qx qy qz qw"
+    #[arg(required = true)]
+    pub logs: Vec<PathBuf>,
+    /// Write linkage.model/1, an array for several logs; - for standard output
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct StoreArgs {
+    #[command(subcommand)]
+    pub action: StoreAction,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum StoreAction {
+    /// Names of all objects
+    List {
+        /// The store
+        #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+        store: PathBuf,
+    },
+    /// An object's model as JSON, and where it was learned
+    Show {
+        /// Its name
+        object: String,
+        /// The store
+        #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+        store: PathBuf,
+    },
+    /// Take an object out
+    Remove {
+        /// Its name
+        object: String,
+        /// The store
+        #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+        store: PathBuf,
+    },
+    /// Put all objects of other stores into this one, all or none
+    Merge {
+        /// The other stores
+        #[arg(required = true)]
+        from: Vec<PathBuf>,
+        /// The store
+        #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+        store: PathBuf,
+    },
+}
+
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// Name of the object
+    pub object: String,
+    /// json (linkage.model/1)
+    #[arg(long, default_value = "json")]
+    pub format: String,
+    /// File; standard output where none is named
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// The store
+    #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+    pub store: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// Scene; "list" names all
+    #[arg(long, value_name = "NAME")]
+    pub scene: String,
+    /// Folder of the recording
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Render an encounter: nobody there, another viewpoint and configuration
+    #[arg(long)]
+    pub encounter: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// LCM network to test
+    #[arg(long, value_name = "URL")]
+    pub url: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    pub action: ConfigAction,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ConfigAction {
+    /// Print it as TOML
+    Dump,
 }
 
 #[derive(Debug, Args)]

@@ -113,6 +113,14 @@ pub fn fit_models(
     Ok(fitted)
 }
 
+/// Probability of each kind given the samples, from the BIC of its fit (Kass & Raftery 1995).
+pub fn type_probabilities(fits: &[FittedJoint]) -> Vec<(JointKind, f64)> {
+    let least = fits.iter().map(|f| f.bic).fold(f64::INFINITY, f64::min);
+    let weights: Vec<f64> = fits.iter().map(|f| (-0.5 * (f.bic - least)).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    fits.iter().zip(weights).map(|(f, w)| (f.geometry.kind, w / total)).collect()
+}
+
 struct Problem<'s> {
     samples: &'s [PoseSample],
     positions: Vec<Point3<f64>>,

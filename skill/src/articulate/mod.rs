@@ -10,7 +10,7 @@ mod kinds;
 mod pose_log;
 mod tree;
 
-pub use fit::{FitError, FittedJoint, fit_models};
+pub use fit::{FitError, FittedJoint, fit_models, type_probabilities};
 pub use kinds::{JointGeometry, JointKind};
 pub use pose_log::{PoseLogError, read_pose_log};
 pub use tree::{Link, spanning_tree};

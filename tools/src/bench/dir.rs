@@ -1,12 +1,17 @@
-//! `--suite dir DIR`: every recording of a folder that has its truth beside it.
+//! `--suite dir DIR`: every recording of a folder that has its truth beside it. Objects are
+//! learned from demonstrations, then looked for in all encounters, known and unknown.
 
 use super::score::{LearnScore, score_model};
 use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, demonstrate, skill_config, write_json};
+use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
 use anyhow::{Context, anyhow};
 use linkage_skill::SkillConfig;
+use linkage_skill::recognise::{Recognised, Scene};
+use linkage_skill::store::{Library, StoredObject};
+use linkage_skill::recognise::Vocabulary;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -14,35 +19,59 @@ use std::time::Instant;
 struct LearnRow {
     recording: String,
     frames_per_second: f64,
-    finish_seconds: f64,
+    stage_seconds: BTreeMap<String, f64>,
     score: LearnScore,
     success: bool,
     strict: bool,
 }
 
+#[derive(Serialize)]
+struct EncounterRow {
+    recording: String,
+    expected: Option<String>,
+    found: Option<String>,
+    score: f64,
+    milliseconds: f64,
+    joints: Vec<ConfigurationScore>,
+    right: bool,
+}
+
+#[derive(Serialize)]
+struct ConfigurationScore {
+    joint: String,
+    /// Degrees or centimetres.
+    error: Option<f64>,
+    axis_deg: f64,
+    unit: &'static str,
+}
+
+#[derive(Serialize)]
+struct Report {
+    profile: String,
+    demonstrations: Vec<LearnRow>,
+    encounters: Vec<EncounterRow>,
+}
+
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     let dir = args.dir.as_ref().ok_or_else(|| anyhow!("--suite dir needs a folder"))?;
     let config = skill_config(common)?;
-    let mut rows = Vec::new();
-    println!("{:22} {:10} {:10} {:10} {:>7} {:>7} {:>7} {:>5} {:>6} {:>6} {}", "recording", "joint", "true", "found", "axis/°", "pos/cm", "range", "parts", "spur.", "fps", "verdict");
-    for recording in recordings(dir)? {
-        let truth = Truth::read(&recording)?;
-        if truth.encounter {
-            continue;
-        }
-        let row = learn_row(&recording, &truth, &config)?;
-        print_learn_row(&row);
-        rows.push(row);
-    }
+    let recordings = recordings(dir)?;
+    let (demonstrations, learned) = learn_all(&recordings, &config)?;
+    let encounters = recognise_all(&recordings, learned, &config)?;
+    let report = Report { profile: config.profile.clone(), demonstrations, encounters };
     if let Some(path) = &args.json {
-        write_json(path, &rows)?;
+        write_json(path, &report)?;
     }
-    let good = rows.iter().filter(|r| r.success).count();
-    println!("{good} of {} demonstrations right", rows.len());
     Ok(())
 }
 
-fn recordings(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
+/// A learned object with the truth of its demonstration.
+struct Learned {
+    stored: StoredObject,
+    truth: Truth,
+}
+
+fn recordings(dir: &Path) -> anyhow::Result<Vec<(PathBuf, Truth)>> {
     let mut found: Vec<PathBuf> = std::fs::read_dir(dir)
         .with_context(|| dir.display().to_string())?
         .filter_map(|e| Some(e.ok()?.path()))
@@ -52,32 +81,57 @@ fn recordings(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if found.is_empty() {
         return Err(anyhow!("{}: no recording with truth.json", dir.display()));
     }
-    Ok(found)
+    found.into_iter().map(|p| Ok((p.clone(), Truth::read(&p)?))).collect()
 }
 
-fn learn_row(recording: &Path, truth: &Truth, config: &SkillConfig) -> Outcome<LearnRow> {
-    let start = Instant::now();
-    let source = recording.display().to_string();
-    let demonstration = demonstrate(&source, &truth.object, config, true)?;
-    let seconds = start.elapsed().as_secs_f64();
-    let score = score_model(&demonstration.model, truth);
-    let finish_seconds = demonstration
-        .times
-        .iter()
-        .filter(|(s, _)| *s != "track")
-        .map(|(_, d)| d.as_secs_f64())
-        .sum();
-    for (stage, time) in demonstration.times.iter() {
-        tracing::info!(stage, ms = time.as_millis() as u64, "time");
+fn learn_all(
+    recordings: &[(PathBuf, Truth)],
+    config: &SkillConfig,
+) -> Outcome<(Vec<LearnRow>, Vec<Learned>)> {
+    println!(
+        "{:20} {:12} {:10} {:10} {:>6} {:>6} {:>6} {:>5} {:>5} {:>6} verdict",
+        "demonstration", "joint", "true", "found", "axis/°", "pos/cm", "range", "parts", "spur.", "fps"
+    );
+    let (mut rows, mut learned) = (Vec::new(), Vec::new());
+    for (recording, truth) in recordings.iter().filter(|(_, t)| !t.encounter) {
+        let start = Instant::now();
+        let source = recording.display().to_string();
+        let demonstration = demonstrate(&source, &truth.object, config, true)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let score = score_model(&demonstration.model, truth);
+        let row = LearnRow {
+            recording: name_of(recording),
+            frames_per_second: demonstration.frame_utimes.len() as f64 / seconds,
+            stage_seconds: demonstration
+                .times
+                .iter()
+                .map(|(s, d)| (s.to_owned(), d.as_secs_f64()))
+                .collect(),
+            success: score.succeeds(10.0, 5.0),
+            strict: score.succeeds(3.0, 2.0),
+            score,
+        };
+        print_learn_row(&row);
+        rows.push(row);
+        if !demonstration.model.joints.is_empty() {
+            let stored = remember(None, &demonstration, &source, config)?;
+            learned.push(Learned { stored, truth: truth.clone() });
+        }
     }
-    Ok(LearnRow {
-        recording: name_of(recording),
-        frames_per_second: demonstration.frame_utimes.len() as f64 / seconds,
-        finish_seconds,
-        success: score.succeeds(10.0, 5.0),
-        strict: score.succeeds(3.0, 2.0),
-        score,
-    })
+    let (right, strict) =
+        (rows.iter().filter(|r| r.success).count(), rows.iter().filter(|r| r.strict).count());
+    println!("{right} of {} demonstrations right (10°, 5 cm), {strict} strictly (3°, 2 cm)", rows.len());
+    print_stage_times(&rows);
+    Ok((rows, learned))
+}
+
+fn print_stage_times(rows: &[LearnRow]) {
+    let mut stages: BTreeMap<&str, f64> = BTreeMap::new();
+    for (stage, seconds) in rows.iter().flat_map(|r| &r.stage_seconds) {
+        *stages.entry(stage).or_default() += seconds / rows.len() as f64;
+    }
+    let parts: Vec<String> = stages.iter().map(|(s, t)| format!("{s} {t:.2}")).collect();
+    println!("mean seconds a demonstration: {}", parts.join(", "));
 }
 
 fn print_learn_row(row: &LearnRow) {
@@ -87,13 +141,19 @@ fn print_learn_row(row: &LearnRow) {
         _ => "WRONG",
     };
     let number = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2}"));
-    let tail = format!("{:>5} {:>6} {:>6.1} {verdict} ({:.2} s)", row.score.parts, row.score.spurious, row.frames_per_second, row.finish_seconds);
+    let tail = format!(
+        "{:>5} {:>5} {:>6.1} {verdict}",
+        row.score.parts, row.score.spurious, row.frames_per_second
+    );
     if row.score.joints.is_empty() {
-        println!("{:22} {:10} {:10} {:10} {:>7} {:>7} {:>7} {tail}", row.recording, "-", "-", "-", "-", "-", "-");
+        println!(
+            "{:20} {:12} {:10} {:10} {:>6} {:>6} {:>6} {tail}",
+            row.recording, "-", "none", "-", "-", "-", "-"
+        );
     }
     for j in &row.score.joints {
         println!(
-            "{:22} {:10} {:10} {:10} {:>7} {:>7} {:>7} {tail}",
+            "{:20} {:12} {:10} {:10} {:>6} {:>6} {:>6} {tail}",
             row.recording,
             j.name,
             j.true_kind.name(),
@@ -103,6 +163,118 @@ fn print_learn_row(row: &LearnRow) {
             number(j.range_share),
         );
     }
+}
+
+fn recognise_all(
+    recordings: &[(PathBuf, Truth)],
+    learned: Vec<Learned>,
+    config: &SkillConfig,
+) -> Outcome<Vec<EncounterRow>> {
+    let encounters: Vec<_> = recordings.iter().filter(|(_, t)| t.encounter).collect();
+    if encounters.is_empty() {
+        return Ok(Vec::new());
+    }
+    let truths: Vec<(String, Truth)> =
+        learned.iter().map(|l| (l.stored.model.object.clone(), l.truth.clone())).collect();
+    let objects: Vec<StoredObject> = learned.into_iter().map(|l| l.stored).collect();
+    let vocabulary = Vocabulary::train(objects.iter().map(|o| &o.appearance));
+    let library = Library::new(objects, vocabulary);
+    println!(
+        "\n{:20} {:14} {:14} {:>6} {:>24} {:>7} verdict",
+        "encounter", "expected", "found", "score", "configuration error", "ms"
+    );
+    let mut rows = Vec::new();
+    for (recording, truth) in encounters {
+        let frame = last_frame(&recording.display().to_string())?;
+        let start = Instant::now();
+        let recognition = library.recognise(&Scene::new(&frame)?, &config.recognise, config.seed);
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        let known = truths.iter().find(|(name, _)| *name == truth.object && !truth.unknown);
+        let best = recognition.matches.first();
+        let row = encounter_row(recording, truth, known.map(|k| &k.1), best, milliseconds);
+        print_encounter_row(&row);
+        rows.push(row);
+    }
+    let right = rows.iter().filter(|r| r.right).count();
+    println!("{right} of {} encounters right", rows.len());
+    Ok(rows)
+}
+
+fn encounter_row(
+    recording: &Path,
+    truth: &Truth,
+    demonstrated: Option<&Truth>,
+    best: Option<&Recognised>,
+    milliseconds: f64,
+) -> EncounterRow {
+    let expected = demonstrated.map(|d| d.object.clone());
+    let joints: Vec<ConfigurationScore> = match (best, demonstrated) {
+        (Some(m), Some(d)) if m.object == truth.object => configuration_scores(m, truth, d),
+        _ => Vec::new(),
+    };
+    let found = best.map(|m| m.object.clone());
+    let good = |j: &ConfigurationScore| {
+        j.error.is_some_and(|e| e < if j.unit == "°" { 5.0 } else { 2.0 })
+    };
+    EncounterRow {
+        recording: name_of(recording),
+        right: found == expected && joints.iter().all(good),
+        expected,
+        found,
+        score: best.map_or(0.0, |m| m.score),
+        milliseconds,
+        joints,
+    }
+}
+
+/// Configurations are compared as differences from the demonstration's first frame, the sign
+/// following the predicted axis.
+fn configuration_scores(
+    found: &Recognised,
+    truth: &Truth,
+    demonstrated: &Truth,
+) -> Vec<ConfigurationScore> {
+    use linkage_skill::geometry::line_angle;
+    use nalgebra::Vector3;
+    found
+        .joints
+        .iter()
+        .filter_map(|j| {
+            let axis = Vector3::from(j.axis);
+            let angle = |t: &super::truth::TrueJoint| line_angle(&axis, &Vector3::from(t.axis_last));
+            let t = truth.joints.iter().min_by(|a, b| angle(a).total_cmp(&angle(b)))?;
+            let first = demonstrated.joints.iter().find(|d| d.name == t.name)?.configuration[0];
+            let change = t.configuration.last()? - first;
+            let sign = axis.dot(&Vector3::from(t.axis_last)).signum();
+            let slide = t.kind == linkage_skill::articulate::JointKind::Prismatic;
+            let scale = if slide { 100.0 } else { 1.0_f64.to_degrees() };
+            Some(ConfigurationScore {
+                joint: t.name.clone(),
+                error: j.configuration.map(|q| scale * (sign * q - change).abs()),
+                axis_deg: angle(t).to_degrees(),
+                unit: if slide { "cm" } else { "°" },
+            })
+        })
+        .collect()
+}
+
+fn print_encounter_row(row: &EncounterRow) {
+    let errors: Vec<String> = row
+        .joints
+        .iter()
+        .map(|j| j.error.map_or("not seen".to_owned(), |e| format!("{e:.2}{}", j.unit)))
+        .collect();
+    let name = |n: &Option<String>| n.clone().unwrap_or_else(|| "nothing".to_owned());
+    println!(
+        "{:20} {:14} {:14} {:>6.2} {:>24} {:>7.0} {}",
+        row.recording,
+        name(&row.expected),
+        name(&row.found),
+        row.score,
+        errors.join(", "),
+        row.milliseconds,
+        if row.right { "right" } else { "WRONG" }
+    );
 }
 
 fn name_of(path: &Path) -> String {

@@ -1,22 +1,79 @@
 //! `linkage learn`.
 
-use super::{Outcome, skill_config, write_json, write_text};
+use super::{Failure, Outcome, now_utime, skill_config, write_json, write_text};
 use crate::cli::{Common, LearnArgs};
 use crate::console::Progress;
+use crate::report;
 use anyhow::Context;
+use linkage_skill::encounter::{combine, to_stored};
 use linkage_skill::geometry::pose_to_array;
-use linkage_skill::{Demonstration, Learner, SkillConfig};
+use linkage_skill::store::{Provenance, Store, StoreError, StoredObject};
+use linkage_skill::{Demonstration, LearnError, Learner, ObjectModel, SkillConfig};
 use std::fmt::Write;
+use std::path::Path;
 
 pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
-    let demonstration = demonstrate(&args.sources[0], &args.object, &config, common.quiet)?;
+    let mut known: Option<StoredObject> = None;
+    let mut first: Option<Demonstration> = None;
+    for source in &args.sources {
+        let demonstration = demonstrate(source, &args.object, &config, common.quiet)?;
+        let keep = args.store.is_some() || args.sources.len() > 1;
+        if keep && !demonstration.model.joints.is_empty() {
+            known = Some(remember(known.as_ref(), &demonstration, source, &config)?);
+        }
+        first.get_or_insert(demonstration);
+    }
+    let Some(first) = first else { return Ok(()) };
+    let model = known.as_ref().map_or(&first.model, |k| &k.model).clone();
+    let model = &model;
     if let Some(path) = &args.json {
-        write_json(path, &demonstration.model)?;
+        write_json(path, model)?;
     }
     if let Some(path) = &args.poses {
-        write_text(path, &poses_csv(&demonstration))?;
+        write_text(path, &poses_csv(&first))?;
     }
+    if let Some(path) = &args.report {
+        write_text(path, &report::demonstration_page(&first)?)?;
+    }
+    if model.joints.is_empty() {
+        return Err(Failure::no_answer(format!(
+            "{}: nothing articulated moves; nothing was learned",
+            args.sources.join(", ")
+        )));
+    }
+    if let (Some(path), Some(object)) = (&args.store, known) {
+        put(path, object)?;
+    }
+    if !common.quiet {
+        eprint!("{}", summary(model));
+    }
+    Ok(())
+}
+
+/// A demonstration as an object, registered into what is known of it already.
+pub fn remember(
+    known: Option<&StoredObject>,
+    demonstration: &Demonstration,
+    source: &str,
+    config: &SkillConfig,
+) -> Outcome<StoredObject> {
+    let provenance = Provenance { source: source.to_owned(), learned_utime: now_utime() };
+    Ok(match known {
+        None => to_stored(demonstration, provenance, config)?,
+        Some(known) => combine(known, demonstration, provenance, config)?,
+    })
+}
+
+fn put(path: &Path, object: StoredObject) -> Outcome {
+    let mut store = Store::open_or_create(path)?;
+    let name = object.model.object.clone();
+    match store.get(&name) {
+        Ok(_) => tracing::warn!(object = name, "the store's object of this name is replaced"),
+        Err(StoreError::UnknownObject { .. } | StoreError::Damaged { .. }) => {}
+        Err(error) => return Err(error.into()),
+    }
+    store.put(&object)?;
     Ok(())
 }
 
@@ -37,7 +94,38 @@ pub fn demonstrate(
         count += 1;
     }
     progress.finish(&format!("{count} frames of {source}"));
-    Ok(learner.finish(object).with_context(|| frames.name().to_owned())?)
+    learner.finish(object).map_err(|error| {
+        let status = match &error {
+            LearnError::TooShort { .. } | LearnError::NoDepth => super::NO_ANSWER,
+            LearnError::Vision(_) => super::INTERNAL,
+            _ => super::BAD_INPUT,
+        };
+        Failure { status, cause: anyhow::Error::new(error).context(source.to_owned()) }
+    })
+}
+
+/// A line a joint, for people.
+pub fn summary(model: &ObjectModel) -> String {
+    let mut text = String::new();
+    for j in &model.joints {
+        let [low, high] = j.range;
+        let _ = writeln!(
+            text,
+            "{} {}: {} of {} on {}, {:.2} to {:.2} {}, axis ({:.3}, {:.3}, {:.3})",
+            model.object,
+            j.name,
+            j.kind.name(),
+            model.parts[j.child].name,
+            model.parts[j.parent].name,
+            low,
+            high,
+            j.kind.unit(),
+            j.axis[0],
+            j.axis[1],
+            j.axis[2],
+        );
+    }
+    text
 }
 
 /// `t,part,x,y,z,qx,qy,qz,qw`: camera_from_part (DESIGN 4.4).

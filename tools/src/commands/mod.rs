@@ -1,13 +1,24 @@
 //! One file a command.
 
+mod config;
+mod demo;
+mod doctor;
+mod export;
+mod fit;
 mod learn;
+mod predict;
+mod recognise;
+mod simulate;
+mod store;
 
 use crate::cli::{Cli, Command, Common};
 use anyhow::{Context, anyhow};
+use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
 use std::path::Path;
 
-pub use learn::demonstrate;
+pub use learn::{demonstrate, remember, summary};
+pub use recognise::{describe, last_frame};
 
 /// A command that failed, with its exit status (DESIGN 4.3).
 pub struct Failure {
@@ -21,10 +32,14 @@ pub struct Failure {
 pub const NO_ANSWER: u8 = 1;
 /// Usage or bad input.
 pub const BAD_INPUT: u8 = 2;
+/// A fault of this program or of a library that it uses.
+pub const INTERNAL: u8 = 3;
 
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self { status: BAD_INPUT, cause: error.into() }
+        let cause = error.into();
+        let internal = cause.chain().any(|e| e.is::<opencv::Error>());
+        Self { status: if internal { INTERNAL } else { BAD_INPUT }, cause }
     }
 }
 
@@ -40,19 +55,44 @@ pub type Outcome<T = ()> = Result<T, Failure>;
 
 /// Runs a command.
 pub fn run(cli: Cli) -> Outcome {
+    let common = &cli.common;
     match cli.command {
-        Command::Learn(args) => learn::run(&args, &cli.common),
-        Command::Bench(args) => crate::bench::run(&args, &cli.common),
+        Command::Demo(args) => demo::run(&args, common),
+        Command::Learn(args) => learn::run(&args, common),
+        Command::Recognise(args) => recognise::run(&args, common),
+        Command::Predict(args) => predict::run(&args, common),
+        Command::Fit(args) => fit::run(&args, common),
+        Command::Store(args) => store::run(&args),
+        Command::Export(args) => export::run(&args),
+        Command::Simulate(args) => simulate::run(&args, common),
+        Command::Bench(args) => crate::bench::run(&args, common),
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Config(args) => config::run(&args, common),
     }
 }
 
 /// The effective configuration.
 pub fn skill_config(common: &Common) -> Outcome<SkillConfig> {
-    let mut config = SkillConfig::default();
+    let mut config = SkillConfig::load(&common.profile, common.config.as_deref())?;
     if let Some(seed) = common.seed {
         config.seed = seed;
     }
     Ok(config)
+}
+
+/// Microseconds since 1970.
+pub fn now_utime() -> i64 {
+    std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_or(0, |d| i64::try_from(d.as_micros()).unwrap_or(i64::MAX))
+}
+
+/// Refuses a frame that nothing can be recognised in.
+pub fn check_depth(frame: &RgbdFrame, source: &str) -> Outcome {
+    if frame.depth.invalid_share() >= 1.0 {
+        tracing::warn!(source, "no depth at all: poses come from colour alone and are less sure");
+    }
+    Ok(())
 }
 
 /// Writes JSON to a file, or to standard output for `-`.
@@ -70,8 +110,10 @@ pub fn write_text(path: &Path, text: &str) -> Outcome {
     }
     let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let write = || -> anyhow::Result<()> {
+        std::fs::create_dir_all(dir)?;
         let mut file = tempfile::NamedTempFile::new_in(dir)?;
         file.write_all(text.as_bytes())?;
+        file.as_file().sync_all()?;
         file.persist(path)?;
         Ok(())
     };

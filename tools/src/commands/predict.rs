@@ -1,0 +1,74 @@
+//! `linkage predict`.
+
+use super::recognise::{describe, recognise_frame};
+use super::{Failure, Outcome, last_frame, skill_config, write_json};
+use crate::cli::{Common, PredictArgs};
+use linkage_driver::RgbdFrame;
+use linkage_lcm::Lcm;
+use linkage_planner_bridge::plan::PlanError;
+use linkage_planner_bridge::{Prediction, Rig, channel, messages, predict};
+use linkage_skill::ObjectModel;
+use linkage_skill::predict::{PredictError, Target};
+use linkage_skill::recognise::Recognition;
+use linkage_skill::store::Store;
+
+pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
+    let config = skill_config(common)?;
+    let target: Target = args.to.parse()?;
+    let rig = match &args.rig {
+        Some(path) => Rig::read(path)?,
+        None => Rig::default(),
+    };
+    let store = Store::open(&args.store)?;
+    let library = store.load()?;
+    let frame = last_frame(&args.source)?;
+    let recognition = recognise_frame(&library, &frame, &args.source, &config)?;
+    let Some(best) = recognition.matches.first() else {
+        return Err(Failure::no_answer(format!("{}: nothing is recognised", args.source)));
+    };
+    let model = store.get(&best.object)?.model;
+    let prediction = predict(&model, best, args.joint.as_deref(), target, &rig).map_err(|e| {
+        let unseen = matches!(e, PlanError::Predict(PredictError::Unseen { .. }));
+        Failure { status: if unseen { super::NO_ANSWER } else { super::BAD_INPUT }, cause: e.into() }
+    })?;
+    if let Some(path) = &args.json {
+        write_json(path, &prediction)?;
+    }
+    if let Some(url) = &args.publish {
+        let url = if url.is_empty() { &rig.lcm_url } else { url };
+        publish(&Lcm::new(url)?, &frame, &recognition, &prediction, &model)?;
+    }
+    if !common.quiet {
+        eprint!("{}", describe(best));
+        for j in prediction.joints.iter().filter(|j| !j.trajectory.is_empty()) {
+            if let (Some(a), Some(b)) = (j.trajectory.first(), j.trajectory.last()) {
+                eprintln!(
+                    "{}/{}: {:.3} to {:.3} {} in {:.2} s",
+                    prediction.object, j.state.name, a[1], b[1], j.state.kind.unit(), b[0]
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Sends model, recognition, prediction and plan; refuses where nothing would arrive.
+pub fn publish(
+    lcm: &Lcm,
+    frame: &RgbdFrame,
+    recognition: &Recognition,
+    prediction: &Prediction,
+    model: &ObjectModel,
+) -> Outcome {
+    if lcm.url().starts_with("udpm") {
+        lcm.self_test(std::time::Duration::from_secs(2))?;
+    }
+    let utime = frame.utime;
+    let plan = messages::robot_plan(prediction, utime)?;
+    let model_of = |name: &str| (name == model.object).then_some(model);
+    lcm.publish(channel::MODEL, &messages::model(model, utime))?;
+    lcm.publish(channel::RECOGNITION, &messages::recognition(recognition, model_of, utime))?;
+    lcm.publish(channel::PREDICTION, &messages::prediction(prediction, model, utime))?;
+    lcm.publish(channel::PLAN, &plan)?;
+    Ok(())
+}

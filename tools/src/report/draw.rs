@@ -1,0 +1,151 @@
+//! Drawing into a frame's picture: features by part, joint axes, motion manifolds.
+
+use linkage_driver::image_file;
+use linkage_driver::{ColorImage, PinholeCamera, RgbdFrame};
+use linkage_skill::articulate::{JointGeometry, JointKind};
+use linkage_skill::geometry::Pose;
+use nalgebra::{Point2, Point3};
+use opencv::core::{Mat, Point, Scalar, Vec3b, Vector};
+use opencv::imgproc;
+use opencv::prelude::*;
+use std::path::Path;
+
+/// A colour, RGB.
+pub type Rgb = [u8; 3];
+
+/// Colours of parts, the base first.
+pub const PART_COLOURS: [Rgb; 6] = [
+    [70, 130, 255],
+    [255, 90, 40],
+    [60, 200, 80],
+    [230, 60, 200],
+    [240, 200, 30],
+    [40, 210, 210],
+];
+
+/// Half of a drawn axis, metres.
+const AXIS_HALF_M: f64 = 0.25;
+
+/// A frame's picture that can be drawn on.
+pub struct Canvas {
+    picture: Mat,
+    camera: PinholeCamera,
+}
+
+impl Canvas {
+    /// Starts from a frame.
+    pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
+        let pixels: Vec<Vec3b> = frame
+            .color
+            .as_rgb()
+            .chunks_exact(3)
+            .map(|p| Vec3b::from([p[0], p[1], p[2]]))
+            .collect();
+        let rows = frame.color.height() as i32;
+        let picture =
+            Mat::new_rows_cols_with_data(rows, frame.color.width() as i32, &pixels)?.try_clone()?;
+        Ok(Self { picture, camera: (*frame.camera).clone() })
+    }
+
+    /// A filled dot.
+    pub fn dot(&mut self, at: Point2<f64>, radius: i32, colour: Rgb) -> opencv::Result<()> {
+        imgproc::circle(&mut self.picture, point(&at), radius, scalar(colour), -1, imgproc::LINE_AA, 0)
+    }
+
+    /// A line between two places in the camera frame, where both are in front.
+    pub fn segment(
+        &mut self,
+        a: &Point3<f64>,
+        b: &Point3<f64>,
+        thickness: i32,
+        colour: Rgb,
+    ) -> opencv::Result<()> {
+        if let (Some(a), Some(b)) = (self.camera.project(a), self.camera.project(b)) {
+            imgproc::line(
+                &mut self.picture,
+                point(&a),
+                point(&b),
+                scalar(colour),
+                thickness,
+                imgproc::LINE_AA,
+                0,
+            )?;
+        }
+        Ok(())
+    }
+
+    /// A joint's axis; slides get an arrow head.
+    pub fn axis(&mut self, line: &JointGeometry, colour: Rgb) -> opencv::Result<()> {
+        let half = line.axis.into_inner() * AXIS_HALF_M;
+        let (a, b) = (line.origin - half, line.origin + half);
+        self.segment(&a, &b, 3, colour)?;
+        if line.kind == JointKind::Prismatic {
+            if let (Some(a), Some(b)) = (self.camera.project(&a), self.camera.project(&b)) {
+                imgproc::arrowed_line(
+                    &mut self.picture, point(&a), point(&b), scalar(colour), 3, imgproc::LINE_AA, 0, 0.12,
+                )?;
+            }
+        }
+        if let Some(origin) = self.camera.project(&line.origin) {
+            self.dot(origin, 6, colour)?;
+        }
+        Ok(())
+    }
+
+    /// The motion manifold: an outline (places in the camera frame) carried along poses.
+    pub fn manifold(
+        &mut self,
+        outline: &[Point3<f64>],
+        motions: &[Pose],
+        colour: Rgb,
+    ) -> opencv::Result<()> {
+        for (i, motion) in motions.iter().enumerate() {
+            let corners: Vector<Point> = outline
+                .iter()
+                .filter_map(|p| self.camera.project(&(motion * p)))
+                .map(|p| point(&p))
+                .collect();
+            if corners.len() < 3 {
+                continue;
+            }
+            let fade = 0.35 + 0.65 * i as f64 / motions.len().max(1) as f64;
+            let shade = colour.map(|c| (f64::from(c) * fade) as u8);
+            let mut outlines: Vector<Vector<Point>> = Vector::new();
+            outlines.push(corners);
+            imgproc::polylines(&mut self.picture, &outlines, true, scalar(shade), 2, imgproc::LINE_AA, 0)?;
+        }
+        Ok(())
+    }
+
+    /// A line of text.
+    pub fn text(&mut self, line: i32, text: &str) -> opencv::Result<()> {
+        let at = Point::new(10, 24 + 22 * line);
+        for (colour, thickness) in [([0, 0, 0], 3), ([255, 255, 255], 1)] {
+            imgproc::put_text(
+                &mut self.picture, text, at, imgproc::FONT_HERSHEY_SIMPLEX, 0.55, scalar(colour),
+                thickness, imgproc::LINE_AA, false,
+            )?;
+        }
+        Ok(())
+    }
+
+    /// The finished picture.
+    pub fn finish(self) -> anyhow::Result<ColorImage> {
+        let rgb = self.picture.data_typed::<Vec3b>()?.iter().flat_map(|p| p.0).collect();
+        Ok(ColorImage::new(self.picture.cols() as usize, self.picture.rows() as usize, rgb)?)
+    }
+
+    /// Writes the finished picture as PNG.
+    pub fn save(self, path: &Path) -> anyhow::Result<()> {
+        Ok(image_file::write_color(path, &self.finish()?)?)
+    }
+}
+
+fn point(p: &Point2<f64>) -> Point {
+    let bound = |x: f64| x.clamp(-4000.0, 8000.0).round() as i32;
+    Point::new(bound(p.x), bound(p.y))
+}
+
+fn scalar(c: Rgb) -> Scalar {
+    Scalar::new(f64::from(c[0]), f64::from(c[1]), f64::from(c[2]), 0.0)
+}
