@@ -5,6 +5,7 @@ mod cli;
 mod commands;
 mod console;
 mod report;
+mod simulate;
 
 use clap::Parser;
 use std::process::ExitCode;

@@ -1,4 +1,33 @@
 //! `linkage simulate`.
+
 use super::Outcome;
 use crate::cli::{Common, SimulateArgs};
-pub fn run(_: &SimulateArgs, _: &Common) -> Outcome { Ok(()) }
+use crate::console::Progress;
+use crate::simulate::{SCENES, Take, record, scene};
+use anyhow::anyhow;
+use std::path::Path;
+
+pub fn run(args: &SimulateArgs, common: &Common) -> Outcome {
+    if args.scene == "list" {
+        for (name, story) in SCENES {
+            println!("{name:14} {story}");
+        }
+        return Ok(());
+    }
+    let take = if args.encounter { Take::Encounter } else { Take::Demonstration };
+    film(&args.scene, take, common.seed.unwrap_or(1), &args.out, common.quiet)
+}
+
+/// Renders a scene with progress.
+pub fn film(name: &str, take: Take, seed: u64, out: &Path, quiet: bool) -> Outcome {
+    let scene = scene(name, seed).ok_or_else(|| {
+        let known: Vec<&str> = SCENES.iter().map(|s| s.0).collect();
+        anyhow!("no scene \"{name}\"; known: {}", known.join(", "))
+    })?;
+    let frames = (scene.duration * 15.0) as usize;
+    let total = if take == Take::Demonstration { frames } else { 15 };
+    let progress = Progress::new("rendering", Some(total), quiet);
+    record(&scene, take, seed, out, || progress.step())?;
+    progress.finish(&format!("{total} frames in {}", out.display()));
+    Ok(())
+}

@@ -1,0 +1,16 @@
+//! The RGB-D simulator: articulated things moved by a hand before a noisy camera, with exact
+//! truth beside the recording.
+//!
+//! World frame: x right, y away from the viewer, z up; metres. Every part is described where
+//! it is at configuration 0, so that a part's frame is the world at configuration 0.
+
+mod person;
+mod record;
+mod render;
+mod scenes;
+mod sensor;
+mod texture;
+mod world;
+
+pub use record::{Take, record};
+pub use scenes::{SCENES, scene};

@@ -1,0 +1,294 @@
+//! Writes a simulated recording: pictures, lists, camera, labels, truth.
+
+use super::person::Person;
+use super::render::{Light, View, expose};
+use super::sensor;
+use super::world::{Scene, Solid};
+use crate::bench::truth::{TrueJoint, TruePart, Truth};
+use anyhow::Context;
+use linkage_driver::{ColorImage, PinholeCamera, image_file};
+use linkage_skill::geometry::{Pose, pose_to_array};
+use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Frames a second.
+const RATE: f64 = 15.0;
+/// Exposure of colour, seconds.
+const EXPOSURE: f64 = 0.016;
+/// Instants of the exposure that are rendered.
+const INSTANTS: usize = 4;
+/// Depth comes this much after colour, seconds.
+const DEPTH_DELAY: f64 = 0.004;
+/// Frames between label pictures.
+const LABEL_EVERY: usize = 10;
+/// Time stamp of the first frame, seconds.
+const START: f64 = 1_400_000_000.0;
+
+/// How a scene is filmed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Take {
+    /// A person demonstrates.
+    Demonstration,
+    /// Nobody is there: one second, another viewpoint, another configuration.
+    Encounter,
+}
+
+/// One take of a scene, ready to be rendered at any time.
+struct Film<'s> {
+    scene: &'s Scene,
+    take: Take,
+    camera: PinholeCamera,
+    start: Vec<f64>,
+    person: Person,
+    light: Light,
+    eye: [f64; 3],
+    sway: [f64; 6],
+}
+
+/// Renders a scene into `dir`; `progress` is called after each frame.
+///
+/// # Errors
+/// Names the file that cannot be written.
+pub fn record(
+    scene: &Scene,
+    take: Take,
+    seed: u64,
+    dir: &Path,
+    progress: impl Fn() + Sync,
+) -> anyhow::Result<Truth> {
+    let film = Film::new(scene, take, seed);
+    let frames = match take {
+        Take::Demonstration => (scene.duration * RATE) as usize,
+        Take::Encounter => RATE as usize,
+    };
+    for folder in ["rgb", "depth", "labels"] {
+        let path = dir.join(folder);
+        std::fs::create_dir_all(&path).with_context(|| path.display().to_string())?;
+    }
+    let (mut rgb_list, mut depth_list) =
+        (String::from("# timestamp filename\n"), String::from("# timestamp filename\n"));
+    let names: Vec<(String, String)> = (0..frames)
+        .into_par_iter()
+        .map(|i| {
+            let names = film.write_frame(dir, i, i as f64 / RATE, seed);
+            progress();
+            names
+        })
+        .collect::<anyhow::Result<_>>()?;
+    for (i, (rgb, depth)) in names.into_iter().enumerate() {
+        let t = i as f64 / RATE;
+        let _ = writeln!(rgb_list, "{:.6} {rgb}", START + t);
+        let _ = writeln!(depth_list, "{:.6} {depth}", START + t + DEPTH_DELAY);
+    }
+    let truth = film.truth(frames);
+    let write = |name: &str, text: String| {
+        let path = dir.join(name);
+        std::fs::write(&path, text).with_context(|| path.display().to_string())
+    };
+    write("rgb.txt", rgb_list)?;
+    write("depth.txt", depth_list)?;
+    write("camera.toml", toml::to_string(&film.camera)?)?;
+    write("truth.json", serde_json::to_string(&truth)?)?;
+    Ok(truth)
+}
+
+impl<'s> Film<'s> {
+    fn new(scene: &'s Scene, take: Take, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xf11a);
+        let mut start = vec![0.0; scene.joints.len()];
+        let [mut azimuth, mut elevation, mut distance] = scene.view;
+        azimuth += rng.random_range(-4.0..4.0);
+        elevation += rng.random_range(-2.0..2.0);
+        if take == Take::Encounter {
+            let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+            azimuth += side * rng.random_range(20.0..32.0);
+            elevation += rng.random_range(0.0..8.0);
+            distance *= rng.random_range(0.95..1.1);
+            for (q, joint) in start.iter_mut().zip(&scene.joints) {
+                // Within what the demonstration showed.
+                let end = scene
+                    .actions
+                    .iter()
+                    .filter(|a| scene.joints[a.joint].name == joint.name)
+                    .map(|a| a.to)
+                    .fold(0.0, |far: f64, to| if to.abs() > far.abs() { to } else { far });
+                *q = end * rng.random_range(0.2..0.8);
+            }
+        }
+        Self {
+            scene,
+            take,
+            camera: PinholeCamera::kinect(),
+            start,
+            person: Person::new(seed),
+            light: Light {
+                lamp: Point3::new(rng.random_range(-1.5..1.5), rng.random_range(-2.5..-1.0), 2.6),
+                ambient: rng.random_range(0.40..0.55),
+                gain: rng.random_range(0.95..1.15),
+            },
+            eye: [azimuth, elevation, distance],
+            sway: std::array::from_fn(|_| rng.random_range(0.0..std::f64::consts::TAU)),
+        }
+    }
+
+    fn camera_from_world(&self, t: f64) -> Pose {
+        let [azimuth, elevation, distance] = self.eye;
+        let (a, e) = (azimuth.to_radians(), elevation.to_radians());
+        let back = Vector3::new(a.sin() * e.cos(), -a.cos() * e.cos(), e.sin());
+        let mut eye = self.scene.target + back * distance;
+        let mut target = self.scene.target;
+        if self.scene.moving_camera && self.take == Take::Demonstration {
+            let wave = |k: usize, hz: f64| (std::f64::consts::TAU * hz * t + self.sway[k]).sin() - self.sway[k].sin();
+            eye += Vector3::new(0.05 * wave(0, 0.13), 0.03 * wave(1, 0.17), 0.04 * wave(2, 0.11));
+            target += Vector3::new(0.02 * wave(3, 0.19), 0.0, 0.02 * wave(4, 0.23));
+        }
+        let forward = (target - eye).normalize();
+        let right = forward.cross(&Vector3::z()).normalize();
+        let down = forward.cross(&right);
+        let rotation = Rotation3::from_basis_unchecked(&[right, down, forward]);
+        Pose::from_parts(eye.coords.into(), UnitQuaternion::from_rotation_matrix(&rotation)).inverse()
+    }
+
+    fn configurations(&self, t: f64) -> Vec<f64> {
+        match self.take {
+            Take::Demonstration => self.scene.configurations(t, &self.start),
+            Take::Encounter => self.start.clone(),
+        }
+    }
+
+    /// All solids at a time with the poses of their bodies.
+    fn solids_at<'a>(&'a self, t: f64, person: &'a [Solid]) -> Vec<(&'a Solid, Pose)> {
+        let poses = self.scene.world_from_part(&self.configurations(t));
+        let object = self
+            .scene
+            .parts
+            .iter()
+            .zip(poses)
+            .flat_map(|(part, pose)| part.solids.iter().map(move |s| (s, pose)));
+        let still = self.scene.surroundings.iter().chain(person);
+        object.chain(still.map(|s| (s, Pose::identity()))).collect()
+    }
+
+    fn person_at(&self, t: f64) -> Vec<Solid> {
+        match self.take {
+            Take::Demonstration => self.person.solids(self.scene, t, &self.start),
+            Take::Encounter => Vec::new(),
+        }
+    }
+
+    fn write_frame(
+        &self,
+        dir: &Path,
+        index: usize,
+        t: f64,
+        seed: u64,
+    ) -> anyhow::Result<(String, String)> {
+        let mut noise = sensor::noise_of(seed, index);
+        let (width, height) = (self.camera.width, self.camera.height);
+        let instants: Vec<f64> =
+            (0..INSTANTS).map(|k| t + EXPOSURE * k as f64 / INSTANTS as f64).collect();
+        let people: Vec<Vec<Solid>> = instants.iter().map(|&t| self.person_at(t)).collect();
+        let views: Vec<View> = instants
+            .iter()
+            .zip(&people)
+            .map(|(&t, person)| {
+                let solids = self.solids_at(t, person);
+                View::new(&self.camera, &self.camera_from_world(t), solids.into_iter())
+            })
+            .collect();
+        let rgb = sensor::colour(&expose(&views, &self.light), &mut noise);
+        let rgb_name = format!("rgb/{:.6}.png", START + t);
+        image_file::write_color(&dir.join(&rgb_name), &ColorImage::new(width, height, rgb)?)?;
+
+        let then = t + DEPTH_DELAY;
+        let person = self.person_at(then);
+        let solids = self.solids_at(then, &person);
+        let surfaces =
+            View::new(&self.camera, &self.camera_from_world(then), solids.into_iter()).surfaces();
+        let raw =
+            sensor::depth(&surfaces, width, self.camera.depth_units_per_metre, &mut noise);
+        let depth_name = format!("depth/{:.6}.png", START + then);
+        image_file::write_depth(&dir.join(&depth_name), width, height, &raw)?;
+        if index.is_multiple_of(LABEL_EVERY) {
+            let labels: Vec<u8> = surfaces.iter().map(|s| s.map_or(0, |s| s.label)).collect();
+            let path = dir.join(format!("labels/{:.6}.png", START + t));
+            image_file::write_labels(&path, width, height, &labels)?;
+        }
+        Ok((rgb_name, depth_name))
+    }
+
+    fn truth(&self, frames: usize) -> Truth {
+        let times: Vec<f64> = (0..frames).map(|i| i as f64 / RATE).collect();
+        let last = times.last().copied().unwrap_or(0.0);
+        let configurations: Vec<Vec<f64>> = times.iter().map(|&t| self.configurations(t)).collect();
+        let parts = self
+            .scene
+            .parts
+            .iter()
+            .enumerate()
+            .map(|(i, part)| TruePart {
+                name: part.name.to_owned(),
+                label: i as u8 + 1,
+                centroid: part.centroid().into(),
+                camera_from_part: times
+                    .iter()
+                    .zip(&configurations)
+                    .map(|(&t, q)| {
+                        pose_to_array(&(self.camera_from_world(t) * self.scene.world_from_part(q)[i]))
+                    })
+                    .collect(),
+            })
+            .collect();
+        let joints = (0..self.scene.joints.len())
+            .map(|j| self.true_joint(j, last, &configurations))
+            .filter(|j| j.moved || self.take == Take::Encounter)
+            .collect();
+        Truth {
+            object: self.scene.name.to_owned(),
+            category: self.scene.category.to_owned(),
+            texture: "rich".to_owned(),
+            hand: self.take == Take::Demonstration,
+            moving_camera: self.scene.moving_camera,
+            encounter: self.take == Take::Encounter,
+            unknown: false,
+            frames: times.iter().map(|t| START + t).collect(),
+            world_from_camera: times
+                .iter()
+                .map(|&t| pose_to_array(&self.camera_from_world(t).inverse()))
+                .collect(),
+            parts,
+            joints,
+        }
+    }
+
+    fn true_joint(&self, index: usize, last: f64, configurations: &[Vec<f64>]) -> TrueJoint {
+        let joint = &self.scene.joints[index];
+        let line_at = |t: f64, q: &[f64]| {
+            let parent = self.scene.world_from_part(q)[joint.parent];
+            joint.geometry().transformed(&(self.camera_from_world(t) * parent))
+        };
+        let first_line = line_at(0.0, &configurations[0]);
+        let last_line = line_at(last, &configurations[configurations.len() - 1]);
+        let configuration: Vec<f64> = configurations.iter().map(|q| q[index]).collect();
+        let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        TrueJoint {
+            name: joint.name.to_owned(),
+            kind: joint.kind,
+            parent: self.scene.parts[joint.parent].name.to_owned(),
+            child: self.scene.parts[joint.child].name.to_owned(),
+            axis: first_line.axis.into_inner().into(),
+            origin: first_line.origin.into(),
+            axis_last: last_line.axis.into_inner().into(),
+            origin_last: last_line.origin.into(),
+            pitch: 0.0,
+            configuration,
+            range_observed: [low, high],
+            moved: high - low > 1e-6,
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Ray casting of solids: colour with light, motion blur and smooth edges; depth with normals
+//! and labels. Intersections come from parry3d; here is only what a camera adds.
+
+use super::world::Solid;
+use linkage_driver::PinholeCamera;
+use linkage_skill::geometry::Pose;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// A solid as one camera sees it.
+struct Placed<'s> {
+    solid: &'s Solid,
+    solid_from_camera: Pose,
+    origin: Vector3<f64>,
+    /// Pixels that it may cover: left, top, right, bottom.
+    bounds: [f64; 4],
+}
+
+/// All solids before one camera at one instant.
+pub struct View<'s> {
+    camera: &'s PinholeCamera,
+    world_from_camera: Pose,
+    placed: Vec<Placed<'s>>,
+}
+
+/// Light of a room.
+#[derive(Clone, Copy)]
+pub struct Light {
+    /// Where the lamp is.
+    pub lamp: Point3<f64>,
+    /// Share of light that comes from everywhere.
+    pub ambient: f64,
+    /// Overall brightness.
+    pub gain: f64,
+}
+
+/// What a pixel's ray meets.
+#[derive(Clone, Copy)]
+pub struct SurfacePoint {
+    /// Depth along the optical axis, metres.
+    pub z: f64,
+    /// Cosine between the normal and the direction to the camera.
+    pub cosine: f64,
+    /// Label of the body.
+    pub label: u8,
+    /// Share of depth readings that get lost.
+    pub depth_loss: f64,
+}
+
+impl<'s> View<'s> {
+    /// Places solids, each with the pose of its body in the world.
+    pub fn new(
+        camera: &'s PinholeCamera,
+        camera_from_world: &Pose,
+        solids: impl Iterator<Item = (&'s Solid, Pose)>,
+    ) -> Self {
+        let placed = solids
+            .filter_map(|(solid, world_from_body)| {
+                let camera_from_solid = camera_from_world * world_from_body * solid.body_from_solid;
+                let centre = Point3::from(camera_from_solid.translation.vector);
+                let bounds = solid.corners().map_or_else(
+                    || bounds(camera, &centre, solid.bounding_radius()),
+                    |corners| corner_bounds(camera, &corners.map(|c| camera_from_solid * c)),
+                )?;
+                let solid_from_camera = camera_from_solid.inverse();
+                let origin = solid_from_camera.translation.vector;
+                Some(Placed { solid, solid_from_camera, origin, bounds })
+            })
+            .collect();
+        Self { camera, world_from_camera: camera_from_world.inverse(), placed }
+    }
+
+    fn nearest(&self, u: f64, v: f64) -> Option<(&Placed<'s>, super::world::Hit, Vector3<f64>)> {
+        let ray = self.camera.back_project(u, v, 1.0).coords;
+        let mut best: Option<(&Placed, super::world::Hit)> = None;
+        for p in &self.placed {
+            let [l, t, r, b] = p.bounds;
+            if u < l || u > r || v < t || v > b {
+                continue;
+            }
+            let limit = best.as_ref().map_or(20.0, |(_, h)| h.distance);
+            let direction = p.solid_from_camera.rotation * ray;
+            if let Some(hit) = p.solid.cast(&p.origin, &direction, limit)
+                && hit.distance < limit
+                && hit.distance > 0.0
+            {
+                best = Some((p, hit));
+            }
+        }
+        best.map(|(p, hit)| (p, hit, ray))
+    }
+
+    /// The surface at a pixel.
+    pub fn surface(&self, u: f64, v: f64) -> Option<SurfacePoint> {
+        let (p, hit, ray) = self.nearest(u, v)?;
+        let normal = p.solid_from_camera.rotation.inverse() * hit.normal;
+        Some(SurfacePoint {
+            // The ray has unit depth: its length to the hit is the depth.
+            z: f64::from(hit.distance),
+            cosine: -normal.dot(&ray.normalize()),
+            label: p.solid.label,
+            depth_loss: p.solid.material.depth_loss,
+        })
+    }
+
+    /// Lit colour at a pixel, 0-255.
+    fn colour(&self, u: f64, v: f64, light: &Light) -> [f32; 3] {
+        let Some((p, hit, ray)) = self.nearest(u, v) else { return [30.0; 3] };
+        let (x, y) = p.solid.surface_coordinates(&hit);
+        let paint = p.solid.material.texture.at(x, y);
+        let in_camera = Point3::from(ray * f64::from(hit.distance));
+        let in_world = self.world_from_camera * in_camera;
+        let normal =
+            self.world_from_camera.rotation * (p.solid_from_camera.rotation.inverse() * hit.normal);
+        let to_lamp = (light.lamp - in_world).normalize();
+        let lit = light.ambient + (1.0 - light.ambient) * normal.dot(&to_lamp).max(0.0);
+        let strength = (light.gain * lit) as f32;
+        paint.map(|c| c * strength)
+    }
+
+    /// Surfaces of all pixels.
+    pub fn surfaces(&self) -> Vec<Option<SurfacePoint>> {
+        let width = self.camera.width;
+        (0..width * self.camera.height)
+            .into_par_iter()
+            .map(|i| self.surface((i % width) as f64, (i / width) as f64))
+            .collect()
+    }
+}
+
+/// Mean of the colours of views at several instants of the exposure, each at another place
+/// within the pixel; linear, 0-255 and above.
+pub fn expose(views: &[View], light: &Light) -> Vec<[f32; 3]> {
+    const PLACES: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, 0.25], [-0.25, 0.25], [0.25, -0.25]];
+    let camera = views[0].camera;
+    let width = camera.width;
+    (0..width * camera.height)
+        .into_par_iter()
+        .map(|i| {
+            let mut sum = [0.0; 3];
+            for (k, view) in views.iter().enumerate() {
+                let [du, dv] = PLACES[k % PLACES.len()];
+                let c = view.colour((i % width) as f64 + du, (i / width) as f64 + dv, light);
+                for (s, c) in sum.iter_mut().zip(c) {
+                    *s += c;
+                }
+            }
+            sum.map(|s| s / views.len() as f32)
+        })
+        .collect()
+}
+
+/// Pixels that a box may cover, from its corners; all of the picture where one of them is
+/// beside or behind the camera, `None` where all are.
+fn corner_bounds(camera: &PinholeCamera, corners: &[Point3<f64>; 8]) -> Option<[f64; 4]> {
+    if corners.iter().all(|c| c.z < 0.1) {
+        return None;
+    }
+    if corners.iter().any(|c| c.z < 0.1) {
+        return Some([-1.0, -1.0, camera.width as f64, camera.height as f64]);
+    }
+    let mut bounds = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    for p in corners.iter().filter_map(|c| camera.project(c)) {
+        bounds = [bounds[0].min(p.x), bounds[1].min(p.y), bounds[2].max(p.x), bounds[3].max(p.y)];
+    }
+    Some([bounds[0] - 1.0, bounds[1] - 1.0, bounds[2] + 1.0, bounds[3] + 1.0])
+}
+
+/// Pixels that a ball may cover; `None` behind the camera.
+fn bounds(camera: &PinholeCamera, centre: &Point3<f64>, radius: f64) -> Option<[f64; 4]> {
+    let far = centre.z + radius;
+    if far < 0.1 {
+        return None;
+    }
+    let near = centre.z - radius;
+    if near < 0.1 {
+        return Some([-1.0, -1.0, camera.width as f64, camera.height as f64]);
+    }
+    let span = |c: f64, f: f64, centre_px: f64| {
+        let low = f * ((c - radius) / near).min((c - radius) / far) + centre_px;
+        let high = f * ((c + radius) / near).max((c + radius) / far) + centre_px;
+        (low - 1.0, high + 1.0)
+    };
+    let (l, r) = span(centre.x, camera.fx, camera.cx);
+    let (t, b) = span(centre.y, camera.fy, camera.cy);
+    Some([l, t, r, b])
+}

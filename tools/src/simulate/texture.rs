@@ -1,0 +1,106 @@
+//! Surfaces painted from a seed: grain at several scales, and marks on richer ones.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Texels on a side.
+const SIDE: usize = 768;
+/// Texels in a metre.
+const TEXELS_PER_METRE: f64 = 500.0;
+
+/// How much there is to see.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Richness {
+    /// Marks everywhere: labels, magnets, prints.
+    Rich,
+    /// Grain and a few marks.
+    Medium,
+    /// Nearly plain.
+    Poor,
+}
+
+/// A repeating surface, linear RGB 0-255.
+pub struct Texture {
+    texels: Vec<[f32; 3]>,
+}
+
+impl Texture {
+    /// Paints one.
+    pub fn new(colour: [f64; 3], richness: Richness, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (grain, marks) = match richness {
+            Richness::Rich => (26.0, 260),
+            Richness::Medium => (18.0, 70),
+            Richness::Poor => (3.0, 3),
+        };
+        let mut light = vec![0.0_f32; SIDE * SIDE];
+        for (cell, share) in [(96, 0.5), (32, 0.35), (12, 0.3), (5, 0.2)] {
+            add_noise(&mut light, cell, share * grain, &mut rng);
+        }
+        let mut texels: Vec<[f32; 3]> =
+            light.iter().map(|l| colour.map(|c| c as f32 + l)).collect();
+        for _ in 0..marks {
+            add_mark(&mut texels, colour, &mut rng);
+        }
+        Self { texels }
+    }
+
+    /// Colour at surface coordinates in metres, bilinear.
+    pub fn at(&self, x: f64, y: f64) -> [f32; 3] {
+        let wrap = |v: f64| (v * TEXELS_PER_METRE).rem_euclid(SIDE as f64);
+        let (u, v) = (wrap(x), wrap(y));
+        let (u0, v0) = (u as usize % SIDE, v as usize % SIDE);
+        let (u1, v1) = ((u0 + 1) % SIDE, (v0 + 1) % SIDE);
+        let (fu, fv) = ((u - u0 as f64) as f32, (v - v0 as f64) as f32);
+        let (a, b) = (&self.texels[v0 * SIDE + u0], &self.texels[v0 * SIDE + u1]);
+        let (c, d) = (&self.texels[v1 * SIDE + u0], &self.texels[v1 * SIDE + u1]);
+        std::array::from_fn(|k| {
+            let top = a[k] + fu * (b[k] - a[k]);
+            let bottom = c[k] + fu * (d[k] - c[k]);
+            top + fv * (bottom - top)
+        })
+    }
+}
+
+/// Smooth value noise that repeats at the borders.
+fn add_noise(light: &mut [f32], cell: usize, amplitude: f64, rng: &mut ChaCha8Rng) {
+    let n = SIDE / cell;
+    let lattice: Vec<f32> =
+        (0..n * n).map(|_| (amplitude * rng.random_range(-1.0..1.0)) as f32).collect();
+    let smooth = |f: f32| f * f * (3.0 - 2.0 * f);
+    for v in 0..n * cell {
+        for u in 0..n * cell {
+            let (i, j) = (u / cell, v / cell);
+            let fu = smooth((u % cell) as f32 / cell as f32);
+            let fv = smooth((v % cell) as f32 / cell as f32);
+            let at = |i: usize, j: usize| lattice[(j % n) * n + i % n];
+            let top = at(i, j) + fu * (at(i + 1, j) - at(i, j));
+            let bottom = at(i, j + 1) + fu * (at(i + 1, j + 1) - at(i, j + 1));
+            light[v * SIDE + u] += top + fv * (bottom - top);
+        }
+    }
+}
+
+/// A rectangle, disc or stroke of another colour.
+fn add_mark(texels: &mut [[f32; 3]], base: [f64; 3], rng: &mut ChaCha8Rng) {
+    let shift = rng.random_range(-90.0..90.0);
+    let tint: [f32; 3] =
+        std::array::from_fn(|k| (base[k] + shift + rng.random_range(-40.0..40.0)) as f32);
+    let centre = [rng.random_range(0.0..SIDE as f64), rng.random_range(0.0..SIDE as f64)];
+    let half = [rng.random_range(2.0..22.0), rng.random_range(2.0..22.0)];
+    let (sin, cos) = rng.random_range(0.0..std::f64::consts::PI).sin_cos();
+    let disc = rng.random_bool(0.35);
+    let reach = half[0] + half[1];
+    for dv in -(reach as i32)..=reach as i32 {
+        for du in -(reach as i32)..=reach as i32 {
+            let (du, dv) = (f64::from(du), f64::from(dv));
+            let (x, y) = ((du * cos + dv * sin) / half[0], (dv * cos - du * sin) / half[1]);
+            let inside = if disc { x * x + y * y < 1.0 } else { x.abs() < 1.0 && y.abs() < 1.0 };
+            if inside {
+                let u = (centre[0] + du).rem_euclid(SIDE as f64) as usize % SIDE;
+                let v = (centre[1] + dv).rem_euclid(SIDE as f64) as usize % SIDE;
+                texels[v * SIDE + u] = tint;
+            }
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! Solids, the bodies that they make up, and joints between them.
+
+use super::texture::Texture;
+use linkage_skill::articulate::{JointGeometry, JointKind};
+use linkage_skill::geometry::Pose;
+use nalgebra::{Point3, UnitVector3, Vector3};
+use parry3d::math::Vector as PVector;
+use parry3d::query::{Ray, RayCast};
+use parry3d::shape::{Capsule, Cuboid, Cylinder};
+use std::sync::Arc;
+
+/// Label of the person in label pictures.
+pub const PERSON: u8 = 250;
+
+/// What a solid is made of.
+#[derive(Clone)]
+pub struct Material {
+    /// Its surface.
+    pub texture: Arc<Texture>,
+    /// Share of depth readings that get lost on it.
+    pub depth_loss: f64,
+}
+
+/// Form of a solid, about its own centre.
+#[derive(Clone)]
+pub enum Form {
+    /// A box.
+    Box(Cuboid),
+    /// A rounded rod along its own y.
+    Rod(Capsule),
+    /// A cylinder along its own y.
+    Drum(Cylinder),
+}
+
+/// A solid in the frame of its body.
+#[derive(Clone)]
+pub struct Solid {
+    /// Form.
+    pub form: Form,
+    /// Where it is.
+    pub body_from_solid: Pose,
+    /// Material.
+    pub material: Material,
+    /// Label of its body.
+    pub label: u8,
+}
+
+/// Where a ray meets a solid.
+#[derive(Clone, Copy)]
+pub struct Hit {
+    /// Length of the ray.
+    pub distance: f32,
+    /// Normal in the solid's frame.
+    pub normal: Vector3<f64>,
+    /// Place in the solid's frame.
+    pub point: Vector3<f64>,
+}
+
+impl Solid {
+    /// A box from its centre and sides.
+    pub fn cuboid(centre: [f64; 3], sides: [f64; 3], material: &Material, label: u8) -> Self {
+        let half = sides.map(|s| 0.5 * s as f32);
+        Self {
+            form: Form::Box(Cuboid::new(PVector::new(half[0], half[1], half[2]))),
+            body_from_solid: Pose::translation(centre[0], centre[1], centre[2]),
+            material: material.clone(),
+            label,
+        }
+    }
+
+    /// A rounded rod between two places.
+    pub fn rod(a: Point3<f64>, b: Point3<f64>, radius: f64, material: &Material, label: u8) -> Self {
+        let axis = b - a;
+        let half = (0.5 * axis.norm()).max(1e-4);
+        let form = Form::Rod(Capsule::new_y(half as f32, radius as f32));
+        Self { form, body_from_solid: along(a, b), material: material.clone(), label }
+    }
+
+    /// A cylinder between two places.
+    pub fn drum(a: Point3<f64>, b: Point3<f64>, radius: f64, material: &Material, label: u8) -> Self {
+        let half = (0.5 * (b - a).norm()).max(1e-4);
+        let form = Form::Drum(Cylinder::new(half as f32, radius as f32));
+        Self { form, body_from_solid: along(a, b), material: material.clone(), label }
+    }
+
+    /// Radius of a ball about its centre that holds it.
+    pub fn bounding_radius(&self) -> f64 {
+        f64::from(match &self.form {
+            Form::Box(b) => b.half_extents.length(),
+            Form::Rod(c) => c.half_height() + c.radius,
+            Form::Drum(c) => c.half_height.hypot(c.radius),
+        })
+    }
+
+    /// Corners of a box.
+    pub fn corners(&self) -> Option<[Point3<f64>; 8]> {
+        let Form::Box(b) = &self.form else { return None };
+        let half = [b.half_extents.x, b.half_extents.y, b.half_extents.z].map(f64::from);
+        Some(std::array::from_fn(|i| {
+            let side = |k: usize| if i >> k & 1 == 1 { half[k] } else { -half[k] };
+            Point3::new(side(0), side(1), side(2))
+        }))
+    }
+
+    /// Where a ray of the solid's frame meets it, nearer than `limit`.
+    pub fn cast(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, limit: f32) -> Option<Hit> {
+        if self.surely_missed(origin, direction) {
+            return None;
+        }
+        let vector = |v: &Vector3<f64>| PVector::new(v.x as f32, v.y as f32, v.z as f32);
+        let ray = Ray::new(vector(origin), vector(direction));
+        let hit = match &self.form {
+            Form::Box(b) => b.cast_local_ray_and_get_normal(&ray, limit, true),
+            Form::Rod(c) => c.cast_local_ray_and_get_normal(&ray, limit, true),
+            Form::Drum(c) => c.cast_local_ray_and_get_normal(&ray, limit, true),
+        }?;
+        let n = hit.normal;
+        Some(Hit {
+            distance: hit.time_of_impact,
+            normal: Vector3::new(f64::from(n.x), f64::from(n.y), f64::from(n.z)),
+            point: origin + direction * f64::from(hit.time_of_impact),
+        })
+    }
+
+    /// A cheap test before the exact one: the ray's line passes the rod's own line at too
+    /// great a distance.
+    fn surely_missed(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
+        let Form::Rod(rod) = &self.form else { return false };
+        let across = direction.cross(&Vector3::y());
+        let length = across.norm();
+        length > 1e-9 && (origin.dot(&across) / length).abs() > f64::from(rod.radius)
+    }
+
+    /// Surface coordinates in metres for the texture; each side of a box has its own place.
+    pub fn surface_coordinates(&self, hit: &Hit) -> (f64, f64) {
+        let p = hit.point;
+        match self.form {
+            Form::Box(_) => {
+                let side = hit.normal.iamax();
+                let shift = 0.37 * (2.0 * side as f64 + f64::from(hit.normal[side] > 0.0));
+                match side {
+                    0 => (p.y + shift, p.z),
+                    1 => (p.x + shift, p.z),
+                    _ => (p.x + shift, p.y),
+                }
+            }
+            Form::Rod(_) | Form::Drum(_) => (0.06 * p.x.atan2(p.z), p.y),
+        }
+    }
+}
+
+/// The pose of a rod along its own y between two places.
+fn along(a: Point3<f64>, b: Point3<f64>) -> Pose {
+    let axis = (b - a).try_normalize(1e-9).unwrap_or(Vector3::y());
+    let rotation = nalgebra::UnitQuaternion::rotation_between(&Vector3::y(), &axis)
+        .unwrap_or_else(|| {
+            nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
+        });
+    Pose::from_parts(nalgebra::center(&a, &b).coords.into(), rotation)
+}
+
+/// A rigid part of the object.
+#[derive(Clone)]
+pub struct Part {
+    /// Name.
+    pub name: &'static str,
+    /// Its solids, where they are at configuration 0.
+    pub solids: Vec<Solid>,
+}
+
+impl Part {
+    /// Mean of its solids' centres.
+    pub fn centroid(&self) -> Point3<f64> {
+        let sum: Vector3<f64> =
+            self.solids.iter().map(|s| s.body_from_solid.translation.vector).sum();
+        Point3::from(sum / self.solids.len().max(1) as f64)
+    }
+}
+
+/// A joint, in the world at configuration 0.
+#[derive(Clone)]
+pub struct SceneJoint {
+    /// Name.
+    pub name: &'static str,
+    /// Kind.
+    pub kind: JointKind,
+    /// Index of the carrying part.
+    pub parent: usize,
+    /// Index of the moved part.
+    pub child: usize,
+    /// Direction.
+    pub axis: Vector3<f64>,
+    /// A point on it.
+    pub origin: Point3<f64>,
+    /// Where a hand takes hold of the moved part.
+    pub grasp: Point3<f64>,
+    /// Direction from the grasp to where the person stands.
+    pub person: Vector3<f64>,
+}
+
+impl SceneJoint {
+    /// Its line.
+    pub fn geometry(&self) -> JointGeometry {
+        JointGeometry {
+            kind: self.kind,
+            axis: UnitVector3::new_normalize(self.axis),
+            origin: self.origin,
+        }
+    }
+}
+
+/// Someone moves a joint.
+#[derive(Clone, Copy)]
+pub struct Action {
+    /// Index of the joint.
+    pub joint: usize,
+    /// Configuration at its end.
+    pub to: f64,
+    /// Seconds.
+    pub start: f64,
+    /// Seconds.
+    pub end: f64,
+}
+
+/// A scene: an object in a room, and what is done to it.
+#[derive(Clone)]
+pub struct Scene {
+    /// Name.
+    pub name: &'static str,
+    /// Kind of thing.
+    pub category: &'static str,
+    /// Parts, the base first.
+    pub parts: Vec<Part>,
+    /// Joints, parents first.
+    pub joints: Vec<SceneJoint>,
+    /// What happens, in order.
+    pub actions: Vec<Action>,
+    /// Room and clutter.
+    pub surroundings: Vec<Solid>,
+    /// What the camera looks at.
+    pub target: Point3<f64>,
+    /// Azimuth and elevation of the camera, degrees, and its distance, metres.
+    pub view: [f64; 3],
+    /// The camera is held by hand.
+    pub moving_camera: bool,
+    /// Seconds.
+    pub duration: f64,
+}
+
+impl Scene {
+    /// Configurations of all joints at a time, minimum-jerk between the ends of actions.
+    pub fn configurations(&self, t: f64, start: &[f64]) -> Vec<f64> {
+        let mut q = start.to_vec();
+        for a in &self.actions {
+            if t <= a.start {
+                continue;
+            }
+            let s = ((t - a.start) / (a.end - a.start)).min(1.0);
+            let blend = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+            q[a.joint] += (a.to - q[a.joint]) * blend;
+        }
+        q
+    }
+
+    /// Pose of each part for given configurations.
+    pub fn world_from_part(&self, q: &[f64]) -> Vec<Pose> {
+        let mut poses = vec![Pose::identity(); self.parts.len()];
+        for (joint, &q) in self.joints.iter().zip(q) {
+            poses[joint.child] = poses[joint.parent] * joint.geometry().motion(q);
+        }
+        poses
+    }
+}
