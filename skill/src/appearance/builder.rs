@@ -13,7 +13,8 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use std::collections::{HashMap, HashSet};
 
-/// Side of a voxel in which surface is averaged, metres.
+/// Side of a voxel in which surface is averaged, metres, for an object one metre away;
+/// farther ones are seen in fewer, noisier pixels.
 const VOXEL_M: f64 = 0.006;
 /// Side of a cell of the coarse occupancy that stands for "near", metres.
 const COARSE_M: f64 = 0.04;
@@ -79,7 +80,8 @@ pub fn build(
         surface: swept.grown(config.surface_margin_m),
         room: room_planes(posed.first(), &swept.grown(0.3)),
     };
-    let mut builder = Builder { region, features: Vec::new(), voxels: HashMap::new() };
+    let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
+    let mut builder = Builder { region, voxel_m, features: Vec::new(), voxels: HashMap::new() };
     for index in 0..posed.len() {
         let grid = label(&posed, index, &near_part);
         builder.take(index, &posed[index], &grid)?;
@@ -133,6 +135,19 @@ fn tracked_points(demonstration: &Demonstration, part: usize) -> Vec<Point3<f64>
             })
         })
         .collect()
+}
+
+/// Median depth of the moving parts' features, metres.
+fn object_distance(demonstration: &Demonstration) -> f64 {
+    let mut depths: Vec<f64> = demonstration
+        .tracks
+        .tracks
+        .iter()
+        .zip(&demonstration.track_parts)
+        .filter(|(_, p)| p.is_some_and(|p| p > 0))
+        .filter_map(|(track, _)| track.lifted().next().map(|(_, p)| p.z))
+        .collect();
+    crate::geometry::median(&mut depths).unwrap_or(1.0)
 }
 
 /// All that moving parts passed through.
@@ -218,6 +233,7 @@ struct Voxel {
 
 struct Builder {
     region: Region,
+    voxel_m: f64,
     features: Vec<(ModelFeature, usize)>,
     /// By part, cell and main direction of the normal: two sides of a board stay apart.
     voxels: HashMap<(u16, [i32; 3], u8), Voxel>,
@@ -280,7 +296,7 @@ impl Builder {
                 }
                 let n = pose.inverse_transform_vector(&patch.normal);
                 let side = n.iamax() as u8 * 2 + u8::from(n[n.iamax()] > 0.0);
-                let voxel = self.voxels.entry((part, cell(&p, VOXEL_M), side)).or_default();
+                let voxel = self.voxels.entry((part, cell(&p, self.voxel_m), side)).or_default();
                 voxel.point += p.coords;
                 voxel.normal += n;
                 voxel.lab += Vector3::from(lab.at(u, v).map(f64::from));

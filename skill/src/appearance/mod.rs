@@ -73,8 +73,8 @@ impl Default for AppearanceConfig {
             keyframes: 16,
             max_features_per_part: 2000,
             max_surfels_per_part: 1200,
-            feature_margin_m: 0.25,
-            surface_margin_m: 0.15,
+            feature_margin_m: 0.3,
+            surface_margin_m: 0.25,
         }
     }
 }

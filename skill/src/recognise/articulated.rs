@@ -120,11 +120,19 @@ impl Articulated {
         columns
     }
 
-    /// Applies a step over the unknowns of [`Self::velocities`], bounded and kept in range.
+    /// Applies a step over the unknowns of [`Self::velocities`], shortened as a whole where it
+    /// is too long (pose and configurations may compensate each other), kept in range.
     pub fn stepped(&self, state: &State, step: &DVector<f64>) -> State {
-        let bound = |x: f64, limit: f64| x.clamp(-limit, limit);
-        let turn = Vector3::from_fn(|k, _| bound(step[k], 0.1));
-        let shift = Vector3::from_fn(|k, _| bound(step[3 + k], 0.05));
+        let longest = |from: usize, to: usize| {
+            (from..to).map(|k| step[k].abs()).fold(0.0, f64::max)
+        };
+        let excess = (longest(0, 3) / 0.1)
+            .max(longest(3, 6) / 0.05)
+            .max(longest(6, step.len()) / 0.3)
+            .max(1.0);
+        let step = step / excess;
+        let turn = Vector3::new(step[0], step[1], step[2]);
+        let shift = Vector3::new(step[3], step[4], step[5]);
         let increment = Pose::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(turn));
         State {
             camera_from_object: increment * state.camera_from_object,
@@ -133,7 +141,7 @@ impl Articulated {
                 .iter()
                 .zip(&state.q)
                 .enumerate()
-                .map(|(j, (joint, q))| (q + bound(step[6 + j], 0.3)).clamp(joint.low, joint.high))
+                .map(|(j, (joint, q))| (q + step[6 + j]).clamp(joint.low, joint.high))
                 .collect(),
         }
     }

@@ -151,6 +151,13 @@ pub fn find(
 ) -> Option<Recognised> {
     let matches = match_features(scene, &object.table, config);
     let articulated = Articulated::new(&object.model);
+    tracing::debug!(
+        object = object.model.object,
+        features = scene.features.len(),
+        matches = matches.len(),
+        of_base = matches.iter().filter(|m| m.part == 0).count(),
+        "matched"
+    );
     let found = if scene.has_depth() {
         with_depth(scene, object, &articulated, &matches, config, seed)
     } else {
@@ -173,7 +180,7 @@ struct Found {
     score: f64,
     inliers: usize,
     verdict: Option<Verdict>,
-    /// Joints whose moving side has evidence of its own.
+    /// Joints with evidence on either side.
     evident: Vec<bool>,
 }
 
@@ -186,6 +193,11 @@ fn with_depth(
     seed: u64,
 ) -> Option<Found> {
     let mut hypotheses = hypothesis::all(articulated, matches, seed);
+    tracing::debug!(
+        hypotheses = hypotheses.len(),
+        best = hypotheses.first().map_or(0, |h| h.support),
+        "hypotheses"
+    );
     hypotheses.retain(|h| h.support >= config.min_inliers.min(4));
     let mut tried: Vec<(usize, Pose)> = Vec::new();
     let mut best: Option<Found> = None;
@@ -203,8 +215,9 @@ fn with_depth(
         tried.push((h.part, h.camera_from_part));
         let state = refine::settle(scene, articulated, &object.cloud, matches, h);
         let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
-        let verdict = verify::verify(scene, articulated, &object.cloud, &state, true);
+        let verdict = verify::verify(scene, articulated, &object.cloud, &state);
         let score = verdict.score(inliers);
+        tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
         if best.as_ref().is_none_or(|b| score > b.score) {
             let evident = evident_joints(articulated, matches, &state, &verdict);
             best = Some(Found { state, score, inliers, verdict: Some(verdict), evident });
@@ -213,20 +226,24 @@ fn with_depth(
     best.filter(|b| b.inliers >= config.min_inliers)
 }
 
-/// A configuration is told only when the part beyond the joint was itself seen.
+/// A configuration is told only when something was itself seen on either side of the joint.
 fn evident_joints(
     articulated: &Articulated,
     matches: &[Match],
     state: &State,
     verdict: &Verdict,
 ) -> Vec<bool> {
+    let seen = |part: usize| {
+        let features = hypothesis::unique_inliers(articulated, matches, state, Some(part));
+        features >= 4 || verdict.parts[part].is_seen()
+    };
+    let seen: Vec<bool> = (0..articulated.parts).map(seen).collect();
     (0..articulated.joints.len())
         .map(|j| {
-            articulated.moved_by(j).into_iter().any(|part| {
-                let features = hypothesis::unique_inliers(articulated, matches, state, Some(part));
-                let surface = &verdict.parts[part];
-                features >= 4 || (surface.agree >= 25 && surface.agree > 4 * surface.through)
-            })
+            let moved = articulated.moved_by(j);
+            let (beyond, before): (Vec<usize>, Vec<usize>) =
+                (0..articulated.parts).partition(|p| moved.contains(p));
+            [beyond, before].iter().all(|side| side.iter().any(|&p| seen[p]))
         })
         .collect()
 }

@@ -11,6 +11,8 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Inliers on either side of a joint below which its configuration is scanned.
 const WEAK: usize = 6;
+/// Surfels that a matched feature is worth.
+const FEATURE_WORTH: f64 = 8.0;
 /// How much better a scanned configuration must fit to replace a refined one.
 const SCAN_ADVANTAGE: f64 = 1.02;
 
@@ -22,25 +24,36 @@ pub fn settle(
     matches: &[Match],
     hypothesis: &Hypothesis,
 ) -> State {
+    let part = hypothesis.part;
     let weak = weak_joints(articulated, matches, &hypothesis.state);
     let mut state = hypothesis.state.clone();
     if weak.is_empty() {
         state = fit_features(articulated, matches, state);
     } else {
-        for &joint in &weak {
-            state = scan_about(scene, articulated, cloud, hypothesis, state, joint);
-        }
+        state = scan(scene, articulated, cloud, matches, part, state, &weak, 17);
     }
     state = align(scene, articulated, cloud, matches, state);
     if weak.is_empty() {
         return state;
     }
-    let scanned = scan(scene, articulated, cloud, state, &weak, 25);
+    let scanned = scan(scene, articulated, cloud, matches, part, state, &weak, 25);
     let aligned = align(scene, articulated, cloud, matches, scanned);
     // Alignment may pull a small part into the surface behind it: look once more.
-    let again = scan(scene, articulated, cloud, aligned.clone(), &weak, 41);
-    let fit = |s: &State| verify(scene, articulated, cloud, s, false).fit();
+    let again = scan(scene, articulated, cloud, matches, part, aligned.clone(), &weak, 41);
+    let fit = |s: &State| fit(scene, articulated, cloud, matches, s);
     if fit(&again) > SCAN_ADVANTAGE * fit(&aligned) { again } else { aligned }
+}
+
+/// Agreement of surface and features; a feature weighs as much as some surface.
+fn fit(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    matches: &[Match],
+    state: &State,
+) -> f64 {
+    let features = unique_inliers(articulated, matches, state, None) as f64;
+    verify(scene, articulated, cloud, state).fit() + FEATURE_WORTH * features
 }
 
 fn weak_joints(articulated: &Articulated, matches: &[Match], state: &State) -> Vec<usize> {
@@ -56,42 +69,27 @@ fn weak_joints(articulated: &Articulated, matches: &[Match], state: &State) -> V
         .collect()
 }
 
-/// Scans a joint while the part that the hypothesis started from keeps its pose.
-fn scan_about(
-    scene: &Scene,
-    articulated: &Articulated,
-    cloud: &Cloud,
-    hypothesis: &Hypothesis,
-    state: State,
-    joint: usize,
-) -> State {
-    candidates(articulated, joint, state.q[joint], 17)
-        .map(|q| {
-            let mut moved = state.q.clone();
-            moved[joint] = q;
-            articulated.state_with(hypothesis.part, &hypothesis.camera_from_part, moved)
-        })
-        .map(|s| (verify(scene, articulated, cloud, &s, false).fit(), s))
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map_or(state, |(_, s)| s)
-}
-
-/// Scans joints while the object keeps its pose.
+/// Scans joints for the configuration that fits depth best, while the part that the
+/// hypothesis started from stays where it is.
 fn scan(
     scene: &Scene,
     articulated: &Articulated,
     cloud: &Cloud,
+    matches: &[Match],
+    part: usize,
     mut state: State,
     joints: &[usize],
     steps: usize,
 ) -> State {
     for &joint in joints {
+        let camera_from_part = articulated.poses(&state)[part];
         state = candidates(articulated, joint, state.q[joint], steps)
             .map(|q| {
-                let mut moved = state.clone();
-                moved.q[joint] = q;
-                (verify(scene, articulated, cloud, &moved, false).fit(), moved)
+                let mut moved = state.q.clone();
+                moved[joint] = q;
+                articulated.state_with(part, &camera_from_part, moved)
             })
+            .map(|s| (fit(scene, articulated, cloud, matches, &s), s))
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .map_or(state.clone(), |(_, s)| s);
     }

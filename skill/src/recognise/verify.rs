@@ -108,6 +108,17 @@ pub struct PartVerdict {
     pub agree: usize,
     /// Surfels that are seen through.
     pub through: usize,
+    /// Correlation of lightness, -1 to 1; `None` with too little surface to tell.
+    pub correlation: Option<f64>,
+}
+
+impl PartVerdict {
+    /// The part's surface was seen where the state claims it, and it looks like it.
+    pub fn is_seen(&self) -> bool {
+        self.agree >= 25
+            && self.agree > 4 * self.through
+            && self.correlation.is_some_and(|c| c > 0.4)
+    }
 }
 
 /// What the picture says of a state.
@@ -140,19 +151,25 @@ impl Verdict {
             * (1.0 - (-(inliers as f64) / 3.0).exp())
     }
 
-    /// Agreement of geometry alone, for comparing configurations.
+    /// Agreement in depth, part by part worth more where the part also looks right, for
+    /// comparing configurations.
     pub fn fit(&self) -> f64 {
-        self.agree_normal as f64 - 2.0 * self.through as f64
+        self.parts
+            .iter()
+            .map(|p| {
+                let looks = p.correlation.unwrap_or(0.0).max(0.0);
+                p.agree as f64 * (0.4 + 1.2 * looks) - 2.0 * p.through as f64
+            })
+            .sum()
     }
 }
 
-/// Compares a state with the picture; appearance only where asked.
+/// Compares a state with the picture.
 pub fn verify(
     scene: &Scene,
     articulated: &Articulated,
     cloud: &Cloud,
     state: &State,
-    appearance: bool,
 ) -> Verdict {
     let poses = articulated.poses(state);
     let mut verdict = Verdict { parts: vec![PartVerdict::default(); articulated.parts], ..Default::default() };
@@ -176,26 +193,30 @@ pub fn verify(
                 verdict.agree_normal += 1;
                 verdict.parts[p.part].agree += 1;
             }
-            if appearance && cosine > 0.7 {
+            if cosine > 0.7 {
                 let normal = cloud.surfels[p.index].normal;
                 let side = normal.iamax() * 2 + usize::from(normal[normal.iamax()] > 0.0);
-                colours.push((p.part * 6 + side, cloud.surfels[p.index].lab, scene.lab.at(u, v)));
+                colours.push((p.part * SIDES + side, cloud.surfels[p.index].lab, scene.lab.at(u, v)));
             }
         }
     }
     // What stands before the object takes nothing away from it, up to a point.
     let half = verdict.judged / 2;
     verdict.judged -= verdict.hidden.min(half);
-    if appearance {
-        verdict.correlation = correlation(&mut colours);
+    colours.sort_by_key(|c| c.0);
+    verdict.correlation = correlation(&colours).unwrap_or(0.0);
+    for group in colours.chunk_by(|a, b| a.0 / SIDES == b.0 / SIDES) {
+        verdict.parts[group[0].0 / SIDES].correlation = correlation(group);
     }
     verdict
 }
 
+/// Directions by which a part's surface is divided: light falls differently on each.
+const SIDES: usize = 6;
+
 /// Correlation of lightness after the mean of each part's side is removed: light differs
-/// between encounters, texture does not.
-fn correlation(colours: &mut [(usize, [f32; 3], [f32; 3])]) -> f64 {
-    colours.sort_by_key(|c| c.0);
+/// between encounters, texture does not. Sorted by side; `None` for too little surface.
+fn correlation(colours: &[(usize, [f32; 3], [f32; 3])]) -> Option<f64> {
     let (mut xx, mut yy, mut xy, mut count) = (0.0, 0.0, 0.0, 0);
     for group in colours.chunk_by(|a, b| a.0 == b.0) {
         if group.len() < 12 {
@@ -214,10 +235,10 @@ fn correlation(colours: &mut [(usize, [f32; 3], [f32; 3])]) -> f64 {
         }
         count += group.len();
     }
-    if count < 40 {
-        return 0.0;
+    if count < 25 {
+        return None;
     }
     let n = count as f64;
     // A square unit of lightness keeps plain surfaces from correlating by their noise.
-    (xy / n) / ((xx / n).sqrt() * (yy / n).sqrt() + 1.0)
+    Some((xy / n) / ((xx / n).sqrt() * (yy / n).sqrt() + 1.0))
 }

@@ -1,4 +1,164 @@
-//! `linkage demo`.
-use super::Outcome;
+//! `linkage demo`: the whole way once, on recordings that it simulates itself. A fridge is
+//! opened by a hand, learned, met again from another viewpoint with its door ajar,
+//! recognised; its opening is predicted and published to a subscriber that decodes it.
+
+use super::predict::publish;
+use super::recognise::recognise_frame;
+use super::simulate::film;
+use super::{Failure, Outcome, demonstrate, last_frame, remember, skill_config, write_json, write_text};
+use crate::bench::truth::Truth;
 use crate::cli::{Common, DemoArgs};
-pub fn run(_: &DemoArgs, _: &Common) -> Outcome { Ok(()) }
+use crate::report;
+use crate::simulate::Take;
+use anyhow::{Context, anyhow};
+use linkage_lcm::messages::{drake, linkage};
+use linkage_lcm::{Lcm, Message, Packet, decode};
+use linkage_planner_bridge::{Rig, channel, predict};
+use linkage_skill::geometry::{distance_to_line, line_angle};
+use linkage_skill::predict::Target;
+use linkage_skill::recognise::Recognised;
+use linkage_skill::store::Store;
+use nalgebra::{Point3, Vector3};
+use std::path::Path;
+use std::time::Duration;
+
+/// The object of the demonstration, and the rooms that it is seen in.
+const SCENE: &str = "fridge";
+const DEMONSTRATION_SEED: u64 = 1;
+const ENCOUNTER_SEED: u64 = 3;
+
+pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
+    let config = skill_config(common)?;
+    let out = &args.out;
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let (watched, met) = (out.join("demonstration"), out.join("encounter"));
+    say(common, "1/5 simulating a person opening a fridge");
+    film(SCENE, Take::Demonstration, DEMONSTRATION_SEED, &watched, common.quiet)?;
+    film(SCENE, Take::Encounter, ENCOUNTER_SEED, &met, common.quiet)?;
+
+    say(common, "2/5 learning from the demonstration");
+    let source = watched.display().to_string();
+    let demonstration = demonstrate(&source, SCENE, &config, common.quiet)?;
+    if demonstration.model.joints.is_empty() {
+        return Err(Failure::no_answer("no joint was learned"));
+    }
+    let stored = remember(None, &demonstration, &source, &config)?;
+    let store_path = out.join("objects.linkage");
+    let mut store = Store::open_or_create(&store_path)?;
+    store.put(&stored)?;
+    write_json(&out.join("model.json"), &demonstration.model)?;
+    write_text(&out.join("report.html"), &report::demonstration_page(&demonstration)?)?;
+    report::save_demonstration_pictures(&demonstration, out)?;
+
+    say(common, "3/5 recognising it from another viewpoint");
+    let frame = last_frame(&met.display().to_string())?;
+    let library = store.load()?;
+    let recognition = recognise_frame(&library, &frame, &met.display().to_string(), &config)?;
+    write_json(&out.join("recognition.json"), &recognition)?;
+    let page = report::recognition_page(&frame, &recognition, &library)?;
+    write_text(&out.join("recognition.html"), &page)?;
+    let best = recognition
+        .matches
+        .first()
+        .ok_or_else(|| Failure::no_answer("the fridge was not recognised"))?;
+
+    say(common, "4/5 predicting how it opens");
+    let rig = Rig::default();
+    let model = &demonstration.model;
+    let prediction = predict(model, best, None, Target::Open, &rig)?;
+    write_json(&out.join("prediction.json"), &prediction)?;
+    report::save_prediction_picture(&frame, best, &prediction, &out.join("prediction.png"))?;
+
+    say(common, "5/5 publishing over LCM");
+    let mut listener = Lcm::new(&rig.lcm_url)?;
+    listener.subscribe("LINKAGE_.*")?;
+    publish(&Lcm::new(&rig.lcm_url)?, &frame, &recognition, &prediction, model)?;
+    let received = Received::listen(&mut listener)?;
+
+    print!("{}", errors(&watched, &met, &demonstration.model.joints[0], best)?);
+    println!("{}", received.summary());
+    println!("look at {0}/report.html, {0}/recognition.html and {0}/prediction.png", out.display());
+    Ok(())
+}
+
+fn say(common: &Common, text: &str) {
+    if !common.quiet {
+        eprintln!("{text}");
+    }
+}
+
+/// What the subscriber decoded.
+struct Received {
+    model: linkage::Model,
+    prediction: linkage::Prediction,
+    plan: drake::LcmtRobotPlan,
+}
+
+impl Received {
+    fn listen(listener: &mut Lcm) -> anyhow::Result<Self> {
+        let mut packets: Vec<Packet> = Vec::new();
+        while let Some(packet) = listener.receive(Duration::from_secs(1))? {
+            packets.push(packet);
+            if packets.iter().any(|p| p.channel == channel::PLAN) {
+                break;
+            }
+        }
+        Ok(Self {
+            model: of_channel(&packets, channel::MODEL)?,
+            prediction: of_channel(&packets, channel::PREDICTION)?,
+            plan: of_channel(&packets, channel::PLAN)?,
+        })
+    }
+
+    fn summary(&self) -> String {
+        let knots = self.plan.plan.len();
+        let last = self.plan.plan.last();
+        format!(
+            "received over LCM: model of {} with {} joint(s), prediction with {} trajectory, plan of {knots} knots ending at {:.3} after {:.2} s",
+            self.model.object,
+            self.model.joints.len(),
+            self.prediction.trajectories.len(),
+            last.and_then(|s| s.joint_position.first()).copied().unwrap_or_default(),
+            last.map_or(0.0, |s| s.utime as f64 * 1e-6),
+        )
+    }
+}
+
+fn of_channel<M: Message>(packets: &[Packet], channel: &str) -> anyhow::Result<M> {
+    let packet = packets
+        .iter()
+        .find(|p| p.channel == channel)
+        .ok_or_else(|| anyhow!("nothing was received on {channel}"))?;
+    decode(&packet.bytes).with_context(|| channel.to_owned())
+}
+
+/// Errors against the simulator's truth.
+fn errors(
+    watched: &Path,
+    met: &Path,
+    joint: &linkage_skill::Joint,
+    found: &Recognised,
+) -> anyhow::Result<String> {
+    let (demonstrated, encountered) = (Truth::read(watched)?, Truth::read(met)?);
+    let (first, now) = (&demonstrated.joints[0], &encountered.joints[0]);
+    let true_axis = Vector3::from(first.axis);
+    let learned_deg = line_angle(&true_axis, &Vector3::from(joint.axis)).to_degrees();
+    let learned_cm = 100.0
+        * distance_to_line(&Point3::from(first.origin), &true_axis.normalize(), &Point3::from(joint.origin));
+    let state = &found.joints[0];
+    let met_axis = Vector3::from(now.axis_last);
+    let met_deg = line_angle(&met_axis, &Vector3::from(state.axis)).to_degrees();
+    let sign = met_axis.dot(&Vector3::from(state.axis)).signum();
+    let configuration = match (state.configuration, now.configuration.last()) {
+        (Some(q), Some(truth)) => format!("{:.2}°", (sign * q - truth).abs().to_degrees()),
+        _ => "not seen".to_owned(),
+    };
+    Ok(format!(
+        "learned: {} joint, axis off by {learned_deg:.2}° and {learned_cm:.2} cm, range {:.2} rad of {:.2}\n\
+         recognised: score {:.2}, axis off by {met_deg:.2}°, configuration off by {configuration}\n",
+        joint.kind.name(),
+        joint.range[1] - joint.range[0],
+        first.range_observed[1] - first.range_observed[0],
+        found.score,
+    ))
+}
