@@ -40,7 +40,10 @@ pub fn read_depth(path: &Path) -> Result<(usize, usize, Vec<u16>), ImageFileErro
     if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
         return Err(error(
             path,
-            format!("depth must be a 16-bit grey PNG, found {:?} {:?}", info.color_type, info.bit_depth),
+            format!(
+                "depth must be a 16-bit grey PNG, found {:?} {:?}",
+                info.color_type, info.bit_depth
+            ),
         ));
     }
     let raw = bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
@@ -120,10 +123,8 @@ fn write_png(
 }
 
 fn read_png_color(path: &Path) -> Result<ColorImage, ImageFileError> {
-    let (info, bytes) = decode_png(
-        path,
-        png::Transformations::EXPAND | png::Transformations::STRIP_16,
-    )?;
+    let (info, bytes) =
+        decode_png(path, png::Transformations::EXPAND | png::Transformations::STRIP_16)?;
     let rgb = match info.color_type {
         png::ColorType::Rgb => bytes,
         png::ColorType::Rgba => bytes.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect(),
@@ -145,7 +146,8 @@ fn decode_png(
     decoder.set_transformations(transformations);
     let damaged = |e: png::DecodingError| error(path, format!("damaged PNG: {e}"));
     let mut reader = decoder.read_info().map_err(damaged)?;
-    let size = reader.output_buffer_size().ok_or_else(|| error(path, "the picture is too large"))?;
+    let size =
+        reader.output_buffer_size().ok_or_else(|| error(path, "the picture is too large"))?;
     let mut bytes = vec![0; size];
     let info = reader.next_frame(&mut bytes).map_err(damaged)?;
     bytes.truncate(info.buffer_size());
@@ -154,9 +156,8 @@ fn decode_png(
 
 fn read_jpeg(path: &Path) -> Result<ColorImage, ImageFileError> {
     let bytes = std::fs::read(path).map_err(|e| error(path, e))?;
-    let options = DecoderOptions::default()
-        .jpeg_set_out_colorspace(ColorSpace::RGB)
-        .set_strict_mode(true);
+    let options =
+        DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB).set_strict_mode(true);
     let mut decoder = zune_jpeg::JpegDecoder::new_with_options(
         zune_jpeg::zune_core::bytestream::ZCursor::new(&bytes[..]),
         options,

@@ -88,7 +88,10 @@ impl RecordingIndex {
     /// As [`TumRecording::open`].
     pub fn read(dir: &Path, max_pair_gap_us: i64) -> Result<Self, SourceError> {
         if !dir.is_dir() {
-            return Err(broken(dir, "no such directory; a recording is a directory with rgb.txt, depth.txt and camera.toml"));
+            return Err(broken(
+                dir,
+                "no such directory; a recording is a directory with rgb.txt, depth.txt and camera.toml",
+            ));
         }
         let colors = read_list(dir, "rgb.txt")?;
         let depths = read_list(dir, "depth.txt")?;
@@ -126,9 +129,8 @@ impl RecordingIndex {
         };
         let color = image_file::read_color(&pair.color).map_err(damaged)?;
         let (width, height, raw) = image_file::read_depth(&pair.depth).map_err(damaged)?;
-        let depth =
-            DepthImage::from_raw(width, height, &raw, self.camera.depth_units_per_metre)
-                .map_err(misfit(&pair.depth))?;
+        let depth = DepthImage::from_raw(width, height, &raw, self.camera.depth_units_per_metre)
+            .map_err(misfit(&pair.depth))?;
         let color_fits = (color.width(), color.height()) == (self.camera.width, self.camera.height);
         let culprit = if color_fits { &pair.depth } else { &pair.color };
         RgbdFrame::new(pair.utime, Arc::clone(&self.camera), color, depth).map_err(misfit(culprit))
@@ -223,7 +225,8 @@ mod tests {
 
     #[test]
     fn colour_is_paired_with_the_nearest_depth_within_the_gap() {
-        let pairs = pair_by_time(&list(&[0, 66_000, 133_000]), &list(&[4_000, 70_000, 180_000]), 20_000);
+        let pairs =
+            pair_by_time(&list(&[0, 66_000, 133_000]), &list(&[4_000, 70_000, 180_000]), 20_000);
         let depths: Vec<_> = pairs.iter().map(|p| p.depth.to_str().unwrap()).collect();
         assert_eq!(depths, ["4000", "70000"]);
     }

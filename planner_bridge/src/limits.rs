@@ -55,8 +55,8 @@ impl Rig {
         let toml_error = |e: toml::de::Error| {
             error(e.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
         };
-        let mut table = toml::Table::try_from(Self::default())
-            .expect("every value of a rig has a TOML form");
+        let mut table =
+            toml::Table::try_from(Self::default()).expect("every value of a rig has a TOML form");
         merge(&mut table, text.parse().map_err(toml_error)?);
         let rig = Self::deserialize(table).map_err(toml_error)?;
         rig.check().map_err(error)?;

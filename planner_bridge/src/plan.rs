@@ -116,14 +116,13 @@ pub fn predict(
 
 /// Poses of the parts that any of the moving joints carries, at the longest trajectory's
 /// knots.
-fn part_paths(
-    encountered: &Encountered,
-    trajectories: &[(usize, Vec<Knot>)],
-) -> Vec<PlannedPart> {
+fn part_paths(encountered: &Encountered, trajectories: &[(usize, Vec<Knot>)]) -> Vec<PlannedPart> {
     let model = encountered.model();
-    let Some(longest) = trajectories.iter().map(|(_, k)| k).max_by(|a, b| {
-        a.last().map_or(0.0, |k| k.t).total_cmp(&b.last().map_or(0.0, |k| k.t))
-    }) else {
+    let Some(longest) = trajectories
+        .iter()
+        .map(|(_, k)| k)
+        .max_by(|a, b| a.last().map_or(0.0, |k| k.t).total_cmp(&b.last().map_or(0.0, |k| k.t)))
+    else {
         return Vec::new();
     };
     let mut moved = vec![false; model.parts.len()];

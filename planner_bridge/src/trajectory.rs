@@ -76,7 +76,11 @@ pub fn time_parameterise(
     for i in 0..steps {
         // Knots are spread evenly, so that the last comes out at the end.
         let t = duration * i as f64 / steps as f64;
-        let (mut q, mut qd, mut qdd) = (DataArrayOrVec::new(None, 0.0), DataArrayOrVec::new(None, 0.0), DataArrayOrVec::new(None, 0.0));
+        let (mut q, mut qd, mut qdd) = (
+            DataArrayOrVec::new(None, 0.0),
+            DataArrayOrVec::new(None, 0.0),
+            DataArrayOrVec::new(None, 0.0),
+        );
         trajectory.at_time(
             t,
             &mut Some(&mut q),

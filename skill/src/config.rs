@@ -140,12 +140,10 @@ fn with_nearest_key(message: &str) -> String {
     let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
     let mut names = line.split('`').skip(1).step_by(2);
     match (line.starts_with("unknown field"), names.next()) {
-        (true, Some(unknown)) => {
-            match names.min_by_key(|known| edit_distance(unknown, known)) {
-                Some(nearest) => format!("unknown key \"{unknown}\"; did you mean \"{nearest}\"?"),
-                None => line,
-            }
-        }
+        (true, Some(unknown)) => match names.min_by_key(|known| edit_distance(unknown, known)) {
+            Some(nearest) => format!("unknown key \"{unknown}\"; did you mean \"{nearest}\"?"),
+            None => line,
+        },
         _ => line,
     }
 }

@@ -14,7 +14,9 @@ use nalgebra::Vector3;
 #[derive(Debug, thiserror::Error)]
 pub enum CombineError {
     /// The object is not found in the new demonstration.
-    #[error("the {object} of the earlier demonstrations is not recognised in this one; give it a name of its own")]
+    #[error(
+        "the {object} of the earlier demonstrations is not recognised in this one; give it a name of its own"
+    )]
     NotRecognised {
         /// The object.
         object: String,
@@ -111,7 +113,8 @@ fn add_joint(
     part.id = id;
     part.name = format!("part{id}");
     model.parts.push(part);
-    stored.appearance = with_part(&stored.appearance, &appearance, joint.child, id, object_from_newer);
+    stored.appearance =
+        with_part(&stored.appearance, &appearance, joint.child, id, object_from_newer);
     Ok(())
 }
 

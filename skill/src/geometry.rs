@@ -77,9 +77,8 @@ pub fn rigid_fit(a: &[Point3<f64>], b: &[Point3<f64>], weights: &[f64]) -> Optio
     for ((pa, pb), w) in a.iter().zip(b).zip(weights) {
         cross += *w * (pb.coords - mean_b) * (pa.coords - mean_a).transpose();
     }
-    rotation_nearest(&cross).map(|rotation| {
-        Pose::from_parts(Translation3::from(mean_b - rotation * mean_a), rotation)
-    })
+    rotation_nearest(&cross)
+        .map(|rotation| Pose::from_parts(Translation3::from(mean_b - rotation * mean_a), rotation))
 }
 
 /// The rotation nearest to a matrix (Frobenius norm).
@@ -89,9 +88,10 @@ pub fn rotation_nearest(matrix: &Matrix3<f64>) -> Option<UnitQuaternion<f64>> {
     let mut fix = Matrix3::identity();
     fix[(2, 2)] = (u * v_t).determinant().signum();
     let rotation = u * fix * v_t;
-    rotation.iter().all(|x| x.is_finite()).then(|| {
-        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation))
-    })
+    rotation
+        .iter()
+        .all(|x| x.is_finite())
+        .then(|| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation)))
 }
 
 /// A pair of corresponding points with the standard deviation (metres) expected of their
@@ -210,9 +210,8 @@ fn draw_triple(
     let mut filled = 1;
     for _ in 0..60 {
         let next = draw();
-        let near = options
-            .locality
-            .is_none_or(|r| (pairs[next].from - pairs[first].from).norm() <= r);
+        let near =
+            options.locality.is_none_or(|r| (pairs[next].from - pairs[first].from).norm() <= r);
         if near && !triple[..filled].contains(&next) {
             triple[filled] = next;
             filled += 1;
@@ -278,9 +277,8 @@ mod tests {
     use rand::SeedableRng;
 
     fn any_pose() -> impl Strategy<Value = Pose> {
-        (prop::array::uniform3(-2.0..2.0_f64), prop::array::uniform3(-1.5..1.5_f64)).prop_map(
-            |(t, r)| Pose::new(Vector3::from(t), Vector3::from(r)),
-        )
+        (prop::array::uniform3(-2.0..2.0_f64), prop::array::uniform3(-1.5..1.5_f64))
+            .prop_map(|(t, r)| Pose::new(Vector3::from(t), Vector3::from(r)))
     }
 
     fn cloud() -> Vec<Point3<f64>> {

@@ -58,7 +58,11 @@ mod tests {
     #[test]
     fn a_long_recording_keeps_a_bounded_even_choice() {
         let camera = Arc::new(PinholeCamera {
-            width: 2, height: 2, cx: 0.5, cy: 0.5, ..PinholeCamera::kinect()
+            width: 2,
+            height: 2,
+            cx: 0.5,
+            cy: 0.5,
+            ..PinholeCamera::kinect()
         });
         let mut keyframes = Keyframes::new(8);
         for i in 0..1000 {

@@ -40,7 +40,9 @@ pub enum LearnError {
         now: i64,
     },
     /// No depth at all.
-    #[error("no frame has depth at any feature: is the depth camera covered or depth_units_per_metre wrong?")]
+    #[error(
+        "no frame has depth at any feature: is the depth camera covered or depth_units_per_metre wrong?"
+    )]
     NoDepth,
     /// The vision library failed.
     #[error("vision: {0}")]

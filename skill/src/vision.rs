@@ -58,12 +58,7 @@ impl Gray {
 
 /// A mask of zeros.
 pub fn empty_mask(width: usize, height: usize, value: f64) -> opencv::Result<Mat> {
-    Mat::new_rows_cols_with_default(
-        height as i32,
-        width as i32,
-        CV_8U,
-        core::Scalar::all(value),
-    )
+    Mat::new_rows_cols_with_default(height as i32, width as i32, CV_8U, core::Scalar::all(value))
 }
 
 /// 5x5 median of each flow component (Wang et al. 2011, as the paper cites it).
@@ -81,7 +76,6 @@ pub fn median_blur_flow(flow: &Mat) -> opencv::Result<Mat> {
     debug_assert_eq!(merged.typ(), Vec2f::opencv_type());
     Ok(merged)
 }
-
 
 /// A picture in CIE L*a*b*, slightly blurred, L* from 0 to 100.
 pub struct LabPicture {

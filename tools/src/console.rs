@@ -32,7 +32,9 @@ impl Progress {
             ProgressDrawTarget::hidden()
         };
         bar.set_draw_target(target);
-        if let Ok(style) = ProgressStyle::with_template("{prefix:>24} {bar:32} {pos}/{len} {per_sec} {msg}") {
+        if let Ok(style) =
+            ProgressStyle::with_template("{prefix:>24} {bar:32} {pos}/{len} {per_sec} {msg}")
+        {
             bar.set_style(style);
         }
         bar.set_prefix(label.to_owned());

@@ -59,13 +59,7 @@ impl NormalMap {
                 }
             }
         }
-        Self {
-            width,
-            height,
-            focal: [camera.fx, camera.fy],
-            centre: [camera.cx, camera.cy],
-            sums,
-        }
+        Self { width, height, focal: [camera.fx, camera.fy], centre: [camera.cx, camera.cy], sums }
     }
 
     /// The surface round column `u`, row `v`; `None` at borders, holes, edges and corners.
@@ -130,7 +124,8 @@ mod tests {
     fn plane(camera: &PinholeCamera, normal: Vector3<f64>, through: Point3<f64>) -> DepthImage {
         let metres = (0..camera.width * camera.height)
             .map(|i| {
-                let ray = camera.back_project((i % camera.width) as f64, (i / camera.width) as f64, 1.0);
+                let ray =
+                    camera.back_project((i % camera.width) as f64, (i / camera.width) as f64, 1.0);
                 (normal.dot(&through.coords) / normal.dot(&ray.coords)) as f32
             })
             .collect();
@@ -154,7 +149,8 @@ mod tests {
 
     #[test]
     fn there_is_no_normal_across_a_step() {
-        let camera = PinholeCamera { width: 64, height: 48, cx: 31.5, cy: 23.5, ..PinholeCamera::kinect() };
+        let camera =
+            PinholeCamera { width: 64, height: 48, cx: 31.5, cy: 23.5, ..PinholeCamera::kinect() };
         let metres = (0..64 * 48).map(|i| if i % 64 < 32 { 1.0 } else { 1.5 }).collect();
         let depth = DepthImage::from_metres(64, 48, metres).unwrap();
         assert_eq!(NormalMap::new(&depth, &camera).at(32, 24), None);

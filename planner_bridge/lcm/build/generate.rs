@@ -14,7 +14,10 @@ pub fn rust(structs: &[Struct]) -> String {
     let mut out = String::new();
     for package in packages {
         let _ = writeln!(out, "/// Messages of package `{package}`.\npub mod {package} {{");
-        let _ = writeln!(out, "    use crate::codec::{{Decoder, DecodeError, EncodeError, Encoder, Fingerprint, Message}};");
+        let _ = writeln!(
+            out,
+            "    use crate::codec::{{Decoder, DecodeError, EncodeError, Encoder, Fingerprint, Message}};"
+        );
         for s in structs.iter().filter(|s| s.package == package) {
             out.push_str(&message(s));
         }
@@ -27,9 +30,16 @@ fn message(s: &Struct) -> String {
     let mut out = String::new();
     let name = type_name(&s.name);
     let _ = writeln!(out, "    /// `{}.{}`: {}", s.package, s.name, s.comment);
-    let _ = writeln!(out, "    #[derive(Debug, Clone, PartialEq, Default)]\n    pub struct {name} {{");
+    let _ =
+        writeln!(out, "    #[derive(Debug, Clone, PartialEq, Default)]\n    pub struct {name} {{");
     for m in s.members.iter().filter(|m| !is_length(s, &m.name)) {
-        let _ = writeln!(out, "        /// `{}`.\n        pub {}: {},", m.name, ident(&m.name), rust_type(m));
+        let _ = writeln!(
+            out,
+            "        /// `{}`.\n        pub {}: {},",
+            m.name,
+            ident(&m.name),
+            rust_type(m)
+        );
     }
     out.push_str("    }\n");
     if s.members.iter().any(|m| matches!(m.dimensions.first(), Some(Dimension::Fixed(n)) if n.parse::<usize>().is_ok_and(|n| n > 32))) {
@@ -48,7 +58,14 @@ fn message(s: &Struct) -> String {
     if !s.constants.is_empty() {
         let _ = writeln!(out, "    impl {name} {{");
         for c in &s.constants {
-            let _ = writeln!(out, "        /// `{}`.\n        pub const {}: {} = {};", c.name, c.name, primitive(&c.kind).expect("constants are primitive"), c.value);
+            let _ = writeln!(
+                out,
+                "        /// `{}`.\n        pub const {}: {} = {};",
+                c.name,
+                c.name,
+                primitive(&c.kind).expect("constants are primitive"),
+                c.value
+            );
         }
         out.push_str("    }\n");
     }
@@ -63,10 +80,17 @@ fn message(s: &Struct) -> String {
 
 /// The base hash of LCM, over names, primitive types and dimensions; children by content.
 fn fingerprint(s: &Struct) -> String {
-    let mut out = String::from("        fn base_fingerprint() -> Fingerprint {\n            Fingerprint::new()\n");
+    let mut out = String::from(
+        "        fn base_fingerprint() -> Fingerprint {\n            Fingerprint::new()\n",
+    );
     for m in &s.members {
         let primitive = primitive(&m.kind).map(|_| m.kind.as_str());
-        let _ = writeln!(out, "                .member({:?}, {primitive:?}, &{:?})", m.name, dimensions(m));
+        let _ = writeln!(
+            out,
+            "                .member({:?}, {primitive:?}, &{:?})",
+            m.name,
+            dimensions(m)
+        );
     }
     out.push_str("        }\n");
     let children: Vec<String> =
@@ -90,22 +114,32 @@ fn dimensions(m: &Member) -> Vec<(u8, &str)> {
 }
 
 fn encode(s: &Struct) -> String {
-    let mut out = String::from("        fn encode_body(&self, out: &mut Encoder) -> Result<(), EncodeError> {\n");
+    let mut out = String::from(
+        "        fn encode_body(&self, out: &mut Encoder) -> Result<(), EncodeError> {\n",
+    );
     for m in &s.members {
         let name = &ident(&m.name);
         if is_length(s, name) {
             let arrays: Vec<&str> = s
                 .members
                 .iter()
-                .filter(|a| matches!(a.dimensions.first(), Some(Dimension::Variable(n)) if n == name))
+                .filter(
+                    |a| matches!(a.dimensions.first(), Some(Dimension::Variable(n)) if n == name),
+                )
                 .map(|a| a.name.as_str())
                 .collect();
             let first = arrays[0];
             for other in &arrays[1..] {
-                let _ = writeln!(out, "            out.same_length(\"{first}\", self.{first}.len(), \"{other}\", self.{other}.len())?;");
+                let _ = writeln!(
+                    out,
+                    "            out.same_length(\"{first}\", self.{first}.len(), \"{other}\", self.{other}.len())?;"
+                );
             }
             let kind = primitive(&m.kind).expect("a length is an integer");
-            let _ = writeln!(out, "            out.put(&{kind}::try_from(self.{first}.len()).map_err(|_| out.too_long(\"{first}\", self.{first}.len()))?)?;");
+            let _ = writeln!(
+                out,
+                "            out.put(&{kind}::try_from(self.{first}.len()).map_err(|_| out.too_long(\"{first}\", self.{first}.len()))?)?;"
+            );
         } else if m.dimensions.is_empty() {
             let _ = writeln!(out, "            out.put(&self.{name})?;");
         } else {
@@ -117,7 +151,9 @@ fn encode(s: &Struct) -> String {
 }
 
 fn decode(s: &Struct) -> String {
-    let mut out = String::from("        fn decode_body(input: &mut Decoder) -> Result<Self, DecodeError> {\n");
+    let mut out = String::from(
+        "        fn decode_body(input: &mut Decoder) -> Result<Self, DecodeError> {\n",
+    );
     for m in &s.members {
         let name = &ident(&m.name);
         if is_length(s, name) {
@@ -125,9 +161,15 @@ fn decode(s: &Struct) -> String {
             let _ = writeln!(out, "            let {name} = input.length::<{kind}>(\"{name}\")?;");
         } else {
             match m.dimensions.first() {
-                None => { let _ = writeln!(out, "            let {name} = input.take()?;"); }
-                Some(Dimension::Fixed(_)) => { let _ = writeln!(out, "            let {name} = input.take_array()?;"); }
-                Some(Dimension::Variable(n)) => { let _ = writeln!(out, "            let {name} = input.take_many({n})?;"); }
+                None => {
+                    let _ = writeln!(out, "            let {name} = input.take()?;");
+                }
+                Some(Dimension::Fixed(_)) => {
+                    let _ = writeln!(out, "            let {name} = input.take_array()?;");
+                }
+                Some(Dimension::Variable(n)) => {
+                    let _ = writeln!(out, "            let {name} = input.take_many({n})?;");
+                }
             }
         }
     }
@@ -138,7 +180,10 @@ fn decode(s: &Struct) -> String {
 }
 
 fn is_length(s: &Struct, name: &str) -> bool {
-    s.members.iter().flat_map(|m| &m.dimensions).any(|d| matches!(d, Dimension::Variable(n) if n == name))
+    s.members
+        .iter()
+        .flat_map(|m| &m.dimensions)
+        .any(|d| matches!(d, Dimension::Variable(n) if n == name))
 }
 
 fn rust_type(m: &Member) -> String {

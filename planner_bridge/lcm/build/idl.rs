@@ -53,13 +53,12 @@ pub fn read_folder(folder: &str) -> Vec<Struct> {
 }
 
 fn parse(text: &str) -> Struct {
-    let comment = text
+    let comment = text.lines().filter_map(|l| l.strip_prefix("// ")).collect::<Vec<_>>().join(" ");
+    let code: String = text
         .lines()
-        .filter_map(|l| l.strip_prefix("// "))
+        .map(|l| l.split("//").next().unwrap_or_default())
         .collect::<Vec<_>>()
         .join(" ");
-    let code: String =
-        text.lines().map(|l| l.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join(" ");
     let (head, body) = code.split_once('{').expect("a struct has a body");
     let (package, name) = head
         .split_once(';')

@@ -381,11 +381,8 @@ mod tests {
 
     #[test]
     fn arrays_that_share_a_length_must_have_it() {
-        let state = LcmtRobotState {
-            utime: 0,
-            joint_name: vec!["a".into()],
-            joint_position: vec![],
-        };
+        let state =
+            LcmtRobotState { utime: 0, joint_name: vec!["a".into()], joint_position: vec![] };
         assert!(matches!(encode(&state), Err(EncodeError::Lengths { .. })));
     }
 

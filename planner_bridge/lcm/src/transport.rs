@@ -10,7 +10,9 @@ use std::time::Duration;
 #[derive(Debug, thiserror::Error)]
 pub enum LcmError {
     /// The network cannot be joined.
-    #[error("{url}: LCM cannot join; check the URL, and that multicast has a route: \"ip route add 224.0.0.0/4 dev lo\" for this host only")]
+    #[error(
+        "{url}: LCM cannot join; check the URL, and that multicast has a route: \"ip route add 224.0.0.0/4 dev lo\" for this host only"
+    )]
     Join {
         /// As asked.
         url: String,
@@ -41,7 +43,9 @@ pub enum LcmError {
         source: crate::codec::EncodeError,
     },
     /// Nothing that was sent came back.
-    #[error("{url}: what is sent does not come back within {waited:?}; multicast does not work on this host: try \"ip link set lo multicast on\" and \"ip route add 224.0.0.0/4 dev lo\"")]
+    #[error(
+        "{url}: what is sent does not come back within {waited:?}; multicast does not work on this host: try \"ip link set lo multicast on\" and \"ip route add 224.0.0.0/4 dev lo\""
+    )]
     NoLoopback {
         /// The network.
         url: String,

@@ -27,7 +27,9 @@ fn c_round_trip(dir: &Path, c_type: &str) -> std::path::PathBuf {
     let mut sources: Vec<_> = std::fs::read_dir(dir)
         .unwrap()
         .map(|e| e.unwrap().path())
-        .filter(|p| p.extension().is_some_and(|e| e == "c") && !p.to_string_lossy().ends_with("_main.c"))
+        .filter(|p| {
+            p.extension().is_some_and(|e| e == "c") && !p.to_string_lossy().ends_with("_main.c")
+        })
         .collect();
     sources.push(source);
     let status = Command::new("cc")
@@ -63,11 +65,8 @@ fn generated() -> tempfile::TempDir {
 fn check<M: Message + PartialEq + std::fmt::Debug>(dir: &Path, message: &M) {
     let program = c_round_trip(dir, &M::NAME.replace('.', "_"));
     let ours = encode(message).unwrap();
-    let mut child = Command::new(program)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child =
+        Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     child.stdin.take().unwrap().write_all(&ours).unwrap();
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{}: C refused our bytes", M::NAME);
@@ -97,52 +96,75 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
         camera_from_object: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         joints: vec![joint.clone()],
     };
-    check(dir.path(), &linkage::Model {
-        utime: 1,
-        schema: 1,
-        object: "fridge".into(),
-        demonstrations: 2,
-        part_names: vec!["base".into(), "part1".into()],
-        joints: vec![joint],
-    });
-    check(dir.path(), &linkage::Recognition { utime: 2, schema: 1, matches: vec![recognised.clone()] });
-    check(dir.path(), &linkage::Prediction {
-        utime: 3,
-        schema: 1,
-        recognition: recognised,
-        trajectories: vec![linkage::JointTrajectory {
+    check(
+        dir.path(),
+        &linkage::Model {
+            utime: 1,
+            schema: 1,
+            object: "fridge".into(),
+            demonstrations: 2,
+            part_names: vec!["base".into(), "part1".into()],
+            joints: vec![joint],
+        },
+    );
+    check(
+        dir.path(),
+        &linkage::Recognition { utime: 2, schema: 1, matches: vec![recognised.clone()] },
+    );
+    check(
+        dir.path(),
+        &linkage::Prediction {
+            utime: 3,
+            schema: 1,
+            recognition: recognised,
+            trajectories: vec![linkage::JointTrajectory {
+                joint: "joint1".into(),
+                kind: "revolute".into(),
+                time_from_start_us: vec![0, 10],
+                position: vec![0.1, 0.2],
+                velocity: vec![0.0, 0.0],
+                acceleration: vec![0.5, -0.5],
+            }],
+            paths: vec![linkage::PartPath {
+                part: "part1".into(),
+                time_from_start_us: vec![0],
+                poses: vec![linkage::Pose {
+                    position: [1.0, 2.0, 3.0],
+                    quaternion: [0.0, 0.0, 0.0, 1.0],
+                }],
+            }],
+        },
+    );
+    check(
+        dir.path(),
+        &linkage::Status {
+            utime: 4,
+            schema: 1,
+            state: "idle".into(),
+            frame_rate: 29.9,
+            frames: 100,
+            dropped_frames: 1,
+            tracks: 900,
+            last_error: String::new(),
+        },
+    );
+    check(
+        dir.path(),
+        &linkage::Command {
+            utime: 5,
+            schema: 1,
+            action: linkage::Command::PREDICT,
+            object: String::new(),
             joint: "joint1".into(),
-            kind: "revolute".into(),
-            time_from_start_us: vec![0, 10],
-            position: vec![0.1, 0.2],
-            velocity: vec![0.0, 0.0],
-            acceleration: vec![0.5, -0.5],
-        }],
-        paths: vec![linkage::PartPath {
-            part: "part1".into(),
-            time_from_start_us: vec![0],
-            poses: vec![linkage::Pose { position: [1.0, 2.0, 3.0], quaternion: [0.0, 0.0, 0.0, 1.0] }],
-        }],
-    });
-    check(dir.path(), &linkage::Status {
-        utime: 4,
-        schema: 1,
-        state: "idle".into(),
-        frame_rate: 29.9,
-        frames: 100,
-        dropped_frames: 1,
-        tracks: 900,
-        last_error: String::new(),
-    });
-    check(dir.path(), &linkage::Command {
-        utime: 5,
-        schema: 1,
-        action: linkage::Command::PREDICT,
-        object: String::new(),
-        joint: "joint1".into(),
-        target: "open".into(),
-    });
-    let pose = articulation::PoseMsg { utime: 6, id: 1, pos: [1.0, 2.0, 3.0], orientation: [1.0, 0.0, 0.0, 0.0] };
+            target: "open".into(),
+        },
+    );
+    let pose = articulation::PoseMsg {
+        utime: 6,
+        id: 1,
+        pos: [1.0, 2.0, 3.0],
+        orientation: [1.0, 0.0, 0.0, 0.0],
+    };
     let track = articulation::TrackMsg {
         id: 1,
         pose: vec![pose.clone()],
@@ -150,38 +172,59 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
         channels: vec![articulation::Channelfloat32Msg { name: "q0".into(), values: vec![0.5] }],
         ..Default::default()
     };
-    let parameter = articulation::ModelParamMsg { name: "rot_axis.x".into(), value: 0.25, r#type: 1 };
-    check(dir.path(), &articulation::ArticulatedObjectMsg {
-        parts: vec![track.clone()],
-        params: vec![parameter.clone()],
-        models: vec![articulation::ModelMsg { id: 1, name: "rotational".into(), params: vec![parameter], track }],
-        markers: vec![pose],
-    });
-    check(dir.path(), &kinect::FrameMsg {
-        timestamp: 8,
-        image: kinect::ImageMsg { timestamp: 8, width: 2, height: 1, image_data: vec![1; 6], image_data_format: 0 },
-        depth: kinect::DepthMsg {
-            timestamp: 8,
-            width: 2,
-            height: 1,
-            depth_data: vec![9, 8, 7, 6],
-            depth_data_format: kinect::DepthMsg::DEPTH_MM,
-            compression: 0,
-            uncompressed_size: 4,
+    let parameter =
+        articulation::ModelParamMsg { name: "rot_axis.x".into(), value: 0.25, r#type: 1 };
+    check(
+        dir.path(),
+        &articulation::ArticulatedObjectMsg {
+            parts: vec![track.clone()],
+            params: vec![parameter.clone()],
+            models: vec![articulation::ModelMsg {
+                id: 1,
+                name: "rotational".into(),
+                params: vec![parameter],
+                track,
+            }],
+            markers: vec![pose],
         },
-        raw_accel: [1, -2, 3],
-        raw_tilt: -4,
-        accel: [0.0, 9.8, 0.1],
-        tilt_radians: 0.2,
-        led_status: 1,
-        tilt_status: 0,
-    });
-    check(dir.path(), &drake::LcmtRobotPlan {
-        utime: 9,
-        plan: vec![drake::LcmtRobotState {
-            utime: 0,
-            joint_name: vec!["fridge/joint1".into()],
-            joint_position: vec![0.25],
-        }],
-    });
+    );
+    check(
+        dir.path(),
+        &kinect::FrameMsg {
+            timestamp: 8,
+            image: kinect::ImageMsg {
+                timestamp: 8,
+                width: 2,
+                height: 1,
+                image_data: vec![1; 6],
+                image_data_format: 0,
+            },
+            depth: kinect::DepthMsg {
+                timestamp: 8,
+                width: 2,
+                height: 1,
+                depth_data: vec![9, 8, 7, 6],
+                depth_data_format: kinect::DepthMsg::DEPTH_MM,
+                compression: 0,
+                uncompressed_size: 4,
+            },
+            raw_accel: [1, -2, 3],
+            raw_tilt: -4,
+            accel: [0.0, 9.8, 0.1],
+            tilt_radians: 0.2,
+            led_status: 1,
+            tilt_status: 0,
+        },
+    );
+    check(
+        dir.path(),
+        &drake::LcmtRobotPlan {
+            utime: 9,
+            plan: vec![drake::LcmtRobotState {
+                utime: 0,
+                joint_name: vec!["fridge/joint1".into()],
+                joint_position: vec![0.25],
+            }],
+        },
+    );
 }

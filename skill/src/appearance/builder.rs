@@ -16,6 +16,8 @@ use std::collections::{HashMap, HashSet};
 /// Side of a voxel in which surface is averaged, metres, for an object one metre away;
 /// farther ones are seen in fewer, noisier pixels.
 const VOXEL_M: f64 = 0.006;
+/// Keyframes whose depth is asked which part a pixel belongs to.
+const WITNESSES: usize = 32;
 /// Side of a cell of the coarse occupancy that stands for "near", metres.
 const COARSE_M: f64 = 0.04;
 /// How far beyond its tracked features a part may extend, metres.
@@ -66,9 +68,10 @@ pub fn build(
     if demonstration.model.joints.is_empty() {
         return Ok(Appearance::default());
     }
-    let posed = posed_frames(demonstration, config.keyframes);
+    let posed = posed_frames(demonstration, WITNESSES);
     let parts = demonstration.model.parts.len();
-    let tracked: Vec<Vec<Point3<f64>>> = (0..parts).map(|p| tracked_points(demonstration, p)).collect();
+    let tracked: Vec<Vec<Point3<f64>>> =
+        (0..parts).map(|p| tracked_points(demonstration, p)).collect();
     let reach: Vec<Occupancy> = tracked
         .iter()
         .map(|points| Occupancy::new(points.iter().copied()).grown(PART_REACH_M))
@@ -82,7 +85,7 @@ pub fn build(
     };
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut builder = Builder { region, voxel_m, features: Vec::new(), voxels: HashMap::new() };
-    for index in 0..posed.len() {
+    for index in (0..posed.len()).step_by(posed.len().div_ceil(config.keyframes).max(1)) {
         let grid = label(&posed, index, &near_part);
         builder.take(index, &posed[index], &grid)?;
     }
@@ -221,6 +224,11 @@ fn on_plane(plane: &Plane, (p, n, z): &(Point3<f64>, Vector3<f64>, f64)) -> bool
     plane.holds(p, *z) && n.dot(&plane.normal) > 0.93
 }
 
+/// Part, cell and main direction of the normal: two sides of a board stay apart.
+type VoxelKey = (u16, [i32; 3], u8);
+/// Part and cell.
+type PlaceKey = (u16, [i32; 3]);
+
 /// Surface gathered in one voxel.
 #[derive(Default)]
 struct Voxel {
@@ -235,17 +243,20 @@ struct Builder {
     region: Region,
     voxel_m: f64,
     features: Vec<(ModelFeature, usize)>,
-    /// By part, cell and main direction of the normal: two sides of a board stay apart.
-    voxels: HashMap<(u16, [i32; 3], u8), Voxel>,
+    voxels: HashMap<VoxelKey, Voxel>,
 }
 
 impl Builder {
-    fn take(&mut self, keyframe: usize, posed: &PosedFrame, grid: &LabelGrid) -> opencv::Result<()> {
+    fn take(
+        &mut self,
+        keyframe: usize,
+        posed: &PosedFrame,
+        grid: &LabelGrid,
+    ) -> opencv::Result<()> {
         let frame = posed.frame;
         let normals = NormalMap::new(&frame.depth, &frame.camera);
-        let described = describe_frame(frame, &normals, FeatureSpread::Model, |u, v| {
-            grid.at(u, v).is_some()
-        })?;
+        let described =
+            describe_frame(frame, &normals, FeatureSpread::Model, |u, v| grid.at(u, v).is_some())?;
         for feature in described {
             let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
             let (Some(part), Some(point)) = (grid.at(u, v), feature.point) else { continue };
@@ -315,10 +326,12 @@ impl Builder {
     }
 }
 
-fn surfels(voxels: HashMap<(u16, [i32; 3], u8), Voxel>, per_part: usize) -> Vec<Surfel> {
-    let mut solid: Vec<((u16, [i32; 3], u8), Voxel)> = voxels
+fn surfels(voxels: HashMap<VoxelKey, Voxel>, per_part: usize) -> Vec<Surfel> {
+    let mut solid: Vec<(VoxelKey, Voxel)> = voxels
         .into_iter()
-        .filter(|(_, v)| v.keyframes.len() >= 2 && v.count >= 3.0 && v.normal.norm() > 0.8 * v.count)
+        .filter(|(_, v)| {
+            v.keyframes.len() >= 2 && v.count >= 3.0 && v.normal.norm() > 0.8 * v.count
+        })
         .collect();
     solid.sort_by_key(|(key, _)| *key);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
@@ -344,18 +357,20 @@ fn surfels(voxels: HashMap<(u16, [i32; 3], u8), Voxel>, per_part: usize) -> Vec<
 /// Views of one point (same part and kind, near, similar size and description) become one
 /// feature; those seen most often are kept first.
 fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<ModelFeature> {
-    let mut cells: HashMap<(u16, [i32; 3]), Vec<usize>> = HashMap::new();
+    let mut cells: HashMap<PlaceKey, Vec<usize>> = HashMap::new();
     for (i, (f, _)) in features.iter().enumerate() {
         let p = Point3::from(Vector3::from(f.point).map(f64::from));
         cells.entry((f.part, cell(&p, 2.0 * MERGE_M))).or_default().push(i);
     }
-    let mut groups: Vec<((u16, [i32; 3]), Vec<usize>)> = cells.into_iter().collect();
+    let mut groups: Vec<(PlaceKey, Vec<usize>)> = cells.into_iter().collect();
     groups.sort_by_key(|(key, _)| *key);
     let mut kept: Vec<(usize, usize)> = Vec::new();
     for (_, mut members) in groups {
         while let Some((best, support)) = members
             .iter()
-            .map(|&i| (i, members.iter().filter(|&&j| alike(&features[i].0, &features[j].0)).count()))
+            .map(|&i| {
+                (i, members.iter().filter(|&&j| alike(&features[i].0, &features[j].0)).count())
+            })
             .max_by_key(|&(i, support)| (support, std::cmp::Reverse(i)))
         {
             kept.push((best, support));
@@ -381,7 +396,8 @@ fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<ModelFea
 fn alike(a: &ModelFeature, b: &ModelFeature) -> bool {
     let apart = Vector3::from(a.point) - Vector3::from(b.point);
     let size = (a.size_m / b.size_m).ln().abs();
-    let dot: i32 = a.descriptor.iter().zip(&b.descriptor).map(|(x, y)| i32::from(*x) * i32::from(*y)).sum();
+    let dot: i32 =
+        a.descriptor.iter().zip(&b.descriptor).map(|(x, y)| i32::from(*x) * i32::from(*y)).sum();
     // Unit vectors quantised to 255 at a half: |a - b|² = 2 - 2 a·b.
     let distance_sq = 2.0 - 2.0 * f64::from(dot) / (QUANTUM * QUANTUM);
     a.kind == b.kind && f64::from(apart.norm()) < MERGE_M && size < 0.3 && distance_sq < 0.2
@@ -398,4 +414,3 @@ fn quantise(descriptor: &[f32]) -> Vec<u8> {
 pub fn dequantise(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
     bytes.iter().map(|b| f32::from(*b) / QUANTUM as f32)
 }
-

@@ -194,7 +194,9 @@ fn rectified(
     let patches: Vec<Patch> = keypoints
         .iter()
         // One place and size may carry several orientations: once is enough here.
-        .filter(|k| seen.insert(((k.pt().x * 4.0) as i32, (k.pt().y * 4.0) as i32, (k.size() * 4.0) as i32)))
+        .filter(|k| {
+            seen.insert(((k.pt().x * 4.0) as i32, (k.pt().y * 4.0) as i32, (k.size() * 4.0) as i32))
+        })
         .filter_map(|k| patch_of(frame, normals, k))
         .collect();
     if patches.is_empty() {
@@ -334,10 +336,8 @@ fn fill_map(map: &mut [Vec2f], index: usize, patch: &Patch, scale: f64) {
             let gy = radius * (y as f64 - half + 0.5) / half;
             let u = f64::from(patch.pixel[0]) + gx * a[0] + gy * b[0];
             let v = f64::from(patch.pixel[1]) + gx * a[1] + gy * b[1];
-            map[(top + y) * MOSAIC * PATCH + left + x] = Vec2f::from([
-                ((u + 0.5) * scale - 0.5) as f32,
-                ((v + 0.5) * scale - 0.5) as f32,
-            ]);
+            map[(top + y) * MOSAIC * PATCH + left + x] =
+                Vec2f::from([((u + 0.5) * scale - 0.5) as f32, ((v + 0.5) * scale - 0.5) as f32]);
         }
     }
 }

@@ -22,6 +22,9 @@ pub const STEP: usize = 4;
 /// Two claims are told apart only where they differ by this much, metres.
 const MIN_DIFFERENCE_M: f64 = 0.03;
 
+/// Share of telling frames that may contradict a claim.
+const MAX_CONTRADICTION: f64 = 0.12;
+
 /// Part of each place on a grid of [`STEP`] pixels.
 pub struct LabelGrid {
     columns: usize,
@@ -70,18 +73,20 @@ fn label_point(
             (part == 0 || near_part(part, &at_rest)).then_some((part, at_rest))
         })
         .collect();
-    let mut best: Option<(f64, usize)> = None;
-    for &(part, at_rest) in &claims {
-        let support = support(frames, index, part, &at_rest, &claims);
-        if best.is_none_or(|(s, _)| support > s) {
-            best = Some((support, part));
-        }
-    }
-    best.filter(|(support, _)| *support > 0.25).map(|(_, part)| part as u16)
+    let mut supported: Vec<(f64, usize)> = claims
+        .iter()
+        .map(|&(part, at_rest)| (support(frames, index, part, &at_rest, &claims), part))
+        .collect();
+    supported.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (best, part) = *supported.first()?;
+    // Two claims that hold equally well tell nothing.
+    let rival = supported.get(1).map_or(0.0, |s| s.0);
+    (best > 0.5 && best > rival + 0.2).then_some(part as u16)
 }
 
-/// Share of the telling frames that agree, less twice the share that contradict. Frames are
-/// telling where the claims differ; with one claim alone all are.
+/// Share of the telling frames that agree; none where too many contradict: a surface is hardly
+/// ever seen through, but a hand that holds it is, before it comes and after it has left.
+/// Frames are telling where the claims differ; with one claim alone all are.
 fn support(
     frames: &[PosedFrame],
     index: usize,
@@ -116,8 +121,8 @@ fn support(
             told += 1.0;
         }
     }
-    if told < 2.0 {
+    if told < 2.0 || against > MAX_CONTRADICTION * told {
         return 0.0;
     }
-    (agree - 2.0 * against) / told
+    agree / told
 }

@@ -8,7 +8,9 @@ mod describe;
 mod labels;
 
 pub use builder::{build, dequantise};
-pub use describe::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, describe_frame};
+pub use describe::{
+    DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, describe_frame,
+};
 
 use serde::{Deserialize, Serialize};
 

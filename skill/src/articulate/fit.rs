@@ -10,9 +10,7 @@
 use super::circle::{fit_circle, principal};
 use super::{ArticulateConfig, JointGeometry, JointKind, PoseSample};
 use crate::geometry::{median, orthonormal_basis, rotation_nearest};
-use nalgebra::{
-    DMatrix, DVector, Matrix3, Point3, UnitQuaternion, UnitVector3, Vector3, Vector6,
-};
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitQuaternion, UnitVector3, Vector3, Vector6};
 
 /// A log that no joint can be fitted to.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -100,14 +98,17 @@ pub fn fit_models(
     if samples.len() < MIN_SAMPLES {
         return Err(FitError::TooFewSamples { found: samples.len(), needed: MIN_SAMPLES });
     }
-    if let Some(sample) = samples.iter().position(|s| !s.position.coords.iter().all(|x| x.is_finite())) {
+    if let Some(sample) =
+        samples.iter().position(|s| !s.position.coords.iter().all(|x| x.is_finite()))
+    {
         return Err(FitError::NotFinite { sample });
     }
     let problem = Problem::new(samples, config);
-    let mut fitted: Vec<FittedJoint> = [JointKind::Fixed, JointKind::Prismatic, JointKind::Revolute]
-        .into_iter()
-        .filter_map(|kind| problem.fit(kind))
-        .collect();
+    let mut fitted: Vec<FittedJoint> =
+        [JointKind::Fixed, JointKind::Prismatic, JointKind::Revolute]
+            .into_iter()
+            .filter_map(|kind| problem.fit(kind))
+            .collect();
     problem.score(&mut fitted);
     fitted.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(fitted)
@@ -256,9 +257,9 @@ impl<'s> Problem<'s> {
         Residual {
             q,
             position: sample.position - motion * state.rest_position,
-            orientation: sample.orientation.map(|o| {
-                (o * (motion.rotation * state.rest_orientation).inverse()).scaled_axis()
-            }),
+            orientation: sample
+                .orientation
+                .map(|o| (o * (motion.rotation * state.rest_orientation).inverse()).scaled_axis()),
         }
     }
 
@@ -275,7 +276,9 @@ impl<'s> Problem<'s> {
         let Some(orientation) = sample.orientation else { return by_position };
         let turn = (orientation * state.rest_orientation.inverse()).into_inner();
         let by_orientation = 2.0 * turn.imag().dot(&axis).atan2(turn.w);
-        let wrap = |a: f64| (a + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
+        let wrap = |a: f64| {
+            (a + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+        };
         let difference = wrap(by_orientation - by_position);
         let wp = (rest.norm() * now.norm()) / self.config.position_sigma_m.powi(2);
         let wo = self.config.orientation_sigma_rad.powi(-2);
@@ -355,7 +358,8 @@ impl<'s> Problem<'s> {
                 next.geometry.origin = circle.centre;
                 let d = state.rest_position - circle.centre;
                 let across = d - axis * axis.dot(&d);
-                next.rest_position = circle.centre + across * (circle.radius / across.norm().max(1e-9));
+                next.rest_position =
+                    circle.centre + across * (circle.radius / across.norm().max(1e-9));
             }
             JointKind::Helical | JointKind::Nonparametric => return None,
         }
@@ -398,8 +402,7 @@ impl<'s> Problem<'s> {
         let mut hessian = DMatrix::<f64>::zeros(10, 10);
         let mut gradient = DVector::<f64>::zeros(10);
         for (i, r) in base.iter().enumerate() {
-            let jacobian: [Vector6<f64>; 10] =
-                std::array::from_fn(|k| (columns[k][i] - r) / STEP);
+            let jacobian: [Vector6<f64>; 10] = std::array::from_fn(|k| (columns[k][i] - r) / STEP);
             for a in 0..10 {
                 gradient[a] += jacobian[a].dot(r);
                 for b in a..10 {
@@ -428,7 +431,12 @@ impl<'s> Problem<'s> {
                 let orientation = r.orientation.unwrap_or_default()
                     * (wo.sqrt() / self.config.orientation_sigma_rad);
                 Vector6::new(
-                    position.x, position.y, position.z, orientation.x, orientation.y, orientation.z,
+                    position.x,
+                    position.y,
+                    position.z,
+                    orientation.x,
+                    orientation.y,
+                    orientation.z,
                 )
             })
             .collect()
@@ -544,19 +552,18 @@ impl<'s> Problem<'s> {
                     .map(|(i, s)| {
                         let r = self.residual(&moved, s);
                         let p = r.position / self.config.position_sigma_m;
-                        let o = r.orientation.unwrap_or_default() / self.config.orientation_sigma_rad;
+                        let o =
+                            r.orientation.unwrap_or_default() / self.config.orientation_sigma_rad;
                         (Vector6::new(p.x, p.y, p.z, o.x, o.y, o.z) - base[i]) / STEP
                     })
                     .collect()
             })
             .collect();
         let used = columns[0].len() as f64;
-        for i in 0..columns[0].len() {
-            for a in 0..10 {
-                for b in 0..10 {
-                    information[(a, b)] +=
-                        columns[a][i].dot(&columns[b][i]) * f.effective_observations / used;
-                }
+        for a in 0..10 {
+            for b in 0..10 {
+                let sum: f64 = columns[a].iter().zip(&columns[b]).map(|(x, y)| x.dot(y)).sum();
+                information[(a, b)] += sum * f.effective_observations / used;
             }
         }
         let Some(covariance) = information.try_inverse() else { return DMatrix::zeros(6, 6) };

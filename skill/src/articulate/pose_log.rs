@@ -64,7 +64,11 @@ pub fn read_pose_log(path: &Path) -> Result<Vec<PoseSample>, PoseLogError> {
             })
             .collect::<Result<Vec<f64>, _>>()?;
         if *columns.get_or_insert(values.len()) != values.len() {
-            return Err(fail(format!("{} columns, the lines before have {}", values.len(), columns.unwrap_or(0))));
+            return Err(fail(format!(
+                "{} columns, the lines before have {}",
+                values.len(),
+                columns.unwrap_or(0)
+            )));
         }
         let sample = parse_sample(&values, samples.len()).map_err(fail)?;
         if let Some(before) = samples.last()

@@ -174,8 +174,7 @@ fn register(
             }
         })
         .collect();
-    let options =
-        RansacOptions { cut: 3.0, iterations: config.ransac_iterations, locality: None };
+    let options = RansacOptions { cut: 3.0, iterations: config.ransac_iterations, locality: None };
     ransac_rigid(&pairs, &options, Some(guess), rng).map(|found| found.motion)
 }
 

@@ -70,11 +70,8 @@ impl Witness<'_> {
             agrees += a;
         }
         joint.through = through as f64 / (through + agrees).max(1) as f64;
-        joint.hidden = if blind > 0 {
-            1.0 - blind_agrees as f64 / (blind * points.len()) as f64
-        } else {
-            0.0
-        };
+        joint.hidden =
+            if blind > 0 { 1.0 - blind_agrees as f64 / (blind * points.len()) as f64 } else { 0.0 };
     }
 
     /// All limits are kept.
@@ -131,9 +128,8 @@ pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
     if common.len() < 5 {
         return 1.0;
     }
-    let mean = |q: &dyn Fn(usize) -> f64| {
-        common.iter().map(|&f| q(f)).sum::<f64>() / common.len() as f64
-    };
+    let mean =
+        |q: &dyn Fn(usize) -> f64| common.iter().map(|&f| q(f)).sum::<f64>() / common.len() as f64;
     let (mx, my) = (mean(&|f| parent.filled[f]), mean(&|f| joint.q[f]));
     let sxx = mean(&|f| (parent.filled[f] - mx).powi(2));
     let syy = mean(&|f| (joint.q[f] - my).powi(2));

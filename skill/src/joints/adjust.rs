@@ -152,7 +152,12 @@ fn reduce(joint: &Grown, view: &View, track: usize, cut: f64) -> Option<Reduced>
 }
 
 /// The system of all tracks over (axis, origin, configurations).
-fn assemble(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> (DMatrix<f64>, DVector<f64>) {
+fn assemble(
+    joint: &Grown,
+    view: &View,
+    tracks: &[usize],
+    cut: f64,
+) -> (DMatrix<f64>, DVector<f64>) {
     let size = 4 + view.frames;
     let reduced: Vec<Reduced> =
         tracks.par_iter().filter_map(|&t| reduce(joint, view, t, cut)).collect();
@@ -221,9 +226,8 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
     let mut damping = 1e-4;
     for i in 0..steps {
         let cut = if i < steps / 2 { 4.0 * cut } else { cut };
-        let total = |j: &Grown| -> f64 {
-            tracks.par_iter().map(|&t| j.cost_of(view, t, cut).sum).sum()
-        };
+        let total =
+            |j: &Grown| -> f64 { tracks.par_iter().map(|&t| j.cost_of(view, t, cut).sum).sum() };
         let before = total(joint);
         let Some(mut next) = step(joint, view, tracks, cut, damping) else { break };
         locate_points(&mut next, view, tracks, cut);
@@ -311,18 +315,14 @@ mod tests {
                 }
             })
             .collect();
-        let base = BaseMotion {
-            camera_from_base: vec![Default::default(); 30],
-            tracks,
-            static_count: 0,
-        };
+        let base =
+            BaseMotion { camera_from_base: vec![Default::default(); 30], tracks, static_count: 0 };
         (View::from_base(&base, (0..12).collect()), q)
     }
 
     #[test]
     fn a_rough_hinge_is_refined_to_the_true_one() {
-        let truth =
-            Dof { hinge: true, axis: Vector3::y(), origin: Point3::new(0.05, 0.0, 1.15) };
+        let truth = Dof { hinge: true, axis: Vector3::y(), origin: Point3::new(0.05, 0.0, 1.15) };
         let (view, q) = door(&truth);
         let rough = Dof {
             axis: Vector3::new(0.1, 1.0, -0.08).normalize(),
@@ -335,7 +335,8 @@ mod tests {
         let all: Vec<usize> = (0..12).collect();
         refine(&mut joint, &view, &all, 16.0, 12);
         assert!(line_angle(&joint.dof.axis, &truth.axis).to_degrees() < 0.5);
-        let offset = crate::geometry::distance_to_line(&joint.dof.origin, &truth.axis, &truth.origin);
+        let offset =
+            crate::geometry::distance_to_line(&joint.dof.origin, &truth.axis, &truth.origin);
         assert!(offset < 0.003, "{offset}");
         assert!((joint.q[29] - joint.q[0] - q[29]).abs() < 0.01);
     }

@@ -33,7 +33,8 @@ pub fn agree(
         .zip(weights)
         .filter_map(|(&t, &w)| Some((&joint.points[t], view.at(t, frame)?, w)))
         .collect();
-    let distance_sq = |q: f64, p: &Point3<f64>, s: &Seen| s.distance_sq(&joint.dof.move_point(q, p));
+    let distance_sq =
+        |q: f64, p: &Point3<f64>, s: &Seen| s.distance_sq(&joint.dof.move_point(q, p));
     let mut best = (-1.0, Agreement { q: guess.unwrap_or(0.0), agreeing: 0 });
     let mut consider = |q: f64| {
         let (mut score, mut agreeing) = (0.0, 0);

@@ -23,11 +23,7 @@ impl Dof {
 
     /// Where a point of the part is at configuration `q`.
     pub fn move_point(&self, q: f64, p: &Point3<f64>) -> Point3<f64> {
-        if self.hinge {
-            self.origin + self.turn(q, &(p - self.origin))
-        } else {
-            p + self.axis * q
-        }
+        if self.hinge { self.origin + self.turn(q, &(p - self.origin)) } else { p + self.axis * q }
     }
 
     /// The configuration that takes `part_point` closest to `seen`.

@@ -64,7 +64,8 @@ pub fn grow_hypothesis(
 fn window_fits(view: &View, h: &Hypothesis, config: &JointsConfig) -> Vec<(Grown, f64)> {
     let at = |t: usize, f: usize| view.at(t, f).map(|s| s.point.coords);
     let n = h.tracks.len() as f64;
-    let start: Vector3<f64> = h.tracks.iter().filter_map(|&t| at(t, h.from)).sum::<Vector3<f64>>() / n;
+    let start: Vector3<f64> =
+        h.tracks.iter().filter_map(|&t| at(t, h.from)).sum::<Vector3<f64>>() / n;
     let end: Vector3<f64> = h.tracks.iter().filter_map(|&t| at(t, h.to)).sum::<Vector3<f64>>() / n;
     let centre = Point3::from(start);
     let mut fits = Vec::new();
@@ -97,7 +98,8 @@ fn window_fit(view: &View, dof: Dof, h: &Hypothesis, config: &JointsConfig) -> (
     }
     let mut q = 0.0;
     for f in h.from..=h.to {
-        let alive: Vec<usize> = h.tracks.iter().copied().filter(|&t| view.at(t, f).is_some()).collect();
+        let alive: Vec<usize> =
+            h.tracks.iter().copied().filter(|&t| view.at(t, f).is_some()).collect();
         if alive.len() < 3 || !view.usable[f] {
             continue;
         }
@@ -158,8 +160,7 @@ impl Book {
 
     /// Right four times, mostly right, and moved by a centimetre.
     fn trusted(&self, joint: &Grown, t: usize) -> bool {
-        self.right(t)
-            && (self.high[t] - self.low[t]) * joint.dof.lever(&joint.points[t]) > 0.01
+        self.right(t) && (self.high[t] - self.low[t]) * joint.dof.lever(&joint.points[t]) > 0.01
     }
 
     fn right(&self, t: usize) -> bool {
@@ -319,7 +320,12 @@ fn refine_while_growing(
 
 /// Tracks that follow the joint: seen often enough, mostly right, better off than standing
 /// still, and moved by more than a centimetre.
-fn gather(view: &View, joint: &mut Grown, candidates: &[usize], cut: f64) -> Vec<(usize, f64, f64, usize)> {
+fn gather(
+    view: &View,
+    joint: &mut Grown,
+    candidates: &[usize],
+    cut: f64,
+) -> Vec<(usize, f64, f64, usize)> {
     locate_points(joint, view, candidates, 2.0 * cut);
     candidates
         .iter()

@@ -30,7 +30,12 @@ const WINDOWS: [usize; 3] = [6, 12, 24];
 const MODES: usize = 3;
 
 /// All hypotheses, strongest first.
-pub fn hypotheses(view: &View, candidates: &[usize], config: &JointsConfig, seed: u64) -> Vec<Hypothesis> {
+pub fn hypotheses(
+    view: &View,
+    candidates: &[usize],
+    config: &JointsConfig,
+    seed: u64,
+) -> Vec<Hypothesis> {
     let resting: Vec<bool> = (0..view.len())
         .map(|t| view.rest_lengths(t).iter().any(|&n| n >= config.rest_frames))
         .collect();

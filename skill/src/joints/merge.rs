@@ -29,7 +29,8 @@ pub fn is_same_joint(a: &Grown, b: &Grown) -> bool {
         let n = b.members.len().max(1) as f64;
         let centre: nalgebra::Vector3<f64> =
             b.members.iter().map(|&t| b.points[t].coords).sum::<nalgebra::Vector3<f64>>() / n;
-        let on_b = crate::geometry::nearest_on_line(&b.dof.origin, &b.dof.axis, &Point3::from(centre));
+        let on_b =
+            crate::geometry::nearest_on_line(&b.dof.origin, &b.dof.axis, &Point3::from(centre));
         if distance_to_line(&a.dof.origin, &a.dof.axis, &on_b) > MAX_DISTANCE {
             return false;
         }

@@ -127,7 +127,7 @@ impl Search<'_> {
     fn view_from(&self, parent: Option<usize>) -> View {
         match parent {
             None => self.view.clone(),
-            Some(p) => self.view_from(self.joints[p].parent).from_part(&self.joints[p]),
+            Some(p) => self.view_from(self.joints[p].parent).seen_from(&self.joints[p]),
         }
     }
 
@@ -210,8 +210,7 @@ impl Search<'_> {
     /// The accepted joint of most gain; one of the base is preferred to one of a part that
     /// explains the same tracks.
     fn best_of(&self, candidates: &[Grown]) -> Option<Grown> {
-        let accepted: Vec<&Grown> =
-            candidates.iter().filter(|j| self.witness.accepts(j)).collect();
+        let accepted: Vec<&Grown> = candidates.iter().filter(|j| self.witness.accepts(j)).collect();
         let known = |j: &Grown| j.known_frames().len() as f64;
         let shadowed = |j: &Grown| {
             j.parent.is_some()
@@ -241,7 +240,9 @@ impl Search<'_> {
         let saved: f64 = joint
             .members
             .iter()
-            .map(|&t| self.view.static_cost(t, &joint.known, cut) - joint.cost_of(&view, t, cut).sum)
+            .map(|&t| {
+                self.view.static_cost(t, &joint.known, cut) - joint.cost_of(&view, t, cut).sum
+            })
             .sum();
         let known = joint.known_frames().len();
         0.9 * (saved / 5.0 - self.config.joints.frame_penalty * (known + 5) as f64)
@@ -359,8 +360,7 @@ fn to_learned(
                 joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, 0));
             let mut geometry = joint.dof.geometry().transformed(&base_from_parent);
             let first = joint.filled[0];
-            let mut configuration: Vec<f64> =
-                frames.iter().map(|&f| joint.q[f] - first).collect();
+            let mut configuration: Vec<f64> = frames.iter().map(|&f| joint.q[f] - first).collect();
             configuration.insert(0, 0.0);
             orient(&mut geometry, &mut configuration);
             configuration.remove(0);
@@ -377,7 +377,11 @@ fn to_learned(
             if joint.dof.hinge || joint.members.is_empty() {
                 line.origin = geometry.origin;
             } else {
-                let mean = joint.members.iter().map(|&t| joint.points[t].coords).sum::<nalgebra::Vector3<f64>>()
+                let mean = joint
+                    .members
+                    .iter()
+                    .map(|&t| joint.points[t].coords)
+                    .sum::<nalgebra::Vector3<f64>>()
                     / joint.members.len() as f64;
                 line.origin = base_from_parent * nalgebra::Point3::from(mean);
             }
@@ -416,8 +420,8 @@ fn to_learned(
 
 fn view_of(view: &View, joints: &[Grown], part: usize) -> View {
     match joints[part].parent {
-        None => view.from_part(&joints[part]),
-        Some(p) => view_of(view, joints, p).from_part(&joints[part]),
+        None => view.seen_from(&joints[part]),
+        Some(p) => view_of(view, joints, p).seen_from(&joints[part]),
     }
 }
 

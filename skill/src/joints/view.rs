@@ -56,7 +56,7 @@ impl View {
     }
 
     /// The same tracks from a part that moves in this view.
-    pub fn from_part(&self, part: &Grown) -> Self {
+    pub fn seen_from(&self, part: &Grown) -> Self {
         let mut view = self.clone();
         for frame in 0..self.frames {
             view.usable[frame] = self.usable[frame] && part.known[frame];
@@ -131,7 +131,8 @@ fn rest_length<'s>(life: impl Iterator<Item = &'s Seen>) -> usize {
     let mut sum = nalgebra::Vector3::zeros();
     let (mut averaged, mut rested, mut strays) = (0.0, 0, 0);
     for s in life {
-        if averaged >= 3.0 && (s.point.coords - sum / averaged).norm() > (3.0 * s.sigma).max(0.006) {
+        if averaged >= 3.0 && (s.point.coords - sum / averaged).norm() > (3.0 * s.sigma).max(0.006)
+        {
             strays += 1;
             if strays >= 2 {
                 break;

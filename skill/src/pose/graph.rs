@@ -51,9 +51,7 @@ pub fn optimise(
     }
     let graph = build(motions, frames, &slot, reference, config);
     let mut optimiser: GaussNewton = GaussNewton::new_default(graph);
-    let solved = optimiser
-        .optimize(values)
-        .ok()?;
+    let solved = optimiser.optimize(values).ok()?;
     let to_reference = from_factrs(solved.get(X(slot[&reference] as u32))?);
     let poses: Vec<Pose> = (0..frames.len())
         .map(|i| {
@@ -98,17 +96,11 @@ fn build(
 }
 
 /// First guess: motions chained outwards from the reference, shortest gaps first.
-fn chain(
-    motions: &[RelativeMotion],
-    slot: &BTreeMap<usize, usize>,
-    reference: usize,
-) -> Vec<Pose> {
+fn chain(motions: &[RelativeMotion], slot: &BTreeMap<usize, usize>, reference: usize) -> Vec<Pose> {
     let mut poses: Vec<Option<Pose>> = vec![None; slot.len()];
     poses[slot[&reference]] = Some(Pose::identity());
-    let mut ordered: Vec<&RelativeMotion> = motions
-        .iter()
-        .filter(|m| slot.contains_key(&m.from) && slot.contains_key(&m.to))
-        .collect();
+    let mut ordered: Vec<&RelativeMotion> =
+        motions.iter().filter(|m| slot.contains_key(&m.from) && slot.contains_key(&m.to)).collect();
     ordered.sort_by_key(|m| m.to - m.from);
     let mut queue = std::collections::VecDeque::from([slot[&reference]]);
     let mut links: Vec<Vec<(usize, Pose)>> = vec![Vec::new(); slot.len()];
@@ -151,7 +143,12 @@ mod tests {
     #[test]
     fn a_turning_part_is_recovered_although_one_motion_is_wrong() {
         let truth: Vec<Pose> = (0..30)
-            .map(|t| Pose::new(Vector3::new(0.01 * f64::from(t), 0.0, 0.0), Vector3::y() * 0.03 * f64::from(t)))
+            .map(|t| {
+                Pose::new(
+                    Vector3::new(0.01 * f64::from(t), 0.0, 0.0),
+                    Vector3::y() * 0.03 * f64::from(t),
+                )
+            })
             .collect();
         let mut motions = Vec::new();
         for to in 1..30_usize {

@@ -96,6 +96,7 @@ fn centroid(base: &BaseMotion, cluster: &Cluster) -> Option<Point3<f64>> {
 
 /// The earliest of the frames in which (nearly) most of the cluster is seen.
 fn best_seen(base: &BaseMotion, cluster: &Cluster, frames: &[usize]) -> Option<usize> {
-    let seen = |t: usize| cluster.tracks.iter().filter(|&&id| base.tracks[id].at(t).is_some()).count();
+    let seen =
+        |t: usize| cluster.tracks.iter().filter(|&&id| base.tracks[id].at(t).is_some()).count();
     frames.iter().copied().max_by_key(|&t| (seen(t), std::cmp::Reverse(t)))
 }

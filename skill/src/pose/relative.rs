@@ -70,8 +70,7 @@ fn between(
     if pairs.len() < config.min_tracks {
         return None;
     }
-    let options =
-        RansacOptions { cut: 1.0, iterations: config.ransac_iterations, locality: None };
+    let options = RansacOptions { cut: 1.0, iterations: config.ransac_iterations, locality: None };
     let found = ransac_rigid(&pairs, &options, Some(&Pose::identity()), rng)?;
     if found.inliers.len() < config.min_tracks {
         return None;

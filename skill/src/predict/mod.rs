@@ -49,7 +49,9 @@ pub enum PredictError {
         known: String,
     },
     /// The target was never seen to be reached.
-    #[error("{joint} was seen between {low:.3} and {high:.3} {unit} only; {target:.3} lies outside")]
+    #[error(
+        "{joint} was seen between {low:.3} and {high:.3} {unit} only; {target:.3} lies outside"
+    )]
     OutsideRange {
         /// The joint.
         joint: String,
@@ -138,7 +140,13 @@ impl<'m> Encountered<'m> {
                 PredictError::UnknownJoint {
                     object: self.model.object.clone(),
                     joint: name.to_owned(),
-                    known: self.model.joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>().join(", "),
+                    known: self
+                        .model
+                        .joints
+                        .iter()
+                        .map(|j| j.name.as_str())
+                        .collect::<Vec<_>>()
+                        .join(", "),
                 }
             })?;
             return Ok(vec![self.motion(index, target)?]);

@@ -78,7 +78,8 @@ fn facing_picture(frame: &RgbdFrame, towards: &Vector3<f64>) -> opencv::Result<M
         }
     }
     let rows = Mat::new_rows_cols_with_data(height as i32, width as i32, &bytes)?;
-    let mut picture = Mat::new_rows_cols_with_default(height as i32, width as i32, CV_8U, Scalar::all(0.0))?;
+    let mut picture =
+        Mat::new_rows_cols_with_default(height as i32, width as i32, CV_8U, Scalar::all(0.0))?;
     imgproc::median_blur(&rows, &mut picture, 5)?;
     Ok(picture)
 }

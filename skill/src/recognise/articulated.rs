@@ -123,9 +123,8 @@ impl Articulated {
     /// Applies a step over the unknowns of [`Self::velocities`], shortened as a whole where it
     /// is too long (pose and configurations may compensate each other), kept in range.
     pub fn stepped(&self, state: &State, step: &DVector<f64>) -> State {
-        let longest = |from: usize, to: usize| {
-            (from..to).map(|k| step[k].abs()).fold(0.0, f64::max)
-        };
+        let longest =
+            |from: usize, to: usize| (from..to).map(|k| step[k].abs()).fold(0.0, f64::max);
         let excess = (longest(0, 3) / 0.1)
             .max(longest(3, 6) / 0.05)
             .max(longest(6, step.len()) / 0.3)

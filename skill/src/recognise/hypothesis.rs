@@ -72,7 +72,8 @@ pub fn unique_inliers(
     let (mut on_object, mut in_picture) = (HashSet::new(), HashSet::new());
     for m in matches.iter().filter(|m| part.is_none_or(|p| p == m.part)) {
         if agrees(m, &poses[m.part], 1.0) {
-            on_object.insert((m.part, [0, 1, 2].map(|k| (m.model_point[k] / 0.012).floor() as i32)));
+            on_object
+                .insert((m.part, [0, 1, 2].map(|k| (m.model_point[k] / 0.012).floor() as i32)));
             in_picture.insert(m.pixel.map(|x| (x / 4.0).floor() as i32));
         }
     }
@@ -83,8 +84,7 @@ pub fn unique_inliers(
 pub fn agrees(m: &Match, camera_from_part: &Pose, slack: f64) -> bool {
     let Some(seen) = m.seen_point else { return false };
     (camera_from_part * m.model_point - seen).norm() < slack * m.tolerance
-        && (!has_normals(m)
-            || (camera_from_part * m.model_normal).dot(&m.seen_normal) > MIN_COSINE)
+        && (!has_normals(m) || (camera_from_part * m.model_normal).dot(&m.seen_normal) > MIN_COSINE)
 }
 
 fn has_normals(m: &Match) -> bool {
@@ -101,9 +101,7 @@ struct Pair<'m> {
 fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
     let pairs: Vec<Pair> = matches
         .iter()
-        .filter_map(|m| {
-            Some(Pair { source: m, seen: m.seen_point?, normals: has_normals(m) })
-        })
+        .filter_map(|m| Some(Pair { source: m, seen: m.seen_point?, normals: has_normals(m) }))
         .collect();
     let neighbours = compatibility(&pairs);
     let mut seeds: Vec<usize> = (0..pairs.len()).filter(|&i| !neighbours[i].is_empty()).collect();
@@ -149,7 +147,8 @@ fn compatible(a: &Pair, b: &Pair) -> bool {
     let on_model = b.source.model_point - a.source.model_point;
     let in_scene = b.seen - a.seen;
     let (dm, ds) = (on_model.norm(), in_scene.norm());
-    if dm < 0.025 || ds < 0.025 || (dm - ds).abs() > 0.6 * (a.source.tolerance + b.source.tolerance) {
+    if dm < 0.025 || ds < 0.025 || (dm - ds).abs() > 0.6 * (a.source.tolerance + b.source.tolerance)
+    {
         return false;
     }
     let angle = |x: f64| x.clamp(-1.0, 1.0).acos();
@@ -243,9 +242,10 @@ fn configurations(
     let mut pose_of: Vec<Option<Pose>> = vec![None; articulated.parts];
     pose_of[part] = Some(*camera_from_part);
     loop {
-        let next = articulated.joints.iter().position(|j| {
-            pose_of[j.parent].is_some() != pose_of[j.child].is_some()
-        });
+        let next = articulated
+            .joints
+            .iter()
+            .position(|j| pose_of[j.parent].is_some() != pose_of[j.child].is_some());
         let Some(i) = next else { return q };
         let joint = &articulated.joints[i];
         let forward = pose_of[joint.parent].is_some();
@@ -287,7 +287,9 @@ fn vote(
         .collect();
     let (best, width) = votes
         .iter()
-        .max_by_key(|(q, width)| votes.iter().filter(|(other, _)| (other - q).abs() < *width).count())
+        .max_by_key(|(q, width)| {
+            votes.iter().filter(|(other, _)| (other - q).abs() < *width).count()
+        })
         .copied()?;
     let mut near: Vec<f64> =
         votes.iter().map(|v| v.0).filter(|q| (q - best).abs() < width).collect();

@@ -24,6 +24,7 @@ use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
 use articulated::{Articulated, State};
 use matching::{FeatureTable, Match, match_features};
+use refine::Refiner;
 use serde::{Deserialize, Serialize};
 use verify::{Cloud, Verdict};
 
@@ -199,6 +200,7 @@ fn with_depth(
         "hypotheses"
     );
     hypotheses.retain(|h| h.support >= config.min_inliers.min(4));
+    let refiner = Refiner { scene, articulated, cloud: &object.cloud, matches };
     let mut tried: Vec<(usize, Pose)> = Vec::new();
     let mut best: Option<Found> = None;
     for h in &hypotheses {
@@ -207,13 +209,15 @@ fn with_depth(
         }
         let known = tried.iter().any(|(part, pose)| {
             let apart = pose.inverse() * h.camera_from_part;
-            *part == h.part && apart.translation.vector.norm() < 0.05 && apart.rotation.angle() < 0.2
+            *part == h.part
+                && apart.translation.vector.norm() < 0.05
+                && apart.rotation.angle() < 0.2
         });
         if known {
             continue;
         }
         tried.push((h.part, h.camera_from_part));
-        let state = refine::settle(scene, articulated, &object.cloud, matches, h);
+        let state = refiner.settle(h);
         let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
         let verdict = verify::verify(scene, articulated, &object.cloud, &state);
         let score = verdict.score(inliers);

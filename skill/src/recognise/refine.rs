@@ -13,99 +13,190 @@ use nalgebra::{DMatrix, DVector, Vector3};
 const WEAK: usize = 6;
 /// Surfels that a matched feature is worth.
 const FEATURE_WORTH: f64 = 8.0;
+/// Scanned configurations that are followed to their end.
+const FOLLOWED: usize = 3;
 /// How much better a scanned configuration must fit to replace a refined one.
 const SCAN_ADVANTAGE: f64 = 1.02;
 
-/// From a hypothesis to the state that fits best.
-pub fn settle(
-    scene: &Scene,
-    articulated: &Articulated,
-    cloud: &Cloud,
-    matches: &[Match],
-    hypothesis: &Hypothesis,
-) -> State {
-    let part = hypothesis.part;
-    let weak = weak_joints(articulated, matches, &hypothesis.state);
-    let mut state = hypothesis.state.clone();
-    if weak.is_empty() {
-        state = fit_features(articulated, matches, state);
-    } else {
-        state = scan(scene, articulated, cloud, matches, part, state, &weak, 17);
-    }
-    state = align(scene, articulated, cloud, matches, state);
-    if weak.is_empty() {
-        return state;
-    }
-    let scanned = scan(scene, articulated, cloud, matches, part, state, &weak, 25);
-    let aligned = align(scene, articulated, cloud, matches, scanned);
-    // Alignment may pull a small part into the surface behind it: look once more.
-    let again = scan(scene, articulated, cloud, matches, part, aligned.clone(), &weak, 41);
-    let fit = |s: &State| fit(scene, articulated, cloud, matches, s);
-    if fit(&again) > SCAN_ADVANTAGE * fit(&aligned) { again } else { aligned }
+/// One object against one scene.
+pub struct Refiner<'r> {
+    /// The encounter.
+    pub scene: &'r Scene,
+    /// The object's tree.
+    pub articulated: &'r Articulated,
+    /// Its surface.
+    pub cloud: &'r Cloud,
+    /// Its matches.
+    pub matches: &'r [Match],
 }
 
-/// Agreement of surface and features; a feature weighs as much as some surface.
-fn fit(
-    scene: &Scene,
-    articulated: &Articulated,
-    cloud: &Cloud,
-    matches: &[Match],
-    state: &State,
-) -> f64 {
-    let features = unique_inliers(articulated, matches, state, None) as f64;
-    verify(scene, articulated, cloud, state).fit() + FEATURE_WORTH * features
-}
-
-fn weak_joints(articulated: &Articulated, matches: &[Match], state: &State) -> Vec<usize> {
-    let by_part: Vec<usize> = (0..articulated.parts)
-        .map(|p| unique_inliers(articulated, matches, state, Some(p)))
-        .collect();
-    let total: usize = by_part.iter().sum();
-    (0..articulated.joints.len())
-        .filter(|&j| {
-            let moved: usize = articulated.moved_by(j).into_iter().map(|p| by_part[p]).sum();
-            moved.min(total - moved) < WEAK
-        })
-        .collect()
-}
-
-/// Scans joints for the configuration that fits depth best, while the part that the
-/// hypothesis started from stays where it is.
-fn scan(
-    scene: &Scene,
-    articulated: &Articulated,
-    cloud: &Cloud,
-    matches: &[Match],
-    part: usize,
-    mut state: State,
-    joints: &[usize],
-    steps: usize,
-) -> State {
-    for &joint in joints {
-        let camera_from_part = articulated.poses(&state)[part];
-        state = candidates(articulated, joint, state.q[joint], steps)
-            .map(|q| {
-                let mut moved = state.q.clone();
-                moved[joint] = q;
-                articulated.state_with(part, &camera_from_part, moved)
+impl Refiner<'_> {
+    /// From a hypothesis to the state that fits best.
+    pub fn settle(&self, hypothesis: &Hypothesis) -> State {
+        let part = hypothesis.part;
+        let weak = self.weak_joints(&hypothesis.state);
+        if weak.is_empty() {
+            return self.align(self.fit_features(hypothesis.state.clone()));
+        }
+        // Depth alone may hold for several configurations: each is followed to its end.
+        let settled = self
+            .scan(part, &hypothesis.state, &weak, 25, FOLLOWED)
+            .into_iter()
+            .map(|scanned| {
+                let aligned = self.align(scanned);
+                // Alignment may pull a small part into the surface behind it: look again.
+                let again = self.scan(part, &aligned, &weak, 41, 1).swap_remove(0);
+                let better = self.fit(&again) > SCAN_ADVANTAGE * self.fit(&aligned);
+                if better { again } else { aligned }
             })
-            .map(|s| (fit(scene, articulated, cloud, matches, &s), s))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .map_or(state.clone(), |(_, s)| s);
+            .map(|state| (self.fit(&state), state))
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        settled.map_or_else(|| hypothesis.state.clone(), |(_, state)| state)
     }
-    state
-}
 
-fn candidates(
-    articulated: &Articulated,
-    joint: usize,
-    present: f64,
-    steps: usize,
-) -> impl Iterator<Item = f64> + use<> {
-    let (low, high) = (articulated.joints[joint].low, articulated.joints[joint].high);
-    (0..steps)
-        .map(move |i| low + (high - low) * i as f64 / (steps - 1) as f64)
-        .chain(std::iter::once(present))
+    /// Agreement of surface and features; a feature weighs as much as some surface.
+    fn fit(&self, state: &State) -> f64 {
+        let features = unique_inliers(self.articulated, self.matches, state, None) as f64;
+        verify(self.scene, self.articulated, self.cloud, state).fit() + FEATURE_WORTH * features
+    }
+
+    /// Joints with few inliers on one of their sides.
+    fn weak_joints(&self, state: &State) -> Vec<usize> {
+        let by_part: Vec<usize> = (0..self.articulated.parts)
+            .map(|p| unique_inliers(self.articulated, self.matches, state, Some(p)))
+            .collect();
+        let total: usize = by_part.iter().sum();
+        (0..self.articulated.joints.len())
+            .filter(|&j| {
+                let moved: usize =
+                    self.articulated.moved_by(j).into_iter().map(|p| by_part[p]).sum();
+                moved.min(total - moved) < WEAK
+            })
+            .collect()
+    }
+
+    /// Scans joints for the configurations that fit best, best first, while `part` stays
+    /// where it is; of all but the last joint only the best is kept. Never empty.
+    fn scan(
+        &self,
+        part: usize,
+        state: &State,
+        joints: &[usize],
+        steps: usize,
+        keep: usize,
+    ) -> Vec<State> {
+        let mut best = vec![state.clone()];
+        for &joint in joints {
+            let state = best.swap_remove(0);
+            let camera_from_part = self.articulated.poses(&state)[part];
+            let j = &self.articulated.joints[joint];
+            let step = (j.high - j.low) / (steps - 1) as f64;
+            let mut tried: Vec<(f64, State)> = (0..steps)
+                .map(|i| j.low + step * i as f64)
+                .chain(std::iter::once(state.q[joint]))
+                .map(|q| {
+                    let mut moved = state.q.clone();
+                    moved[joint] = q;
+                    self.articulated.state_with(part, &camera_from_part, moved)
+                })
+                .map(|s| (self.fit(&s), s))
+                .collect();
+            tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+            best = Vec::new();
+            for (_, s) in tried {
+                let apart = |other: &State| (other.q[joint] - s.q[joint]).abs() > 2.5 * step;
+                if best.len() < keep && best.iter().all(apart) {
+                    best.push(s);
+                }
+            }
+        }
+        best
+    }
+
+    /// Matches alone, robustly.
+    fn fit_features(&self, mut state: State) -> State {
+        for i in 0..6 {
+            let slack = if i < 2 { 1.5 } else { 1.0 };
+            let mut system = System::new(6 + self.articulated.joints.len());
+            if self.add_features(&mut system, &state, slack, 1.0) < 3 {
+                break;
+            }
+            let Some(step) = system.solve(1.0) else { break };
+            state = self.articulated.stepped(&state, &step);
+        }
+        state
+    }
+
+    fn add_features(&self, system: &mut System, state: &State, slack: f64, share: f64) -> usize {
+        let poses = self.articulated.poses(state);
+        let mut used = 0;
+        for m in self.matches {
+            let Some(seen) = m.seen_point else { continue };
+            if !agrees(m, &poses[m.part], slack) {
+                continue;
+            }
+            let moved = poses[m.part] * m.model_point;
+            let residual = moved - seen;
+            let sigma = m.tolerance / 3.0;
+            let weight = share / sigma.powi(2) / (residual.norm() / sigma / 1.5).max(1.0);
+            let velocities = self.articulated.velocities(&poses, m.part, &moved);
+            system.add_point(&velocities, &residual, weight);
+            used += 1;
+        }
+        used
+    }
+
+    /// Articulated point-to-plane alignment of the surface, with the matches.
+    fn align(&self, mut state: State) -> State {
+        const STEPS: usize = 10;
+        for i in 0..STEPS {
+            let closing = (i as f64 / (0.6 * STEPS as f64)).min(1.0);
+            let gate = 0.04 + (0.012 - 0.04) * closing;
+            let mut system = System::new(6 + self.articulated.joints.len());
+            if self.add_surface(&mut system, &state, gate) < 30 {
+                break;
+            }
+            self.add_features(&mut system, &state, 1.2, 0.5);
+            let Some(step) = system.solve(10.0) else { break };
+            let done = step.amax() < 2e-4;
+            state = self.articulated.stepped(&state, &step);
+            if done {
+                break;
+            }
+        }
+        state
+    }
+
+    /// Distances of visible surfels to the planes seen at their pixels, nearer than `gate`.
+    fn add_surface(&self, system: &mut System, state: &State, gate: f64) -> usize {
+        let poses = self.articulated.poses(state);
+        let mut planes = Vec::new();
+        for p in visible(self.scene, self.cloud, &poses) {
+            let Some(surface) = self.scene.surface(p.pixel.0, p.pixel.1) else { continue };
+            let (u, v) = (p.pixel.0 as f64, p.pixel.1 as f64);
+            let seen = self.scene.frame.camera.back_project(u, v, surface.z);
+            let residual = (p.point - seen).dot(&surface.normal);
+            let near = residual.abs() < gate + 2.0 * depth_sigma(p.point.z)
+                && (seen.z - p.point.z).abs() < 2.0 * gate + 0.02
+                && surface.normal.dot(&p.normal) > 0.8;
+            if near {
+                planes.push((p, surface.normal, residual));
+            }
+        }
+        let share = (300.0 / planes.len().max(1) as f64).min(1.0);
+        for (p, normal, residual) in &planes {
+            let sigma = depth_sigma(p.point.z) + 0.002;
+            let weight = share / sigma.powi(2) / (residual.abs() / sigma / 2.0).max(1.0);
+            let row: Vec<f64> = self
+                .articulated
+                .velocities(&poses, p.part, &p.point)
+                .iter()
+                .map(|v| normal.dot(v))
+                .collect();
+            system.add(&row, *residual, weight);
+        }
+        planes.len()
+    }
 }
 
 /// Normal equations over pose and configurations.
@@ -141,95 +232,4 @@ impl System {
         }
         Some(self.hessian.cholesky()?.solve(&(-self.gradient)))
     }
-}
-
-/// Matches alone, robustly.
-fn fit_features(articulated: &Articulated, matches: &[Match], mut state: State) -> State {
-    for i in 0..6 {
-        let slack = if i < 2 { 1.5 } else { 1.0 };
-        let mut system = System::new(6 + articulated.joints.len());
-        if add_features(&mut system, articulated, matches, &state, slack, 1.0) < 3 {
-            break;
-        }
-        let Some(step) = system.solve(1.0) else { break };
-        state = articulated.stepped(&state, &step);
-    }
-    state
-}
-
-fn add_features(
-    system: &mut System,
-    articulated: &Articulated,
-    matches: &[Match],
-    state: &State,
-    slack: f64,
-    share: f64,
-) -> usize {
-    let poses = articulated.poses(state);
-    let mut used = 0;
-    for m in matches {
-        let Some(seen) = m.seen_point else { continue };
-        if !agrees(m, &poses[m.part], slack) {
-            continue;
-        }
-        let moved = poses[m.part] * m.model_point;
-        let residual = moved - seen;
-        let sigma = m.tolerance / 3.0;
-        let weight = share / sigma.powi(2) / (residual.norm() / sigma / 1.5).max(1.0);
-        system.add_point(&articulated.velocities(&poses, m.part, &moved), &residual, weight);
-        used += 1;
-    }
-    used
-}
-
-/// Articulated point-to-plane alignment of the surface, with the matches.
-fn align(
-    scene: &Scene,
-    articulated: &Articulated,
-    cloud: &Cloud,
-    matches: &[Match],
-    mut state: State,
-) -> State {
-    const STEPS: usize = 10;
-    for i in 0..STEPS {
-        let closing = (i as f64 / (0.6 * STEPS as f64)).min(1.0);
-        let gate = 0.04 + (0.012 - 0.04) * closing;
-        let poses = articulated.poses(&state);
-        let mut planes = Vec::new();
-        for p in visible(scene, cloud, &poses) {
-            let Some(surface) = scene.surface(p.pixel.0, p.pixel.1) else { continue };
-            let (u, v) = (p.pixel.0 as f64, p.pixel.1 as f64);
-            let seen = scene.frame.camera.back_project(u, v, surface.z);
-            let residual = (p.point - seen).dot(&surface.normal);
-            let near = residual.abs() < gate + 2.0 * depth_sigma(p.point.z)
-                && (seen.z - p.point.z).abs() < 2.0 * gate + 0.02
-                && surface.normal.dot(&p.normal) > 0.8;
-            if near {
-                planes.push((p, surface.normal, residual));
-            }
-        }
-        if planes.len() < 30 {
-            break;
-        }
-        let mut system = System::new(6 + articulated.joints.len());
-        let share = (300.0 / planes.len() as f64).min(1.0);
-        for (p, normal, residual) in &planes {
-            let sigma = depth_sigma(p.point.z) + 0.002;
-            let weight = share / sigma.powi(2) / (residual.abs() / sigma / 2.0).max(1.0);
-            let row: Vec<f64> = articulated
-                .velocities(&poses, p.part, &p.point)
-                .iter()
-                .map(|v| normal.dot(v))
-                .collect();
-            system.add(&row, *residual, weight);
-        }
-        add_features(&mut system, articulated, matches, &state, 1.2, 0.5);
-        let Some(step) = system.solve(10.0) else { break };
-        let done = step.amax() < 2e-4;
-        state = articulated.stepped(&state, &step);
-        if done {
-            break;
-        }
-    }
-    state
 }

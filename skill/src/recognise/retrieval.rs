@@ -86,11 +86,10 @@ impl Vocabulary {
     fn word(&self, descriptor: &Descriptor) -> u32 {
         let mut node = &self.nodes[0];
         while !node.children.is_empty() {
-            let nearest = node
-                .children
-                .iter()
-                .map(|&c| &self.nodes[c as usize])
-                .max_by(|a, b| dot(&a.centre, descriptor).total_cmp(&dot(&b.centre, descriptor)));
+            let nearest =
+                node.children.iter().map(|&c| &self.nodes[c as usize]).max_by(|a, b| {
+                    dot(&a.centre, descriptor).total_cmp(&dot(&b.centre, descriptor))
+                });
             match nearest {
                 Some(next) => node = next,
                 None => break,

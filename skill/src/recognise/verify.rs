@@ -165,15 +165,11 @@ impl Verdict {
 }
 
 /// Compares a state with the picture.
-pub fn verify(
-    scene: &Scene,
-    articulated: &Articulated,
-    cloud: &Cloud,
-    state: &State,
-) -> Verdict {
+pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {
     let poses = articulated.poses(state);
-    let mut verdict = Verdict { parts: vec![PartVerdict::default(); articulated.parts], ..Default::default() };
-    let mut colours: Vec<(usize, [f32; 3], [f32; 3])> = Vec::new();
+    let mut verdict =
+        Verdict { parts: vec![PartVerdict::default(); articulated.parts], ..Default::default() };
+    let mut colours: Vec<Colour> = Vec::new();
     for p in visible(scene, cloud, &poses) {
         let (u, v) = p.pixel;
         let Some(z) = scene.frame.depth.at(u, v) else { continue };
@@ -196,7 +192,11 @@ pub fn verify(
             if cosine > 0.7 {
                 let normal = cloud.surfels[p.index].normal;
                 let side = normal.iamax() * 2 + usize::from(normal[normal.iamax()] > 0.0);
-                colours.push((p.part * SIDES + side, cloud.surfels[p.index].lab, scene.lab.at(u, v)));
+                colours.push((
+                    p.part * SIDES + side,
+                    cloud.surfels[p.index].lab,
+                    scene.lab.at(u, v),
+                ));
             }
         }
     }
@@ -211,21 +211,23 @@ pub fn verify(
     verdict
 }
 
+/// A surfel's side, its learned colour, and the colour that is seen.
+type Colour = (usize, [f32; 3], [f32; 3]);
+
 /// Directions by which a part's surface is divided: light falls differently on each.
 const SIDES: usize = 6;
 
 /// Correlation of lightness after the mean of each part's side is removed: light differs
 /// between encounters, texture does not. Sorted by side; `None` for too little surface.
-fn correlation(colours: &[(usize, [f32; 3], [f32; 3])]) -> Option<f64> {
+fn correlation(colours: &[Colour]) -> Option<f64> {
     let (mut xx, mut yy, mut xy, mut count) = (0.0, 0.0, 0.0, 0);
     for group in colours.chunk_by(|a, b| a.0 == b.0) {
         if group.len() < 12 {
             continue;
         }
         let n = group.len() as f64;
-        let mean = |f: &dyn Fn(&(usize, [f32; 3], [f32; 3])) -> f32| {
-            group.iter().map(|c| f64::from(f(c))).sum::<f64>() / n
-        };
+        let mean =
+            |f: &dyn Fn(&Colour) -> f32| group.iter().map(|c| f64::from(f(c))).sum::<f64>() / n;
         let (mx, my) = (mean(&|c| c.1[0]), mean(&|c| c.2[0]));
         for c in group {
             let (x, y) = (f64::from(c.1[0]) - mx, f64::from(c.2[0]) - my);

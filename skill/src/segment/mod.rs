@@ -89,8 +89,7 @@ pub fn segment(set: &TrackSet, base: &BaseMotion, config: &SegmentConfig) -> Vec
 }
 
 fn longest_moving(base: &BaseMotion, limit: usize) -> Vec<usize> {
-    let mut moving: Vec<usize> =
-        (0..base.tracks.len()).filter(|&i| base.tracks[i].moves).collect();
+    let mut moving: Vec<usize> = (0..base.tracks.len()).filter(|&i| base.tracks[i].moves).collect();
     if moving.len() > limit {
         let seen = |i: usize| base.tracks[i].points.iter().flatten().count();
         moving.sort_by_key(|&i| std::cmp::Reverse(seen(i)));
@@ -127,13 +126,10 @@ fn similarity(
     if 1.0 - by_distance > config.epsilon || config.normal_sigma_rad <= 0.0 {
         return Some(by_distance);
     }
-    let normal = |id: usize, t: usize| -> Option<Vector3<f64>> {
-        set.tracks[id].at(t)?.normal_in_camera
-    };
-    let angles: Vec<f64> = common
-        .iter()
-        .filter_map(|&t| Some(1.0 - normal(a, t)?.dot(&normal(b, t)?)))
-        .collect();
+    let normal =
+        |id: usize, t: usize| -> Option<Vector3<f64>> { set.tracks[id].at(t)?.normal_in_camera };
+    let angles: Vec<f64> =
+        common.iter().filter_map(|&t| Some(1.0 - normal(a, t)?.dot(&normal(b, t)?))).collect();
     if angles.len() < config.min_common_frames {
         return Some(by_distance);
     }

@@ -5,7 +5,9 @@ mod schema;
 
 use crate::appearance::Appearance;
 use crate::model::ObjectModel;
-use crate::recognise::{Index, KnownObject, RecogniseConfig, Recognition, Scene, Vocabulary, recognise};
+use crate::recognise::{
+    Index, KnownObject, RecogniseConfig, Recognition, Scene, Vocabulary, recognise,
+};
 use rusqlite::{Connection, OptionalExtension, params};
 use std::path::{Path, PathBuf};
 
@@ -27,7 +29,9 @@ pub enum StoreError {
         path: String,
     },
     /// It was written by a newer version.
-    #[error("{path}: schema {found} is newer than {known}, the newest that this version knows; update linkage")]
+    #[error(
+        "{path}: schema {found} is newer than {known}, the newest that this version knows; update linkage"
+    )]
     Newer {
         /// The file.
         path: String,
@@ -119,7 +123,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::Database`].
     pub fn names(&self) -> Result<Vec<String>, StoreError> {
-        let mut statement = self.sql(self.connection.prepare("SELECT name FROM object ORDER BY name"))?;
+        let mut statement =
+            self.sql(self.connection.prepare("SELECT name FROM object ORDER BY name"))?;
         let rows = self.sql(statement.query_map([], |row| row.get(0)))?;
         self.sql(rows.collect())
     }
@@ -191,8 +196,7 @@ impl Store {
     /// # Errors
     /// As [`Self::get`].
     pub fn load(&self) -> Result<Library, StoreError> {
-        let objects =
-            self.names()?.iter().map(|n| self.get(n)).collect::<Result<Vec<_>, _>>()?;
+        let objects = self.names()?.iter().map(|n| self.get(n)).collect::<Result<Vec<_>, _>>()?;
         let vocabulary = self.vocabulary(&objects)?;
         Ok(Library::new(objects, vocabulary))
     }
@@ -244,12 +248,15 @@ impl Store {
     }
 }
 
-fn write_object(transaction: &rusqlite::Transaction, object: &StoredObject) -> rusqlite::Result<()> {
-    let encoding = |e: Box<dyn std::error::Error + Send + Sync>| rusqlite::Error::ToSqlConversionFailure(e);
+fn write_object(
+    transaction: &rusqlite::Transaction,
+    object: &StoredObject,
+) -> rusqlite::Result<()> {
+    let encoding =
+        |e: Box<dyn std::error::Error + Send + Sync>| rusqlite::Error::ToSqlConversionFailure(e);
     let name = &object.model.object;
     let model = serde_json::to_string(&object.model).map_err(|e| encoding(e.into()))?;
-    let appearance =
-        postcard::to_stdvec(&object.appearance).map_err(|e| encoding(e.into()))?;
+    let appearance = postcard::to_stdvec(&object.appearance).map_err(|e| encoding(e.into()))?;
     transaction.execute("DELETE FROM object WHERE name = ?1", [name])?;
     transaction.execute(
         "INSERT INTO object (name, model, appearance) VALUES (?1, ?2, ?3)",

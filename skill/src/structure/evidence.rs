@@ -26,7 +26,8 @@ fn rest_length<'p>(seen: impl Iterator<Item = &'p crate::base::BasePoint>) -> us
     let mut sum = nalgebra::Vector3::zeros();
     let (mut averaged, mut rested, mut strays) = (0.0, 0, 0);
     for p in seen {
-        if averaged >= 3.0 && (p.point.coords - sum / averaged).norm() > (3.0 * p.sigma).max(0.006) {
+        if averaged >= 3.0 && (p.point.coords - sum / averaged).norm() > (3.0 * p.sigma).max(0.006)
+        {
             strays += 1;
             if strays >= 2 {
                 break;
@@ -94,7 +95,11 @@ pub fn free_space_of(
     let (mut unknown_frames, mut unknown_agrees) = (0, 0);
     for (frame, picture) in keyframes.iter() {
         let probe = |q: f64| {
-            probe_points(picture, points_at_rest, &(base.camera_from_base[frame] * geometry.motion(q)))
+            probe_points(
+                picture,
+                points_at_rest,
+                &(base.camera_from_base[frame] * geometry.motion(q)),
+            )
         };
         let counts = match frames.binary_search(&frame) {
             Ok(i) => probe(configuration[i]),

@@ -219,9 +219,7 @@ fn same_line(a: &Candidate, b: &Candidate, config: &StructureConfig) -> bool {
     }
     let common = a.frames.iter().filter(|f| b.frames.contains(f)).count();
     let near = match ga.kind {
-        JointKind::Prismatic => {
-            distance_to_line(&ga.origin, &ga.axis, &gb.origin) < 0.3
-        }
+        JointKind::Prismatic => distance_to_line(&ga.origin, &ga.axis, &gb.origin) < 0.3,
         _ => distance_to_line(&ga.origin, &ga.axis, &gb.origin) < config.merge_distance_m,
     };
     near && common * 4 < a.frames.len().min(b.frames.len())
@@ -240,10 +238,7 @@ fn concatenated(
     let q_end = *early.fit.configuration.last()?;
     let sign = geometry.axis.dot(&late.fit.geometry.axis).signum();
     let q_start = sign * late.fit.configuration.first()?;
-    let rest = Pose::from_parts(
-        early.fit.rest_position.coords.into(),
-        early.fit.rest_orientation,
-    );
+    let rest = Pose::from_parts(early.fit.rest_position.coords.into(), early.fit.rest_orientation);
     for (frame, q) in late.frames.iter().zip(&late.fit.configuration) {
         if motion.base_from_part[*frame].is_none() {
             let q = sign * q - q_start + q_end;
@@ -300,7 +295,14 @@ fn doubt(
     if rest < limits.min_rest_share {
         return Some(format!("only {:.0} % of it ever rests", 100.0 * rest));
     }
-    let seen = free_space(base, keyframes, &candidate.motion, &fit.geometry, &candidate.frames, &fit.configuration);
+    let seen = free_space(
+        base,
+        keyframes,
+        &candidate.motion,
+        &fit.geometry,
+        &candidate.frames,
+        &fit.configuration,
+    );
     if seen.through > limits.max_seen_through {
         return Some(format!("{:.0} % of it is seen through", 100.0 * seen.through));
     }
@@ -406,7 +408,9 @@ fn to_learned(
     orient(&mut geometry, &mut configuration);
     let mut base_from_part: Trajectory = vec![None; frame_count];
     let rest = part.motion.base_from_part[part.frames[0]].unwrap_or_default();
-    for (&frame, pose) in part.frames.iter().zip(part.frames.iter().map(|f| part.motion.base_from_part[*f])) {
+    for (&frame, pose) in
+        part.frames.iter().zip(part.frames.iter().map(|f| part.motion.base_from_part[*f]))
+    {
         base_from_part[frame] = pose.map(|p| p * rest.inverse());
     }
     let seconds = |frame: usize| set.frame_utimes[frame] as f64 * 1e-6;
@@ -420,9 +424,7 @@ fn to_learned(
             origin: geometry.origin.into(),
             pitch: 0.0,
             range: range_of(&configuration),
-            covariance: (0..6)
-                .map(|r| std::array::from_fn(|c| fit.covariance[(r, c)]))
-                .collect(),
+            covariance: (0..6).map(|r| std::array::from_fn(|c| fit.covariance[(r, c)])).collect(),
             observations: frames.len(),
             bic: fit.bic,
             log_likelihood: fit.log_likelihood,

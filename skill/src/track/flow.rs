@@ -53,7 +53,16 @@ fn predict_lucas_kanade(
     let window = Size::new(13, 13);
     let pyramid = |gray: &Gray| -> opencv::Result<Vector<Mat>> {
         let mut levels = Vector::new();
-        video::build_optical_flow_pyramid(gray.mat(), &mut levels, window, LEVELS, true, 4, 0, true)?;
+        video::build_optical_flow_pyramid(
+            gray.mat(),
+            &mut levels,
+            window,
+            LEVELS,
+            true,
+            4,
+            0,
+            true,
+        )?;
         Ok(levels)
     };
     let (from, to) = (pyramid(previous)?, pyramid(next)?);
@@ -65,7 +74,17 @@ fn predict_lucas_kanade(
         let (mut end, mut status, mut error) =
             (Vector::<Point2f>::new(), Vector::<u8>::new(), Vector::<f32>::new());
         video::calc_optical_flow_pyr_lk(
-            a, b, start, &mut end, &mut status, &mut error, window, LEVELS, criteria, 0, 1e-4,
+            a,
+            b,
+            start,
+            &mut end,
+            &mut status,
+            &mut error,
+            window,
+            LEVELS,
+            criteria,
+            0,
+            1e-4,
         )?;
         Ok((end, status))
     };

@@ -180,7 +180,9 @@ mod tests {
 
     #[test]
     fn light_does_not_change_the_description() {
-        assert!(distance(&at_centre(&blobs(0.0, 1.0), true), &at_centre(&blobs(0.0, 0.7), true)) < 0.05);
+        assert!(
+            distance(&at_centre(&blobs(0.0, 1.0), true), &at_centre(&blobs(0.0, 0.7), true)) < 0.05
+        );
     }
 
     #[test]

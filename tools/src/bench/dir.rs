@@ -7,9 +7,9 @@ use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
 use anyhow::{Context, anyhow};
 use linkage_skill::SkillConfig;
+use linkage_skill::recognise::Vocabulary;
 use linkage_skill::recognise::{Recognised, Scene};
 use linkage_skill::store::{Library, StoredObject};
-use linkage_skill::recognise::Vocabulary;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -90,7 +90,16 @@ fn learn_all(
 ) -> Outcome<(Vec<LearnRow>, Vec<Learned>)> {
     println!(
         "{:20} {:12} {:10} {:10} {:>6} {:>6} {:>6} {:>5} {:>5} {:>6} verdict",
-        "demonstration", "joint", "true", "found", "axis/°", "pos/cm", "range", "parts", "spur.", "fps"
+        "demonstration",
+        "joint",
+        "true",
+        "found",
+        "axis/°",
+        "pos/cm",
+        "range",
+        "parts",
+        "spur.",
+        "fps"
     );
     let (mut rows, mut learned) = (Vec::new(), Vec::new());
     for (recording, truth) in recordings.iter().filter(|(_, t)| !t.encounter) {
@@ -120,7 +129,10 @@ fn learn_all(
     }
     let (right, strict) =
         (rows.iter().filter(|r| r.success).count(), rows.iter().filter(|r| r.strict).count());
-    println!("{right} of {} demonstrations right (10°, 5 cm), {strict} strictly (3°, 2 cm)", rows.len());
+    println!(
+        "{right} of {} demonstrations right (10°, 5 cm), {strict} strictly (3°, 2 cm)",
+        rows.len()
+    );
     print_stage_times(&rows);
     Ok((rows, learned))
 }
@@ -241,7 +253,8 @@ fn configuration_scores(
         .iter()
         .filter_map(|j| {
             let axis = Vector3::from(j.axis);
-            let angle = |t: &super::truth::TrueJoint| line_angle(&axis, &Vector3::from(t.axis_last));
+            let angle =
+                |t: &super::truth::TrueJoint| line_angle(&axis, &Vector3::from(t.axis_last));
             let t = truth.joints.iter().min_by(|a, b| angle(a).total_cmp(&angle(b)))?;
             let first = demonstrated.joints.iter().find(|d| d.name == t.name)?.configuration[0];
             let change = t.configuration.last()? - first;
@@ -278,5 +291,6 @@ fn print_encounter_row(row: &EncounterRow) {
 }
 
 fn name_of(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+    path.file_name()
+        .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
 }

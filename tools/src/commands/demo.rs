@@ -5,7 +5,9 @@
 use super::predict::publish;
 use super::recognise::recognise_frame;
 use super::simulate::film;
-use super::{Failure, Outcome, demonstrate, last_frame, remember, skill_config, write_json, write_text};
+use super::{
+    Failure, Outcome, demonstrate, last_frame, remember, skill_config, write_json, write_text,
+};
 use crate::bench::truth::Truth;
 use crate::cli::{Common, DemoArgs};
 use crate::report;
@@ -47,7 +49,10 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let mut store = Store::open_or_create(&store_path)?;
     store.put(&stored)?;
     write_json(&out.join("model.json"), &demonstration.model)?;
-    write_text(&out.join("report.html"), &report::demonstration_page(&demonstration)?)?;
+    write_text(
+        &out.join("report.html"),
+        &report::demonstration_page(&demonstration, Some(&stored.appearance))?,
+    )?;
     report::save_demonstration_pictures(&demonstration, out)?;
 
     say(common, "3/5 recognising it from another viewpoint");
@@ -144,7 +149,11 @@ fn errors(
     let true_axis = Vector3::from(first.axis);
     let learned_deg = line_angle(&true_axis, &Vector3::from(joint.axis)).to_degrees();
     let learned_cm = 100.0
-        * distance_to_line(&Point3::from(first.origin), &true_axis.normalize(), &Point3::from(joint.origin));
+        * distance_to_line(
+            &Point3::from(first.origin),
+            &true_axis.normalize(),
+            &Point3::from(joint.origin),
+        );
     let state = &found.joints[0];
     let met_axis = Vector3::from(now.axis_last);
     let met_deg = line_angle(&met_axis, &Vector3::from(state.axis)).to_degrees();

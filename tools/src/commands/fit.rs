@@ -22,7 +22,11 @@ pub fn run(args: &FitArgs, common: &Common) -> Outcome {
             let j = &model.joints[0];
             eprintln!(
                 "{}: {} {:.3} to {:.3} {}, rmse {:.1} mm",
-                log.display(), j.kind.name(), j.range[0], j.range[1], j.kind.unit(),
+                log.display(),
+                j.kind.name(),
+                j.range[0],
+                j.range[1],
+                j.kind.unit(),
                 1000.0 * j.position_rmse
             );
         }

@@ -18,7 +18,7 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     let mut first: Option<Demonstration> = None;
     for source in &args.sources {
         let demonstration = demonstrate(source, &args.object, &config, common.quiet)?;
-        let keep = args.store.is_some() || args.sources.len() > 1;
+        let keep = args.store.is_some() || args.report.is_some() || args.sources.len() > 1;
         if keep && !demonstration.model.joints.is_empty() {
             known = Some(remember(known.as_ref(), &demonstration, source, &config)?);
         }
@@ -34,7 +34,10 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
         write_text(path, &poses_csv(&first))?;
     }
     if let Some(path) = &args.report {
-        write_text(path, &report::demonstration_page(&first)?)?;
+        write_text(
+            path,
+            &report::demonstration_page(&first, known.as_ref().map(|k| &k.appearance))?,
+        )?;
     }
     if model.joints.is_empty() {
         return Err(Failure::no_answer(format!(

@@ -20,7 +20,6 @@ use std::path::Path;
 pub use learn::{demonstrate, remember, summary};
 pub use recognise::{describe, last_frame};
 
-
 /// A command that failed, with its exit status (DESIGN 4.3).
 pub struct Failure {
     /// 1: no answer; 2: usage or bad input; 3: internal.

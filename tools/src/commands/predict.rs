@@ -29,7 +29,10 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     let model = store.get(&best.object)?.model;
     let prediction = predict(&model, best, args.joint.as_deref(), target, &rig).map_err(|e| {
         let unseen = matches!(e, PlanError::Predict(PredictError::Unseen { .. }));
-        Failure { status: if unseen { super::NO_ANSWER } else { super::BAD_INPUT }, cause: e.into() }
+        Failure {
+            status: if unseen { super::NO_ANSWER } else { super::BAD_INPUT },
+            cause: e.into(),
+        }
     })?;
     if let Some(path) = &args.json {
         write_json(path, &prediction)?;
@@ -44,7 +47,12 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
             if let (Some(a), Some(b)) = (j.trajectory.first(), j.trajectory.last()) {
                 eprintln!(
                     "{}/{}: {:.3} to {:.3} {} in {:.2} s",
-                    prediction.object, j.state.name, a[1], b[1], j.state.kind.unit(), b[0]
+                    prediction.object,
+                    j.state.name,
+                    a[1],
+                    b[1],
+                    j.state.kind.unit(),
+                    b[0]
                 );
             }
         }

@@ -4,9 +4,9 @@ use super::{Failure, Outcome, check_depth, skill_config, write_json, write_text}
 use crate::cli::{Common, RecogniseArgs};
 use crate::report;
 use linkage_driver::RgbdFrame;
+use linkage_skill::SkillConfig;
 use linkage_skill::recognise::{Recognition, Scene};
 use linkage_skill::store::{Library, Store};
-use linkage_skill::SkillConfig;
 
 pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;

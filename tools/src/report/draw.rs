@@ -14,14 +14,8 @@ use std::path::Path;
 pub type Rgb = [u8; 3];
 
 /// Colours of parts, the base first.
-pub const PART_COLOURS: [Rgb; 6] = [
-    [70, 130, 255],
-    [255, 90, 40],
-    [60, 200, 80],
-    [230, 60, 200],
-    [240, 200, 30],
-    [40, 210, 210],
-];
+pub const PART_COLOURS: [Rgb; 6] =
+    [[70, 130, 255], [255, 90, 40], [60, 200, 80], [230, 60, 200], [240, 200, 30], [40, 210, 210]];
 
 /// Half of a drawn axis, metres.
 const AXIS_HALF_M: f64 = 0.25;
@@ -35,12 +29,8 @@ pub struct Canvas {
 impl Canvas {
     /// Starts from a frame.
     pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
-        let pixels: Vec<Vec3b> = frame
-            .color
-            .as_rgb()
-            .chunks_exact(3)
-            .map(|p| Vec3b::from([p[0], p[1], p[2]]))
-            .collect();
+        let pixels: Vec<Vec3b> =
+            frame.color.as_rgb().chunks_exact(3).map(|p| Vec3b::from([p[0], p[1], p[2]])).collect();
         let rows = frame.color.height() as i32;
         let picture =
             Mat::new_rows_cols_with_data(rows, frame.color.width() as i32, &pixels)?.try_clone()?;
@@ -49,7 +39,15 @@ impl Canvas {
 
     /// A filled dot.
     pub fn dot(&mut self, at: Point2<f64>, radius: i32, colour: Rgb) -> opencv::Result<()> {
-        imgproc::circle(&mut self.picture, point(&at), radius, scalar(colour), -1, imgproc::LINE_AA, 0)
+        imgproc::circle(
+            &mut self.picture,
+            point(&at),
+            radius,
+            scalar(colour),
+            -1,
+            imgproc::LINE_AA,
+            0,
+        )
     }
 
     /// A line between two places in the camera frame, where both are in front.
@@ -79,12 +77,19 @@ impl Canvas {
         let half = line.axis.into_inner() * AXIS_HALF_M;
         let (a, b) = (line.origin - half, line.origin + half);
         self.segment(&a, &b, 3, colour)?;
-        if line.kind == JointKind::Prismatic {
-            if let (Some(a), Some(b)) = (self.camera.project(&a), self.camera.project(&b)) {
-                imgproc::arrowed_line(
-                    &mut self.picture, point(&a), point(&b), scalar(colour), 3, imgproc::LINE_AA, 0, 0.12,
-                )?;
-            }
+        if line.kind == JointKind::Prismatic
+            && let (Some(a), Some(b)) = (self.camera.project(&a), self.camera.project(&b))
+        {
+            imgproc::arrowed_line(
+                &mut self.picture,
+                point(&a),
+                point(&b),
+                scalar(colour),
+                3,
+                imgproc::LINE_AA,
+                0,
+                0.12,
+            )?;
         }
         if let Some(origin) = self.camera.project(&line.origin) {
             self.dot(origin, 6, colour)?;
@@ -112,7 +117,15 @@ impl Canvas {
             let shade = colour.map(|c| (f64::from(c) * fade) as u8);
             let mut outlines: Vector<Vector<Point>> = Vector::new();
             outlines.push(corners);
-            imgproc::polylines(&mut self.picture, &outlines, true, scalar(shade), 2, imgproc::LINE_AA, 0)?;
+            imgproc::polylines(
+                &mut self.picture,
+                &outlines,
+                true,
+                scalar(shade),
+                2,
+                imgproc::LINE_AA,
+                0,
+            )?;
         }
         Ok(())
     }
@@ -122,8 +135,15 @@ impl Canvas {
         let at = Point::new(10, 24 + 22 * line);
         for (colour, thickness) in [([0, 0, 0], 3), ([255, 255, 255], 1)] {
             imgproc::put_text(
-                &mut self.picture, text, at, imgproc::FONT_HERSHEY_SIMPLEX, 0.55, scalar(colour),
-                thickness, imgproc::LINE_AA, false,
+                &mut self.picture,
+                text,
+                at,
+                imgproc::FONT_HERSHEY_SIMPLEX,
+                0.55,
+                scalar(colour),
+                thickness,
+                imgproc::LINE_AA,
+                false,
             )?;
         }
         Ok(())

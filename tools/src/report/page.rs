@@ -5,6 +5,7 @@ use base64::Engine;
 use linkage_driver::{ColorImage, RgbdFrame, image_file};
 use linkage_planner_bridge::Prediction;
 use linkage_skill::Demonstration;
+use linkage_skill::appearance::Appearance;
 use linkage_skill::articulate::JointGeometry;
 use linkage_skill::geometry::{Pose, pose_from_array};
 use linkage_skill::model::{Joint, ObjectModel};
@@ -20,16 +21,32 @@ use std::path::{Path, PathBuf};
 const MANIFOLD_STEPS: usize = 9;
 
 /// A page about a demonstration.
-pub fn demonstration_page(demonstration: &Demonstration) -> anyhow::Result<String> {
+pub fn demonstration_page(
+    demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
+) -> anyhow::Result<String> {
     let model = &demonstration.model;
     let mut body = format!("<h1>{}</h1>\n", escape(&model.object));
     body += &joint_table(model);
     let middle = middle_keyframe(demonstration);
     if let Some((index, frame)) = middle {
-        body += &figure("Features by part (blue: base)", &tracks_picture(demonstration, index, frame)?)?;
-        body += &figure("Joint axes and motion manifold", &joints_picture(demonstration, index, frame)?)?;
+        body += &figure(
+            "Features by part (blue: base)",
+            &tracks_picture(demonstration, index, frame)?,
+        )?;
+        body += &figure(
+            "Joint axes and motion manifold",
+            &joints_picture(demonstration, index, frame)?,
+        )?;
     }
-    body += &format!("<figure>{}<figcaption>Configuration over time</figcaption></figure>\n", configuration_plot(model)?);
+    if let (Some((index, frame)), Some(appearance)) = (middle, appearance) {
+        let picture = surface_picture(demonstration, appearance, index, frame)?;
+        body += &figure("Surface kept for recognition, by part", &picture)?;
+    }
+    body += &format!(
+        "<figure>{}<figcaption>Configuration over time</figcaption></figure>\n",
+        configuration_plot(model)?
+    );
     body += "<h2>Time</h2>\n<table><tr><th>stage</th><th>seconds</th></tr>\n";
     for (stage, time) in demonstration.times.iter() {
         let _ = writeln!(body, "<tr><td>{stage}</td><td>{:.2}</td></tr>", time.as_secs_f64());
@@ -71,7 +88,12 @@ pub fn recognition_page(
         draw_recognised(&mut canvas, m, i)?;
     }
     let mut body = String::from("<h1>Recognition</h1>\n");
-    let _ = writeln!(body, "<p>{} of {} known objects recognised.</p>", recognition.matches.len(), library.objects().len());
+    let _ = writeln!(
+        body,
+        "<p>{} of {} known objects recognised.</p>",
+        recognition.matches.len(),
+        library.objects().len()
+    );
     for m in &recognition.matches {
         let _ = writeln!(body, "<p>{}</p>", escape(&crate::commands::describe(m)));
     }
@@ -134,8 +156,11 @@ fn lifted_surface(
     features: &[Point2<f64>],
 ) -> anyhow::Result<Option<Vec<Point3<f64>>>> {
     Ok(moved_surface(frame, features)?.map(|outline| {
-        let mut depths: Vec<f64> =
-            features.iter().filter_map(|f| frame.depth.at_nearest(f.x, f.y)).map(f64::from).collect();
+        let mut depths: Vec<f64> = features
+            .iter()
+            .filter_map(|f| frame.depth.at_nearest(f.x, f.y))
+            .map(f64::from)
+            .collect();
         depths.sort_by(f64::total_cmp);
         let middle = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
         outline
@@ -170,12 +195,7 @@ fn draw_recognised(canvas: &mut Canvas, m: &Recognised, index: usize) -> anyhow:
 /// The keyframe in which the parts have moved most, nearly half way through.
 fn middle_keyframe(demonstration: &Demonstration) -> Option<(usize, &RgbdFrame)> {
     let moved = |index: usize| {
-        demonstration
-            .camera_from_part
-            .iter()
-            .skip(1)
-            .filter_map(|t| t[index].as_ref())
-            .count()
+        demonstration.camera_from_part.iter().skip(1).filter_map(|t| t[index].as_ref()).count()
     };
     let frames: Vec<(usize, &RgbdFrame)> = demonstration.keyframes.iter().collect();
     let middle = frames.len() / 2;
@@ -196,8 +216,32 @@ fn tracks_picture(
         let Some(seen) = track.at(index) else { continue };
         let at = Point2::new(f64::from(seen.pixel.x), f64::from(seen.pixel.y));
         match part {
-            Some(p) => canvas.dot(at, if *p == 0 { 1 } else { 3 }, PART_COLOURS[p % PART_COLOURS.len()])?,
+            Some(p) => {
+                canvas.dot(at, if *p == 0 { 1 } else { 3 }, PART_COLOURS[p % PART_COLOURS.len()])?
+            }
             None => canvas.dot(at, 2, [160, 160, 160])?,
+        }
+    }
+    canvas.finish()
+}
+
+fn surface_picture(
+    demonstration: &Demonstration,
+    appearance: &Appearance,
+    index: usize,
+    frame: &RgbdFrame,
+) -> anyhow::Result<ColorImage> {
+    let mut canvas = Canvas::new(frame)?;
+    for s in &appearance.surfels {
+        let part = usize::from(s.part);
+        let Some(pose) = demonstration.camera_from_part[part][index] else { continue };
+        let place = pose * Point3::from(Vector3::from(s.point).map(f64::from));
+        let normal = pose * Vector3::from(s.normal).map(f64::from);
+        if normal.dot(&place.coords) > 0.0 {
+            continue;
+        }
+        if let Some(pixel) = frame.camera.project(&place) {
+            canvas.dot(pixel, 2, PART_COLOURS[part % PART_COLOURS.len()])?;
         }
     }
     canvas.finish()
@@ -211,7 +255,9 @@ fn joints_picture(
     let mut canvas = Canvas::new(frame)?;
     let model = &demonstration.model;
     for joint in &model.joints {
-        let Some(camera_from_parent) = demonstration.camera_from_part[joint.parent][index] else { continue };
+        let Some(camera_from_parent) = demonstration.camera_from_part[joint.parent][index] else {
+            continue;
+        };
         let colour = PART_COLOURS[joint.child % PART_COLOURS.len()];
         let line = joint.geometry().transformed(&camera_from_parent);
         canvas.axis(&line, colour)?;
@@ -229,7 +275,8 @@ fn joints_picture(
             let motions: Vec<Pose> = (0..MANIFOLD_STEPS)
                 .map(|i| {
                     let q = joint.range[0]
-                        + (joint.range[1] - joint.range[0]) * i as f64 / (MANIFOLD_STEPS - 1) as f64;
+                        + (joint.range[1] - joint.range[0]) * i as f64
+                            / (MANIFOLD_STEPS - 1) as f64;
                     line.motion(q - present)
                 })
                 .collect();
@@ -296,9 +343,16 @@ fn joint_table(model: &ObjectModel) -> String {
         let _ = writeln!(
             table,
             "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.3} to {:.3} {}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
-            escape(&j.name), j.kind.name(), escape(&model.parts[j.parent].name),
-            escape(&model.parts[j.child].name), j.range[0], j.range[1], j.kind.unit(),
-            vector(j.axis), vector(j.origin), 1000.0 * j.position_rmse
+            escape(&j.name),
+            j.kind.name(),
+            escape(&model.parts[j.parent].name),
+            escape(&model.parts[j.child].name),
+            j.range[0],
+            j.range[1],
+            j.kind.unit(),
+            vector(j.axis),
+            vector(j.origin),
+            1000.0 * j.position_rmse
         );
     }
     if model.joints.is_empty() {

@@ -50,7 +50,13 @@ impl Person {
         let wrist = hand + back * 0.10;
         let mut solids = vec![
             // The palm and four fingers round what is held.
-            Solid::rod(hand + back * 0.03 - side * 0.025, hand + back * 0.03 + side * 0.025, 0.028, &self.skin, PERSON),
+            Solid::rod(
+                hand + back * 0.03 - side * 0.025,
+                hand + back * 0.03 + side * 0.025,
+                0.028,
+                &self.skin,
+                PERSON,
+            ),
             Solid::rod(hand + back * 0.05, wrist, 0.03, &self.skin, PERSON),
         ];
         for k in 0..4 {

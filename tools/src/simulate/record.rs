@@ -142,7 +142,9 @@ impl<'s> Film<'s> {
         let mut eye = self.scene.target + back * distance;
         let mut target = self.scene.target;
         if self.scene.moving_camera && self.take == Take::Demonstration {
-            let wave = |k: usize, hz: f64| (std::f64::consts::TAU * hz * t + self.sway[k]).sin() - self.sway[k].sin();
+            let wave = |k: usize, hz: f64| {
+                (std::f64::consts::TAU * hz * t + self.sway[k]).sin() - self.sway[k].sin()
+            };
             eye += Vector3::new(0.05 * wave(0, 0.13), 0.03 * wave(1, 0.17), 0.04 * wave(2, 0.11));
             target += Vector3::new(0.02 * wave(3, 0.19), 0.0, 0.02 * wave(4, 0.23));
         }
@@ -150,7 +152,8 @@ impl<'s> Film<'s> {
         let right = forward.cross(&Vector3::z()).normalize();
         let down = forward.cross(&right);
         let rotation = Rotation3::from_basis_unchecked(&[right, down, forward]);
-        Pose::from_parts(eye.coords.into(), UnitQuaternion::from_rotation_matrix(&rotation)).inverse()
+        Pose::from_parts(eye.coords.into(), UnitQuaternion::from_rotation_matrix(&rotation))
+            .inverse()
     }
 
     fn configurations(&self, t: f64) -> Vec<f64> {
@@ -209,8 +212,7 @@ impl<'s> Film<'s> {
         let solids = self.solids_at(then, &person);
         let surfaces =
             View::new(&self.camera, &self.camera_from_world(then), solids.into_iter()).surfaces();
-        let raw =
-            sensor::depth(&surfaces, width, self.camera.depth_units_per_metre, &mut noise);
+        let raw = sensor::depth(&surfaces, width, self.camera.depth_units_per_metre, &mut noise);
         let depth_name = format!("depth/{:.6}.png", START + then);
         image_file::write_depth(&dir.join(&depth_name), width, height, &raw)?;
         if index.is_multiple_of(LABEL_EVERY) {
@@ -238,7 +240,9 @@ impl<'s> Film<'s> {
                     .iter()
                     .zip(&configurations)
                     .map(|(&t, q)| {
-                        pose_to_array(&(self.camera_from_world(t) * self.scene.world_from_part(q)[i]))
+                        pose_to_array(
+                            &(self.camera_from_world(t) * self.scene.world_from_part(q)[i]),
+                        )
                     })
                     .collect(),
             })

@@ -69,7 +69,12 @@ fn there_and_back(joint: usize, to: f64, start: f64, seconds: f64) -> [Action; 2
     let pause = 0.7;
     [
         Action { joint, to, start, end: start + seconds },
-        Action { joint, to: 0.0, start: start + seconds + pause, end: start + 2.0 * seconds + pause },
+        Action {
+            joint,
+            to: 0.0,
+            start: start + seconds + pause,
+            end: start + 2.0 * seconds + pause,
+        },
     ]
 }
 
@@ -88,7 +93,13 @@ fn scene_of(name: &'static str, category: &'static str, target: [f64; 3], view: 
     }
 }
 
-fn hinge(name: &'static str, axis: [f64; 3], origin: [f64; 3], grasp: [f64; 3], person: [f64; 3]) -> SceneJoint {
+fn hinge(
+    name: &'static str,
+    axis: [f64; 3],
+    origin: [f64; 3],
+    grasp: [f64; 3],
+    person: [f64; 3],
+) -> SceneJoint {
     SceneJoint {
         name,
         kind: JointKind::Revolute,
@@ -144,19 +155,37 @@ fn door() -> Scene {
     let (frame, leaf, metal) = (p.paint(WOOD), p.paint(WHITE), p.paint(DARK));
     let mut s = scene_of("door", "revolute", [0.0, 0.0, 1.05], [-14.0, 8.0, 2.3]);
     s.parts = vec![
-        part("frame", vec![
-            cuboid([-0.47, 0.0, 1.0], [0.12, 0.14, 2.0], &frame, BASE),
-            cuboid([0.47, 0.0, 1.0], [0.12, 0.14, 2.0], &frame, BASE),
-            cuboid([0.0, 0.0, 2.05], [1.06, 0.14, 0.12], &frame, BASE),
-            cuboid([-1.1, 0.05, 1.0], [1.14, 0.06, 2.2], &frame, BASE),
-            cuboid([1.1, 0.05, 1.0], [1.14, 0.06, 2.2], &frame, BASE),
-        ]),
-        part("leaf", vec![
-            cuboid([0.0, -0.02, 1.0], [0.80, 0.04, 1.96], &leaf, 2),
-            Solid::rod(Point3::new(0.33, -0.09, 1.02), Point3::new(0.24, -0.09, 1.02), 0.012, &metal, 2),
-        ]),
+        part(
+            "frame",
+            vec![
+                cuboid([-0.47, 0.0, 1.0], [0.12, 0.14, 2.0], &frame, BASE),
+                cuboid([0.47, 0.0, 1.0], [0.12, 0.14, 2.0], &frame, BASE),
+                cuboid([0.0, 0.0, 2.05], [1.06, 0.14, 0.12], &frame, BASE),
+                cuboid([-1.1, 0.05, 1.0], [1.14, 0.06, 2.2], &frame, BASE),
+                cuboid([1.1, 0.05, 1.0], [1.14, 0.06, 2.2], &frame, BASE),
+            ],
+        ),
+        part(
+            "leaf",
+            vec![
+                cuboid([0.0, -0.02, 1.0], [0.80, 0.04, 1.96], &leaf, 2),
+                Solid::rod(
+                    Point3::new(0.33, -0.09, 1.02),
+                    Point3::new(0.24, -0.09, 1.02),
+                    0.012,
+                    &metal,
+                    2,
+                ),
+            ],
+        ),
     ];
-    s.joints = vec![hinge("leaf", [0.0, 0.0, 1.0], [-0.40, -0.04, 1.0], [0.28, -0.10, 1.02], [0.5, -1.0, 0.2])];
+    s.joints = vec![hinge(
+        "leaf",
+        [0.0, 0.0, 1.0],
+        [-0.40, -0.04, 1.0],
+        [0.28, -0.10, 1.02],
+        [0.5, -1.0, 0.2],
+    )];
     s.actions = there_and_back(0, -1.1, 1.4, 3.0).into();
     s
 }
@@ -180,7 +209,13 @@ fn drawers(name: &'static str, count: usize) -> Scene {
             cuboid([0.0, y + 0.20, z - 0.11], [w - 0.08, 0.38, 0.012], &inside, label),
             cuboid([-0.21, y + 0.20, z - 0.03], [0.012, 0.38, 0.16], &inside, label),
             cuboid([0.21, y + 0.20, z - 0.03], [0.012, 0.38, 0.16], &inside, label),
-            Solid::rod(Point3::new(-0.07, y - 0.05, z), Point3::new(0.07, y - 0.05, z), 0.009, &metal, label),
+            Solid::rod(
+                Point3::new(-0.07, y - 0.05, z),
+                Point3::new(0.07, y - 0.05, z),
+                0.009,
+                &metal,
+                label,
+            ),
         ];
         if i < count {
             let part_name = if i == 0 { "upper" } else { "lower" };
@@ -204,8 +239,9 @@ fn drawers(name: &'static str, count: usize) -> Scene {
 
 fn fridge() -> Scene {
     let mut p = Palette::new("fridge", Richness::Rich);
-    let (body, front, inside, metal) = (p.paint(WHITE), p.paint(WHITE), p.paint(BLUE), p.paint(DARK));
-    let mut s = scene_of("fridge", "revolute", [0.05, -0.2, 0.95], [16.0, 12.0, 2.0]);
+    let (body, front, inside, metal) =
+        (p.paint(WHITE), p.paint(WHITE), p.paint(BLUE), p.paint(DARK));
+    let mut s = scene_of("fridge", "revolute", [0.05, -0.2, 0.95], [-24.0, 12.0, 2.0]);
     let mut base = shell([0.0, 0.0, 0.85], [0.60, 0.58, 1.5], 0.04, &body, BASE);
     for z in [0.5, 0.85, 1.2] {
         base.push(cuboid([0.0, 0.05, z], [0.52, 0.44, 0.015], &inside, BASE));
@@ -214,33 +250,64 @@ fn fridge() -> Scene {
     base.push(cuboid([0.12, -0.05, 0.97], [0.14, 0.12, 0.22], &inside, BASE));
     s.parts = vec![
         part("body", base),
-        part("door", vec![
-            cuboid([0.0, -0.32, 0.85], [0.60, 0.05, 1.48], &front, 2),
-            cuboid([0.0, -0.27, 0.70], [0.46, 0.05, 0.05], &inside, 2),
-            cuboid([0.0, -0.27, 1.10], [0.46, 0.05, 0.05], &inside, 2),
-            Solid::rod(Point3::new(-0.25, -0.37, 0.85), Point3::new(-0.25, -0.37, 1.15), 0.012, &metal, 2),
-        ]),
+        part(
+            "door",
+            vec![
+                cuboid([0.0, -0.32, 0.85], [0.60, 0.05, 1.48], &front, 2),
+                cuboid([0.0, -0.27, 0.70], [0.46, 0.05, 0.05], &inside, 2),
+                cuboid([0.0, -0.27, 1.10], [0.46, 0.05, 0.05], &inside, 2),
+                Solid::rod(
+                    Point3::new(-0.25, -0.37, 0.85),
+                    Point3::new(-0.25, -0.37, 1.15),
+                    0.012,
+                    &metal,
+                    2,
+                ),
+            ],
+        ),
     ];
-    s.joints = vec![hinge("door", [0.0, 0.0, 1.0], [0.29, -0.31, 0.85], [-0.25, -0.38, 1.0], [-0.6, -1.0, 0.2])];
+    s.joints = vec![hinge(
+        "door",
+        [0.0, 0.0, 1.0],
+        [0.29, -0.31, 0.85],
+        [-0.25, -0.38, 1.0],
+        [-0.6, -1.0, 0.2],
+    )];
     s.actions = there_and_back(0, 1.25, 1.3, 3.0).into();
     s
 }
 
 fn microwave() -> Scene {
     let mut p = Palette::new("microwave", Richness::Rich);
-    let (body, front, inside, metal) = (p.paint(GREY), p.paint(DARK), p.paint(WHITE), p.paint(WHITE));
+    let (body, front, inside, metal) =
+        (p.paint(GREY), p.paint(DARK), p.paint(WHITE), p.paint(WHITE));
     let mut s = scene_of("microwave", "revolute", [0.0, -0.1, 1.0], [-18.0, 16.0, 1.15]);
     let mut base = shell([-0.06, 0.0, 1.0], [0.38, 0.36, 0.28], 0.02, &body, BASE);
     base.push(cuboid([0.19, 0.0, 1.0], [0.12, 0.36, 0.28], &body, BASE));
     base.push(cuboid([-0.06, 0.02, 0.93], [0.16, 0.16, 0.08], &inside, BASE));
     s.parts = vec![
         part("body", base),
-        part("door", vec![
-            cuboid([-0.06, -0.195, 1.0], [0.38, 0.03, 0.28], &front, 2),
-            Solid::rod(Point3::new(0.10, -0.24, 0.93), Point3::new(0.10, -0.24, 1.07), 0.008, &metal, 2),
-        ]),
+        part(
+            "door",
+            vec![
+                cuboid([-0.06, -0.195, 1.0], [0.38, 0.03, 0.28], &front, 2),
+                Solid::rod(
+                    Point3::new(0.10, -0.24, 0.93),
+                    Point3::new(0.10, -0.24, 1.07),
+                    0.008,
+                    &metal,
+                    2,
+                ),
+            ],
+        ),
     ];
-    s.joints = vec![hinge("door", [0.0, 0.0, 1.0], [-0.245, -0.205, 1.0], [0.10, -0.25, 1.0], [0.6, -1.0, 0.2])];
+    s.joints = vec![hinge(
+        "door",
+        [0.0, 0.0, 1.0],
+        [-0.245, -0.205, 1.0],
+        [0.10, -0.25, 1.0],
+        [0.6, -1.0, 0.2],
+    )];
     s.actions = there_and_back(0, -1.4, 1.3, 2.6).into();
     s
 }
@@ -253,7 +320,13 @@ fn laptop() -> Scene {
         part("keyboard", vec![cuboid([0.0, 0.0, 0.765], [0.36, 0.25, 0.022], &base, BASE)]),
         part("lid", vec![cuboid([0.0, 0.0, 0.783], [0.36, 0.25, 0.012], &screen, 2)]),
     ];
-    s.joints = vec![hinge("lid", [1.0, 0.0, 0.0], [0.0, 0.125, 0.777], [0.06, -0.13, 0.785], [0.8, -0.7, 0.25])];
+    s.joints = vec![hinge(
+        "lid",
+        [1.0, 0.0, 0.0],
+        [0.0, 0.125, 0.777],
+        [0.06, -0.13, 0.785],
+        [0.8, -0.7, 0.25],
+    )];
     // Lifting the front edge about the hinge at the back.
     s.actions = there_and_back(0, -1.55, 1.3, 2.6).into();
     s
@@ -261,7 +334,8 @@ fn laptop() -> Scene {
 
 fn sliding_door() -> Scene {
     let mut p = Palette::new("sliding_door", Richness::Rich);
-    let (body, front, inside, metal) = (p.paint(WOOD), p.paint(WHITE), p.paint(GREY), p.paint(DARK));
+    let (body, front, inside, metal) =
+        (p.paint(WOOD), p.paint(WHITE), p.paint(GREY), p.paint(DARK));
     let mut s = scene_of("sliding_door", "prismatic", [0.0, -0.1, 0.85], [10.0, 14.0, 1.7]);
     let mut base = shell([0.0, 0.0, 0.85], [1.1, 0.4, 0.8], 0.025, &body, BASE);
     base.push(cuboid([0.0, 0.05, 0.85], [1.05, 0.30, 0.02], &inside, BASE));
@@ -269,10 +343,19 @@ fn sliding_door() -> Scene {
     base.push(cuboid([-0.30, 0.0, 0.95], [0.16, 0.14, 0.16], &inside, BASE));
     s.parts = vec![
         part("body", base),
-        part("panel", vec![
-            cuboid([-0.26, -0.215, 0.85], [0.54, 0.02, 0.74], &front, 2),
-            Solid::rod(Point3::new(-0.05, -0.24, 0.80), Point3::new(-0.05, -0.24, 0.90), 0.010, &metal, 2),
-        ]),
+        part(
+            "panel",
+            vec![
+                cuboid([-0.26, -0.215, 0.85], [0.54, 0.02, 0.74], &front, 2),
+                Solid::rod(
+                    Point3::new(-0.05, -0.24, 0.80),
+                    Point3::new(-0.05, -0.24, 0.90),
+                    0.010,
+                    &metal,
+                    2,
+                ),
+            ],
+        ),
     ];
     s.joints = vec![slide("panel", [1.0, 0.0, 0.0], [-0.05, -0.25, 0.85], [0.3, -1.0, 0.2])];
     s.actions = there_and_back(0, 0.45, 1.3, 2.8).into();
@@ -289,12 +372,27 @@ fn cabinet() -> Scene {
     base.push(cuboid([0.175, -0.17, 1.2], [0.34, 0.02, 0.60], &front, BASE));
     s.parts = vec![
         part("body", base),
-        part("door", vec![
-            cuboid([-0.175, -0.17, 1.2], [0.34, 0.02, 0.60], &front, 2),
-            Solid::rod(Point3::new(-0.05, -0.20, 1.10), Point3::new(-0.05, -0.20, 1.20), 0.008, &metal, 2),
-        ]),
+        part(
+            "door",
+            vec![
+                cuboid([-0.175, -0.17, 1.2], [0.34, 0.02, 0.60], &front, 2),
+                Solid::rod(
+                    Point3::new(-0.05, -0.20, 1.10),
+                    Point3::new(-0.05, -0.20, 1.20),
+                    0.008,
+                    &metal,
+                    2,
+                ),
+            ],
+        ),
     ];
-    s.joints = vec![hinge("door", [0.0, 0.0, 1.0], [-0.345, -0.175, 1.2], [-0.05, -0.21, 1.15], [0.6, -1.0, -0.2])];
+    s.joints = vec![hinge(
+        "door",
+        [0.0, 0.0, 1.0],
+        [-0.345, -0.175, 1.2],
+        [-0.05, -0.21, 1.15],
+        [0.6, -1.0, -0.2],
+    )];
     s.actions = there_and_back(0, -1.3, 1.3, 2.7).into();
     s
 }
@@ -310,13 +408,16 @@ fn office_chair() -> Scene {
     base.push(cuboid([0.0, 0.0, 0.07], [0.5, 0.08, 0.05], &foot, BASE));
     s.parts = vec![
         part("foot", base),
-        part("seat", vec![
-            cuboid([0.0, 0.0, 0.46], [0.46, 0.46, 0.08], &seat, 2),
-            cuboid([-0.26, 0.0, 0.60], [0.05, 0.30, 0.03], &back, 2),
-            cuboid([0.26, 0.0, 0.60], [0.05, 0.30, 0.03], &back, 2),
-            cuboid([-0.26, 0.0, 0.53], [0.03, 0.05, 0.14], &back, 2),
-            cuboid([0.26, 0.0, 0.53], [0.03, 0.05, 0.14], &back, 2),
-        ]),
+        part(
+            "seat",
+            vec![
+                cuboid([0.0, 0.0, 0.46], [0.46, 0.46, 0.08], &seat, 2),
+                cuboid([-0.26, 0.0, 0.60], [0.05, 0.30, 0.03], &back, 2),
+                cuboid([0.26, 0.0, 0.60], [0.05, 0.30, 0.03], &back, 2),
+                cuboid([-0.26, 0.0, 0.53], [0.03, 0.05, 0.14], &back, 2),
+                cuboid([0.26, 0.0, 0.53], [0.03, 0.05, 0.14], &back, 2),
+            ],
+        ),
         part("back", vec![cuboid([0.0, 0.24, 0.80], [0.42, 0.05, 0.50], &back, 3)]),
     ];
     s.joints = vec![
@@ -324,7 +425,13 @@ fn office_chair() -> Scene {
         SceneJoint {
             parent: 1,
             child: 2,
-            ..hinge("back", [1.0, 0.0, 0.0], [0.0, 0.22, 0.54], [0.15, 0.22, 1.06], [0.9, -0.3, 0.4])
+            ..hinge(
+                "back",
+                [1.0, 0.0, 0.0],
+                [0.0, 0.22, 0.54],
+                [0.15, 0.22, 1.06],
+                [0.9, -0.3, 0.4],
+            )
         },
     ];
     s.actions = there_and_back(0, 0.75, 1.3, 2.0).into();
@@ -348,16 +455,25 @@ fn lid_box() -> Scene {
     let (body, lid, inside) = (p.paint(WOOD), p.paint(BLUE), p.paint(GREY));
     let mut s = scene_of("lid_box", "revolute", [0.0, 0.0, 0.55], [-20.0, 30.0, 1.25]);
     s.parts = vec![
-        part("body", vec![
-            cuboid([0.0, 0.0, 0.31], [0.5, 0.34, 0.02], &inside, BASE),
-            cuboid([0.0, -0.16, 0.42], [0.5, 0.02, 0.24], &body, BASE),
-            cuboid([0.0, 0.16, 0.42], [0.5, 0.02, 0.24], &body, BASE),
-            cuboid([-0.24, 0.0, 0.42], [0.02, 0.34, 0.24], &body, BASE),
-            cuboid([0.24, 0.0, 0.42], [0.02, 0.34, 0.24], &body, BASE),
-        ]),
+        part(
+            "body",
+            vec![
+                cuboid([0.0, 0.0, 0.31], [0.5, 0.34, 0.02], &inside, BASE),
+                cuboid([0.0, -0.16, 0.42], [0.5, 0.02, 0.24], &body, BASE),
+                cuboid([0.0, 0.16, 0.42], [0.5, 0.02, 0.24], &body, BASE),
+                cuboid([-0.24, 0.0, 0.42], [0.02, 0.34, 0.24], &body, BASE),
+                cuboid([0.24, 0.0, 0.42], [0.02, 0.34, 0.24], &body, BASE),
+            ],
+        ),
         part("lid", vec![cuboid([0.0, 0.0, 0.555], [0.52, 0.36, 0.025], &lid, 2)]),
     ];
-    s.joints = vec![hinge("lid", [1.0, 0.0, 0.0], [0.0, 0.18, 0.545], [0.08, -0.19, 0.555], [0.8, -0.8, 0.25])];
+    s.joints = vec![hinge(
+        "lid",
+        [1.0, 0.0, 0.0],
+        [0.0, 0.18, 0.545],
+        [0.08, -0.19, 0.555],
+        [0.8, -0.8, 0.25],
+    )];
     s.actions = there_and_back(0, -1.25, 1.3, 2.6).into();
     s
 }

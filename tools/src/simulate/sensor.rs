@@ -51,9 +51,8 @@ pub fn depth(
 ) -> Vec<u16> {
     let height = surfaces.len() / width;
     let shadow = projector_shadow(surfaces, width);
-    let blotches: Vec<f64> = (0..(width / BLOTCH_PX + 1) * (height / BLOTCH_PX + 1))
-        .map(|_| rng.random())
-        .collect();
+    let blotches: Vec<f64> =
+        (0..(width / BLOTCH_PX + 1) * (height / BLOTCH_PX + 1)).map(|_| rng.random()).collect();
     (0..surfaces.len())
         .map(|i| {
             let (u, v) = (i % width, i / width);

@@ -69,7 +69,13 @@ impl Solid {
     }
 
     /// A rounded rod between two places.
-    pub fn rod(a: Point3<f64>, b: Point3<f64>, radius: f64, material: &Material, label: u8) -> Self {
+    pub fn rod(
+        a: Point3<f64>,
+        b: Point3<f64>,
+        radius: f64,
+        material: &Material,
+        label: u8,
+    ) -> Self {
         let axis = b - a;
         let half = (0.5 * axis.norm()).max(1e-4);
         let form = Form::Rod(Capsule::new_y(half as f32, radius as f32));
@@ -77,7 +83,13 @@ impl Solid {
     }
 
     /// A cylinder between two places.
-    pub fn drum(a: Point3<f64>, b: Point3<f64>, radius: f64, material: &Material, label: u8) -> Self {
+    pub fn drum(
+        a: Point3<f64>,
+        b: Point3<f64>,
+        radius: f64,
+        material: &Material,
+        label: u8,
+    ) -> Self {
         let half = (0.5 * (b - a).norm()).max(1e-4);
         let form = Form::Drum(Cylinder::new(half as f32, radius as f32));
         Self { form, body_from_solid: along(a, b), material: material.clone(), label }
@@ -152,8 +164,8 @@ impl Solid {
 /// The pose of a rod along its own y between two places.
 fn along(a: Point3<f64>, b: Point3<f64>) -> Pose {
     let axis = (b - a).try_normalize(1e-9).unwrap_or(Vector3::y());
-    let rotation = nalgebra::UnitQuaternion::rotation_between(&Vector3::y(), &axis)
-        .unwrap_or_else(|| {
+    let rotation =
+        nalgebra::UnitQuaternion::rotation_between(&Vector3::y(), &axis).unwrap_or_else(|| {
             nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
         });
     Pose::from_parts(nalgebra::center(&a, &b).coords.into(), rotation)

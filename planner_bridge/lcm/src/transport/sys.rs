@@ -16,6 +16,8 @@ const MAX_WAITING: usize = 1024;
 /// Owns an `lcm_t` and the queue that its callbacks fill.
 pub struct Handle {
     lcm: *mut ffi::lcm_t,
+    // Callbacks hold the queue's address: it must not move with the Handle.
+    #[allow(clippy::box_collection)]
     queue: Box<VecDeque<Packet>>,
     subscriptions: usize,
 }
@@ -37,7 +39,8 @@ impl Handle {
         // SAFETY: `lcm` lives until our Drop; `bytes` holds `length` bytes, which liblcm
         // copies before it returns.
         unsafe {
-            ffi::lcm_publish(self.lcm, channel.as_ptr(), bytes.as_ptr().cast::<c_void>(), length) == 0
+            ffi::lcm_publish(self.lcm, channel.as_ptr(), bytes.as_ptr().cast::<c_void>(), length)
+                == 0
         }
     }
 
