@@ -1,7 +1,7 @@
 //! Builds an object's appearance from its demonstration.
 
 use super::describe::{FeatureSpread, describe_frame};
-use super::labels::{LabelGrid, PosedFrame, STEP, label};
+use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
 use crate::learn::Demonstration;
 use crate::vision::lab_picture;
@@ -71,7 +71,7 @@ pub fn build(
     let posed = posed_frames(demonstration, WITNESSES);
     let parts = demonstration.model.parts.len();
     let tracked: Vec<Vec<Point3<f64>>> =
-        (0..parts).map(|p| tracked_points(demonstration, p)).collect();
+        (0..parts).map(|p| tracked_points(demonstration, &posed, p)).collect();
     let reach: Vec<Occupancy> = tracked
         .iter()
         .map(|points| Occupancy::new(points.iter().copied()).grown(PART_REACH_M))
@@ -124,8 +124,14 @@ fn posed_frames<'d>(demonstration: &'d Demonstration, wanted: usize) -> Vec<Pose
         .collect()
 }
 
-/// Places of a part's tracks at configuration 0, from their first posed observation.
-fn tracked_points(demonstration: &Demonstration, part: usize) -> Vec<Point3<f64>> {
+/// Places of a part's tracks at configuration 0, from their first posed observation. The
+/// hand that moves the part moves with it: what the keyframes contradict is left out.
+fn tracked_points(
+    demonstration: &Demonstration,
+    posed: &[PosedFrame],
+    part: usize,
+) -> Vec<Point3<f64>> {
+    let poses = &demonstration.camera_from_part;
     demonstration
         .tracks
         .tracks
@@ -134,9 +140,12 @@ fn tracked_points(demonstration: &Demonstration, part: usize) -> Vec<Point3<f64>
         .filter(|(_, p)| **p == Some(part))
         .filter_map(|(track, _)| {
             track.lifted().find_map(|(f, p)| {
-                Some(demonstration.camera_from_part[part][f]?.inverse_transform_point(&p))
+                let at_rest = poses[part][f]?.inverse_transform_point(&p);
+                Some((at_rest, poses[0][f]?.inverse_transform_point(&p)))
             })
         })
+        .filter(|(at_rest, in_base)| part == 0 || belongs(posed, part, at_rest, in_base))
+        .map(|(at_rest, _)| at_rest)
         .collect()
 }
 

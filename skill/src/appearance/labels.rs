@@ -57,6 +57,18 @@ pub fn label(frames: &[PosedFrame], index: usize, near_part: &NearPart) -> Label
     LabelGrid { columns, labels }
 }
 
+/// True when the keyframes hold that a place, at `at_rest` in the part's frame and at `in_base`
+/// when it was seen, lies on the part: not on the base, and not on a hand.
+pub fn belongs(
+    frames: &[PosedFrame],
+    part: usize,
+    at_rest: &Point3<f64>,
+    in_base: &Point3<f64>,
+) -> bool {
+    let claims = [(0, *in_base), (part, *at_rest)];
+    support(frames, usize::MAX, part, at_rest, &claims) > 0.5
+}
+
 fn label_point(
     frames: &[PosedFrame],
     index: usize,

@@ -43,7 +43,7 @@ impl Articulated {
             .joints
             .iter()
             .map(|j| {
-                let margin = 0.12 * (j.range[1] - j.range[0]) + 0.02;
+                let margin = 0.06 * (j.range[1] - j.range[0]) + 0.02;
                 ChainJoint {
                     geometry: j.geometry(),
                     parent: j.parent,

@@ -66,11 +66,39 @@ pub struct Placed {
 /// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
 const BUFFER_PX: usize = 4;
 
-/// Surfels of a state that the camera should see.
+/// The nearest surfel of a cell, its part, and the nearest one of any other part.
+#[derive(Clone, Copy)]
+struct Nearest {
+    z: f64,
+    part: usize,
+    other_z: f64,
+}
+
+impl Nearest {
+    const NONE: Self = Self { z: f64::INFINITY, part: usize::MAX, other_z: f64::INFINITY };
+
+    fn take(&mut self, z: f64, part: usize) {
+        if part == self.part {
+            self.z = self.z.min(z);
+        } else if z < self.z {
+            *self = Self { z, part, other_z: self.z };
+        } else {
+            self.other_z = self.other_z.min(z);
+        }
+    }
+
+    /// Nearest surfel of the part itself, and of any other part.
+    fn of(&self, part: usize) -> (f64, f64) {
+        if part == self.part { (self.z, self.other_z) } else { (self.other_z, self.z) }
+    }
+}
+
+/// Surfels of a state that the camera should see. Where two parts claim one place, only the
+/// nearer one counts: what is seen there is no evidence for the other.
 pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     let camera = &scene.frame.camera;
     let (columns, rows) = (camera.width / BUFFER_PX + 3, camera.height / BUFFER_PX + 3);
-    let mut buffer = vec![f64::INFINITY; columns * rows];
+    let mut buffer = vec![Nearest::NONE; columns * rows];
     let mut placed = Vec::with_capacity(cloud.surfels.len());
     for (index, s) in cloud.surfels.iter().enumerate() {
         let point = poses[s.part] * s.point;
@@ -85,8 +113,7 @@ pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
         let (cu, cv) = (pixel.0 / BUFFER_PX + 1, pixel.1 / BUFFER_PX + 1);
         for v in cv - 1..=cv + 1 {
             for u in cu - 1..=cu + 1 {
-                let nearest = &mut buffer[v * columns + u];
-                *nearest = nearest.min(point.z);
+                buffer[v * columns + u].take(point.z, s.part);
             }
         }
         let normal = poses[s.part] * s.normal;
@@ -96,7 +123,8 @@ pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     placed.retain(|p| {
         let (cu, cv) = (p.pixel.0 / BUFFER_PX + 1, p.pixel.1 / BUFFER_PX + 1);
         let slack = 0.03 + 0.02 * (1.0 - p.cosine.clamp(0.0, 1.0));
-        p.cosine > 0.2 && p.point.z <= buffer[cv * columns + cu] + slack
+        let (own, other) = buffer[cv * columns + cu].of(p.part);
+        p.cosine > 0.2 && p.point.z <= own + slack && p.point.z <= other + 0.005
     });
     placed
 }
