@@ -1,1 +1,108 @@
-//! Under construction.
+//! What the whole-skill specifications share: the program under test, scratch folders,
+//! simulated recordings, and the third-party data where it is at hand.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+/// The built program.
+pub fn program() -> PathBuf {
+    // Test binaries lie in target/<profile>/deps; the program two levels up.
+    let mut path = std::env::current_exe().expect("a running test has a path");
+    path.pop();
+    path.pop();
+    path.join("linkage")
+}
+
+/// Runs the program; standard error says why it failed.
+pub fn linkage(arguments: &[&str]) -> Output {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(build);
+    Command::new(program()).args(arguments).output().expect("the built program starts")
+}
+
+/// `cargo test` builds the program only where a test of its own crate asks for it.
+pub fn build() {
+    let profile = program();
+    let release = profile.components().any(|c| c.as_os_str() == "release");
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["build", "--quiet", "--package", "linkage"]);
+    if release {
+        cargo.arg("--release");
+    }
+    let status = cargo.status().expect("cargo starts");
+    assert!(status.success(), "the program must build");
+}
+
+/// Exit status and standard error.
+pub fn failure(output: &Output) -> (i32, String) {
+    (output.status.code().unwrap_or(-1), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+/// A simulated take, rendered once for all tests of a run.
+pub fn simulated(scene: &str, encounter: bool, seed: u64) -> PathBuf {
+    let take = if encounter { "encounter" } else { "demonstration" };
+    let dir = std::env::temp_dir()
+        .join(format!("linkage-tests-{}", std::process::id()))
+        .join(format!("{scene}-{take}-{seed}"));
+    if !dir.join("truth.json").exists() {
+        let (out, seed) = (dir.display().to_string(), seed.to_string());
+        let mut arguments =
+            vec!["simulate", "--quiet", "--scene", scene, "--out", &out, "--seed", &seed];
+        if encounter {
+            arguments.push("--encounter");
+        }
+        let output = linkage(&arguments);
+        assert!(output.status.success(), "{}", failure(&output).1);
+    }
+    dir
+}
+
+/// Third-party recordings and logs; `None`, said aloud, where they are missing.
+pub fn shared_data(what: &str) -> Option<PathBuf> {
+    let data = std::env::var("LINKAGE_DATA").map_or_else(
+        |_| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
+        PathBuf::from,
+    );
+    let path = data.join(what);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("ignored: {what} is not under $LINKAGE_DATA");
+    None
+}
+
+/// The Python that tools/setup made, if it carries LCM.
+pub fn python_with_lcm() -> Option<PathBuf> {
+    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/python/bin/python");
+    let works =
+        Command::new(&python).args(["-c", "import lcm"]).status().is_ok_and(|s| s.success());
+    if works {
+        return Some(python);
+    }
+    eprintln!("ignored: no Python with lcm; run tools/setup");
+    None
+}
+
+/// A recording of a few tiny frames, for tests that break it.
+pub fn tiny_recording(dir: &Path) {
+    use linkage_driver::{ColorImage, image_file};
+    for folder in ["rgb", "depth"] {
+        std::fs::create_dir_all(dir.join(folder)).expect("a scratch folder can be made");
+    }
+    let (mut rgb, mut depth) = (String::new(), String::new());
+    for i in 0..12_u32 {
+        let pixels = (0..64 * 48 * 3_u32).map(|k| ((k * 37 + i * 11) % 251) as u8).collect();
+        let color = ColorImage::new(64, 48, pixels).expect("the buffer fits the size");
+        image_file::write_color(&dir.join(format!("rgb/{i}.png")), &color).expect("can be written");
+        image_file::write_depth(&dir.join(format!("depth/{i}.png")), 64, 48, &[5000; 64 * 48])
+            .expect("can be written");
+        rgb += &format!("{}.0 rgb/{i}.png\n", 10 + i);
+        depth += &format!("{}.0 depth/{i}.png\n", 10 + i);
+    }
+    let camera = "width = 64\nheight = 48\nfx = 52.5\nfy = 52.5\ncx = 31.5\ncy = 23.5\ndepth_units_per_metre = 5000.0\n";
+    for (name, text) in [("rgb.txt", rgb.as_str()), ("depth.txt", &depth), ("camera.toml", camera)]
+    {
+        std::fs::write(dir.join(name), text).expect("can be written");
+    }
+}

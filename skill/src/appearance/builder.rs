@@ -7,7 +7,7 @@ use crate::learn::Demonstration;
 use crate::vision::lab_picture;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, depth_sigma};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -22,6 +22,9 @@ const WITNESSES: usize = 32;
 const COARSE_M: f64 = 0.04;
 /// How far beyond its tracked features a part may extend, metres.
 const PART_REACH_M: f64 = 0.12;
+/// A place is a stray unless this many others lie this near, metres.
+const STRAY_M: f64 = 0.08;
+const STRAY_NEIGHBOURS: usize = 4;
 /// Views of one point are merged within this distance, metres.
 const MERGE_M: f64 = 0.015;
 
@@ -70,8 +73,9 @@ pub fn build(
     }
     let posed = posed_frames(demonstration, WITNESSES);
     let parts = demonstration.model.parts.len();
-    let tracked: Vec<Vec<Point3<f64>>> =
-        (0..parts).map(|p| tracked_points(demonstration, &posed, p)).collect();
+    let tracked: Vec<Vec<Point3<f64>>> = (0..parts)
+        .map(|p| if p == 0 { Vec::new() } else { tracked_points(demonstration, &posed, p) })
+        .collect();
     let reach: Vec<Occupancy> = tracked
         .iter()
         .map(|points| Occupancy::new(points.iter().copied()).grown(PART_REACH_M))
@@ -132,7 +136,7 @@ fn tracked_points(
     part: usize,
 ) -> Vec<Point3<f64>> {
     let poses = &demonstration.camera_from_part;
-    demonstration
+    let points = demonstration
         .tracks
         .tracks
         .iter()
@@ -144,9 +148,17 @@ fn tracked_points(
                 Some((at_rest, poses[0][f]?.inverse_transform_point(&p)))
             })
         })
-        .filter(|(at_rest, in_base)| part == 0 || belongs(posed, part, at_rest, in_base))
+        .filter(|(at_rest, in_base)| belongs(posed, part, at_rest, in_base))
         .map(|(at_rest, _)| at_rest)
-        .collect()
+        .collect::<Vec<_>>();
+    without_strays(points)
+}
+
+/// Leaves out places that hardly any other is near: one stray would make an object of the
+/// room round it.
+fn without_strays(points: Vec<Point3<f64>>) -> Vec<Point3<f64>> {
+    let near = |p: &Point3<f64>| points.iter().filter(|o| (*o - p).norm() < STRAY_M).count();
+    points.iter().copied().filter(|p| near(p) > STRAY_NEIGHBOURS).collect()
 }
 
 /// Median depth of the moving parts' features, metres.
@@ -178,6 +190,9 @@ fn swept_volume(demonstration: &Demonstration, tracked: &[Vec<Point3<f64>>]) -> 
     Occupancy::new(points.into_iter())
 }
 
+/// A place, its normal, and its depth when seen.
+type Sample = (Point3<f64>, Vector3<f64>, f64);
+
 /// Planes of the first keyframe most of which lies away from what moved: floor, table, wall.
 fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
     let Some((frame, camera_from_object)) =
@@ -186,7 +201,7 @@ fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
         return Vec::new();
     };
     let normals = NormalMap::new(&frame.depth, &frame.camera);
-    let mut left: Vec<(Point3<f64>, Vector3<f64>, f64)> = Vec::new();
+    let mut left: Vec<Sample> = Vec::new();
     for v in (0..frame.camera.height).step_by(6) {
         for u in (0..frame.camera.width).step_by(6) {
             let (Some(p), Some(n)) = (frame.point_at(u, v), normals.at(u, v)) else { continue };
@@ -219,6 +234,8 @@ fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
         if count < 120 {
             break;
         }
+        // One pixel's normal is noisy: the plane is fitted to all that follow it, twice.
+        let plane = refitted(&refitted(&plane, &left), &left);
         let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| on_plane(&plane, s));
         left = off;
         let away = on.iter().filter(|(p, _, _)| !near.holds(p)).count();
@@ -229,7 +246,20 @@ fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
     planes
 }
 
-fn on_plane(plane: &Plane, (p, n, z): &(Point3<f64>, Vector3<f64>, f64)) -> bool {
+/// The plane through all samples that lie on a plane.
+fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
+    let on: Vec<&Sample> = samples.iter().filter(|s| on_plane(plane, s)).collect();
+    let n = on.len().max(1) as f64;
+    let mean = on.iter().map(|s| s.0.coords).sum::<Vector3<f64>>() / n;
+    let spread: Matrix3<f64> =
+        on.iter().map(|s| (s.0.coords - mean) * (s.0.coords - mean).transpose()).sum();
+    let eigen = spread.symmetric_eigen();
+    let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    let facing = normal.dot(&plane.normal).signum();
+    Plane { normal: normal * facing, through: Point3::from(mean) }
+}
+
+fn on_plane(plane: &Plane, (p, n, z): &Sample) -> bool {
     plane.holds(p, *z) && n.dot(&plane.normal) > 0.93
 }
 

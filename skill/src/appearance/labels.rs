@@ -22,6 +22,8 @@ pub const STEP: usize = 4;
 /// Two claims are told apart only where they differ by this much, metres.
 const MIN_DIFFERENCE_M: f64 = 0.03;
 
+/// Fewest frames that must tell.
+const MIN_TELLING: f64 = 3.0;
 /// Share of telling frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
 
@@ -66,7 +68,7 @@ pub fn belongs(
     in_base: &Point3<f64>,
 ) -> bool {
     let claims = [(0, *in_base), (part, *at_rest)];
-    support(frames, usize::MAX, part, at_rest, &claims) > 0.5
+    support(frames, usize::MAX, part, at_rest, &claims) > 0.8
 }
 
 fn label_point(
@@ -133,7 +135,7 @@ fn support(
             told += 1.0;
         }
     }
-    if told < 2.0 || against > MAX_CONTRADICTION * told {
+    if told < MIN_TELLING || against > MAX_CONTRADICTION * told {
         return 0.0;
     }
     agree / told

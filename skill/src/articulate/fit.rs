@@ -297,6 +297,11 @@ impl<'s> Problem<'s> {
             .iter()
             .map(|r| log_normal3(r.position.norm(), widen * self.config.position_sigma_m))
             .collect();
+        let kept = mixture(&position, OUTLIER_LOG_DENSITY_POSITION).0;
+        if !self.has_orientation {
+            let ones = vec![1.0; kept.len()];
+            return (kept, ones);
+        }
         let orientation: Vec<f64> = residuals
             .iter()
             .map(|r| {
@@ -304,10 +309,7 @@ impl<'s> Problem<'s> {
                 log_normal3(angle, widen * self.config.orientation_sigma_rad)
             })
             .collect();
-        (
-            mixture(&position, OUTLIER_LOG_DENSITY_POSITION).0,
-            mixture(&orientation, OUTLIER_LOG_DENSITY_ORIENTATION).0,
-        )
+        (kept, mixture(&orientation, OUTLIER_LOG_DENSITY_ORIENTATION).0)
     }
 
     fn log_likelihood(&self, residuals: &[Residual]) -> f64 {
@@ -538,7 +540,7 @@ impl<'s> Problem<'s> {
         let zero = DVector::zeros(10);
         let base = self.stacked(&state, &ones, &ones);
         const STEP: f64 = 1e-5;
-        let stride = (n / 60).max(1);
+        let stride = (n / 40).max(1);
         let mut information = DMatrix::<f64>::identity(10, 10) * 1e-3;
         let columns: Vec<Vec<Vector6<f64>>> = (0..10)
             .map(|k| {
@@ -599,23 +601,19 @@ fn log_normal3(r: f64, sigma: f64) -> f64 {
 /// Responsibilities of the inlier component and the mixture's log likelihood, its ratio by EM.
 fn mixture(log_inlier: &[f64], log_outlier: f64) -> (Vec<f64>, f64) {
     let n = log_inlier.len().max(1) as f64;
+    // Outlier density over inlier density, bounded so that sums stay finite.
+    let odds: Vec<f64> = log_inlier.iter().map(|l| (log_outlier - l).min(600.0).exp()).collect();
     let mut ratio: f64 = 0.05;
     let mut weights = vec![1.0; log_inlier.len()];
     for _ in 0..5 {
-        for (w, l) in weights.iter_mut().zip(log_inlier) {
-            let odds = (log_outlier - l).min(50.0).exp() * ratio / (1.0 - ratio);
-            *w = 1.0 / (1.0 + odds);
+        let prior = ratio / (1.0 - ratio);
+        for (w, odds) in weights.iter_mut().zip(&odds) {
+            *w = 1.0 / (1.0 + odds * prior);
         }
         ratio = (1.0 - weights.iter().sum::<f64>() / n).clamp(MIN_OUTLIER_RATIO, 0.9);
     }
-    let likelihood = log_inlier
-        .iter()
-        .map(|l| {
-            let (a, b) = (l + (1.0 - ratio).ln(), log_outlier + ratio.ln());
-            let top = a.max(b);
-            top + ((a - top).exp() + (b - top).exp()).ln()
-        })
-        .sum();
+    let likelihood =
+        log_inlier.iter().zip(&odds).map(|(l, odds)| l + ((1.0 - ratio) + ratio * odds).ln()).sum();
     (weights, likelihood)
 }
 

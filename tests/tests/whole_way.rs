@@ -1,0 +1,337 @@
+//! The whole way on simulated recordings: learn, recognise, predict, publish; decoded by a
+//! subscriber that nobody here wrote, recorded by LCM's own logger, and safe from a kill.
+
+use linkage_skill::geometry::{distance_to_line, line_angle};
+use linkage_skill::store::Store;
+use linkage_tests::{failure, linkage, program, python_with_lcm, shared_data, simulated};
+use nalgebra::{Point3, Vector3};
+use serde_json::Value;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+use std::time::Duration;
+
+const URL: &str = "udpm://239.255.76.67:7693?ttl=0";
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn vector(value: &Value) -> Vector3<f64> {
+    Vector3::from_iterator(value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()))
+}
+
+fn text(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// A drawer learned into a store, once for all tests.
+fn learned() -> &'static (tempfile::TempDir, PathBuf) {
+    static LEARNED: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
+    LEARNED.get_or_init(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let recording = simulated("drawer", false, 1);
+        let output = linkage(&[
+            "learn",
+            &text(&recording),
+            "--object",
+            "drawer",
+            "--store",
+            &text(&dir.path().join("objects.linkage")),
+            "--json",
+            &text(&dir.path().join("model.json")),
+            "--poses",
+            &text(&dir.path().join("poses.csv")),
+            "--report",
+            &text(&dir.path().join("report.html")),
+            "--quiet",
+        ]);
+        assert!(output.status.success(), "{}", failure(&output).1);
+        (dir, recording)
+    })
+}
+
+#[test]
+fn a_drawer_is_learned_with_its_axis_and_range() {
+    let (dir, recording) = learned();
+    let model = json(&dir.path().join("model.json"));
+    let truth = json(&recording.join("truth.json"));
+    assert_eq!(model["schema"], "linkage.model/1");
+    assert_eq!(model["joints"].as_array().unwrap().len(), 1);
+    let (joint, expected) = (&model["joints"][0], &truth["joints"][0]);
+    assert_eq!(joint["type"], "prismatic");
+    assert!(line_angle(&vector(&joint["axis"]), &vector(&expected["axis"])).to_degrees() < 2.0);
+    let range = joint["range"][1].as_f64().unwrap() - joint["range"][0].as_f64().unwrap();
+    assert!((range - 0.30).abs() < 0.03, "range {range}");
+    let poses = std::fs::read_to_string(dir.path().join("poses.csv")).unwrap();
+    assert!(poses.starts_with("t,part,x,y,z,qx,qy,qz,qw\n") && poses.lines().count() > 200);
+    let page = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
+    assert!(page.contains("data:image/png;base64,") && page.contains("<svg"));
+}
+
+#[test]
+fn learning_twice_gives_the_same_model() {
+    let (dir, recording) = learned();
+    let again = dir.path().join("again.json");
+    let output = linkage(&[
+        "learn",
+        &text(recording),
+        "--object",
+        "drawer",
+        "--json",
+        &text(&again),
+        "--quiet",
+    ]);
+    assert!(output.status.success());
+    assert_eq!(json(&again), json(&dir.path().join("model.json")));
+}
+
+#[test]
+fn the_paper_profile_learns_it_too() {
+    let (dir, recording) = learned();
+    let out = dir.path().join("paper.json");
+    let output = linkage(&[
+        "learn",
+        &text(recording),
+        "--object",
+        "drawer",
+        "--profile",
+        "paper",
+        "--json",
+        &text(&out),
+        "--quiet",
+    ]);
+    let model = json(&out);
+    assert_eq!(model["profile"], "paper", "{}", failure(&output).1);
+}
+
+#[test]
+fn a_hand_that_moves_nothing_gives_no_joint_and_status_1() {
+    let recording = simulated("hand_only", false, 1);
+    let output = linkage(&["learn", &text(&recording), "--object", "thing", "--quiet"]);
+    let (status, message) = failure(&output);
+    assert_eq!(status, 1, "{message}");
+    assert!(message.contains("nothing articulated moves"), "{message}");
+}
+
+#[test]
+fn it_is_recognised_and_its_motion_predicted() {
+    let (dir, _) = learned();
+    let store = text(&dir.path().join("objects.linkage"));
+    // The room of the demonstration, seen from elsewhere.
+    let encounter = simulated("drawer", true, 1);
+    let truth = json(&encounter.join("truth.json"));
+    let out = dir.path().join("recognition.json");
+    let output = linkage(&[
+        "recognise",
+        &text(&encounter),
+        "--store",
+        &store,
+        "--json",
+        &text(&out),
+        "--quiet",
+    ]);
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let found = &json(&out)["matches"][0];
+    assert_eq!(found["object"], "drawer");
+    let q = found["joints"][0]["configuration"].as_f64().expect("the drawer is seen");
+    let expected = truth["joints"][0]["configuration"][0].as_f64().unwrap();
+    assert!((q - expected).abs() < 0.02, "{q} instead of {expected}");
+
+    let out = dir.path().join("prediction.json");
+    let output = linkage(&[
+        "predict",
+        &text(&encounter),
+        "--store",
+        &store,
+        "--to",
+        "closed",
+        "--json",
+        &text(&out),
+        "--quiet",
+    ]);
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let prediction = json(&out);
+    assert_eq!(prediction["schema"], "linkage.prediction/1");
+    let trajectory = prediction["joints"][0]["trajectory"].as_array().unwrap();
+    assert!(trajectory.len() >= 2);
+    assert!(trajectory.last().unwrap()[1].as_f64().unwrap().abs() < 1e-6);
+    assert_eq!(prediction["parts"][0]["poses"].as_array().unwrap().len(), trajectory.len());
+
+    for (arguments, status, words) in
+        [(["--to", "0.9"], 2, "lies outside"), (["--joint", "lid"], 2, "no joint \"lid\"")]
+    {
+        let mut all = vec!["predict", encounter.to_str().unwrap(), "--store", &store];
+        all.extend(arguments);
+        let (found, message) = failure(&linkage(&all));
+        assert_eq!(found, status, "{message}");
+        assert!(message.contains(words), "{message}");
+    }
+}
+
+#[test]
+fn nothing_is_recognised_in_a_room_without_it() {
+    let (dir, _) = learned();
+    let store = text(&dir.path().join("objects.linkage"));
+    let encounter = simulated("microwave", true, 5);
+    let (status, message) = failure(&linkage(&["recognise", &text(&encounter), "--store", &store]));
+    assert_eq!(status, 1, "{message}");
+    assert!(message.contains("nothing is recognised"), "{message}");
+}
+
+#[test]
+fn a_python_subscriber_and_the_logger_receive_model_prediction_and_plan() {
+    let Some(python) = python_with_lcm() else { return };
+    let (dir, _) = learned();
+    let scratch = tempfile::tempdir().unwrap();
+    let types = Path::new(env!("CARGO_MANIFEST_DIR")).join("../planner_bridge/lcm/types");
+    let files: Vec<PathBuf> =
+        std::fs::read_dir(types).unwrap().map(|e| e.unwrap().path()).collect();
+    let generated = Command::new("lcm-gen")
+        .args(["--python", "--ppath"])
+        .arg(scratch.path())
+        .args(&files)
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(generated.success());
+    let script = scratch.path().join("subscribe.py");
+    std::fs::write(&script, SUBSCRIBER).unwrap();
+    let mut subscriber = Command::new(python)
+        .arg(&script)
+        .arg(URL)
+        .current_dir(scratch.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let log = scratch.path().join("log.lcm");
+    let mut logger = Command::new("lcm-logger")
+        .arg(format!("--lcm-url={URL}"))
+        .arg("--force")
+        .arg(&log)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_secs(2));
+    let encounter = simulated("drawer", true, 1);
+    let output = linkage(&[
+        "predict",
+        &text(&encounter),
+        "--store",
+        &text(&dir.path().join("objects.linkage")),
+        "--to",
+        "closed",
+        "--publish",
+        URL,
+        "--quiet",
+    ]);
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let mut said = String::new();
+    subscriber.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+    assert!(subscriber.wait().unwrap().success(), "{said}");
+    assert!(said.contains("model drawer prismatic"), "{said}");
+    assert!(said.contains("plan drawer/joint1 increasing True"), "{said}");
+    Command::new("kill").args(["-INT", &logger.id().to_string()]).status().unwrap();
+    logger.wait().unwrap();
+    let bytes = std::fs::read(&log).unwrap();
+    for channel in ["LINKAGE_MODEL", "LINKAGE_PREDICTION", "LINKAGE_PLAN"] {
+        let there = bytes.windows(channel.len()).any(|w| w == channel.as_bytes());
+        assert!(there, "{channel} is not in the log");
+    }
+}
+
+const SUBSCRIBER: &str = r#"
+import sys, lcm, linkage, drake
+seen = {}
+def on(channel, data):
+    if channel == "LINKAGE_MODEL":
+        m = linkage.model_t.decode(data)
+        seen[channel] = "model %s %s" % (m.object, m.joints[0].kind)
+    elif channel == "LINKAGE_PREDICTION":
+        p = linkage.prediction_t.decode(data)
+        t = p.trajectories[0]
+        assert t.num_points == len(t.position) == len(t.velocity)
+        seen[channel] = "prediction %s %d points" % (p.recognition.object, t.num_points)
+    elif channel == "LINKAGE_PLAN":
+        p = drake.lcmt_robot_plan.decode(data)
+        times = [s.utime for s in p.plan]
+        rising = times[0] == 0 and all(b > a for a, b in zip(times, times[1:]))
+        seen[channel] = "plan %s increasing %s" % (p.plan[0].joint_name[0], rising)
+net = lcm.LCM(sys.argv[1])
+net.subscribe("LINKAGE_.*", on)
+import time
+end = time.time() + 60
+while len(seen) < 3 and time.time() < end:
+    net.handle_timeout(500)
+print("\n".join(seen.values()))
+sys.exit(0 if len(seen) == 3 else 1)
+"#;
+
+#[test]
+fn a_store_holds_what_it_held_when_the_process_is_killed() {
+    let (dir, recording) = learned();
+    let scratch = tempfile::tempdir().unwrap();
+    let store = scratch.path().join("objects.linkage");
+    std::fs::copy(dir.path().join("objects.linkage"), &store).unwrap();
+    let before = Store::open(&store).unwrap().get("drawer").unwrap();
+    for (delay_ms, arguments) in [
+        (1500, vec!["learn", recording.to_str().unwrap(), "--object", "other", "--quiet"]),
+        (5, vec!["store", "merge", dir.path().join("objects.linkage").to_str().unwrap()]),
+        (15, vec!["store", "merge", dir.path().join("objects.linkage").to_str().unwrap()]),
+        (30, vec!["store", "merge", dir.path().join("objects.linkage").to_str().unwrap()]),
+    ]
+    .into_iter()
+    .map(|(d, a)| (d, a.into_iter().map(str::to_owned).collect::<Vec<_>>()))
+    {
+        let mut child = Command::new(program())
+            .args(&arguments)
+            .args(["--store", store.to_str().unwrap()])
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let store = Store::open(&store).unwrap();
+        assert_eq!(store.get("drawer").unwrap(), before, "killed after {delay_ms} ms");
+    }
+}
+
+#[test]
+fn real_recordings_open() {
+    for recording in ["rgbd/desk5", "rgbd/box1", "demos/microwave_enc1"] {
+        let Some(path) = shared_data(recording) else { continue };
+        let mut source = linkage_tests_open(&path);
+        let frame = source.next_frame().unwrap().expect("a frame");
+        assert!(frame.depth.invalid_share() < 0.9, "{recording}");
+    }
+}
+
+fn linkage_tests_open(path: &Path) -> Box<dyn linkage_driver::RgbdSource> {
+    linkage_driver::open(&text(path)).unwrap()
+}
+
+#[test]
+fn a_rendered_microwave_of_another_program_is_learned_within_a_degree() {
+    let Some(demos) = shared_data("demos/microwave_demo1") else { return };
+    let out = tempfile::NamedTempFile::new().unwrap();
+    let output = linkage(&[
+        "learn",
+        &text(&demos),
+        "--object",
+        "microwave",
+        "--json",
+        &text(out.path()),
+        "--quiet",
+    ]);
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let (model, truth) = (json(out.path()), json(&demos.join("truth.json")));
+    let (found, expected) = (&model["joints"][0], &truth["joints"][0]);
+    assert_eq!(found["type"], "revolute");
+    let axis = vector(&expected["axis"]).normalize();
+    assert!(line_angle(&vector(&found["axis"]), &axis).to_degrees() < 1.0);
+    let origin = Point3::from(vector(&expected["origin"]));
+    assert!(distance_to_line(&origin, &axis, &Point3::from(vector(&found["origin"]))) < 0.02);
+}
