@@ -79,7 +79,8 @@ impl Witness<'_> {
         let config = self.config;
         let known = joint.known_frames().len();
         let coverage = known as f64 / joint.known.len() as f64;
-        let long_and_solid = coverage >= 0.6 && joint.through <= 0.12;
+        let long_and_solid =
+            coverage >= 0.6 && joint.through <= 0.12 && joint.members.len() >= 50;
         let max_cost = if long_and_solid { config.max_cost + 1.0 } else { config.max_cost };
         joint.members.len() >= 5
             && joint.gain >= config.min_gain

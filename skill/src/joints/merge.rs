@@ -43,7 +43,7 @@ pub fn is_same_joint(a: &Grown, b: &Grown) -> bool {
     let middle = median(&mut sorted).unwrap_or(0.0);
     let mut strays: Vec<f64> = differences.iter().map(|d| (d - middle).abs()).collect();
     strays.sort_by(f64::total_cmp);
-    strays[strays.len() * 3 / 4] < 0.25 * a.span().max(b.span())
+    strays[strays.len() * 9 / 10] < 0.25 * a.span().max(b.span())
 }
 
 fn sign(a: &Grown, b: &Grown) -> f64 {

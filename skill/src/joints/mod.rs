@@ -66,7 +66,7 @@ impl Default for JointsConfig {
     fn default() -> Self {
         Self {
             cut: 16.0,
-            max_hypotheses: 6,
+            max_hypotheses: 12,
             rounds: 4,
             growth_steps: 2,
             finish_steps: 5,
