@@ -74,13 +74,35 @@ impl Witness<'_> {
             if blind > 0 { 1.0 - blind_agrees as f64 / (blind * points.len()) as f64 } else { 0.0 };
     }
 
+    /// Takes out members that the pictures contradict one by one, where most of the joint
+    /// stands: a hand moves with what it holds, but comes and leaves.
+    pub fn dismiss_strangers(&self, joint: &mut Grown, joints: &[Grown]) {
+        let mut through = vec![0_usize; joint.members.len()];
+        let mut agrees = vec![0_usize; joint.members.len()];
+        for (frame, picture) in self.keyframes.iter().filter(|(f, _)| joint.known[*f]) {
+            let camera_from_part = self.base.camera_from_base[frame]
+                * parent_motion(joint, joints, frame)
+                * joint.dof.geometry().motion(joint.q[frame]);
+            for (i, &t) in joint.members.iter().enumerate() {
+                let (t, a) = probe_points(picture, &[joint.points[t]], &camera_from_part);
+                through[i] += t;
+                agrees[i] += a;
+            }
+        }
+        let stands = |i: usize| through[i] < 3 || 3 * through[i] < through[i] + agrees[i];
+        let kept: Vec<usize> =
+            (0..joint.members.len()).filter(|&i| stands(i)).map(|i| joint.members[i]).collect();
+        if 2 * kept.len() > joint.members.len() {
+            joint.members = kept;
+        }
+    }
+
     /// All limits are kept.
     pub fn accepts(&self, joint: &Grown) -> bool {
         let config = self.config;
         let known = joint.known_frames().len();
         let coverage = known as f64 / joint.known.len() as f64;
-        let long_and_solid =
-            coverage >= 0.6 && joint.through <= 0.12 && joint.members.len() >= 50;
+        let long_and_solid = coverage >= 0.6 && joint.through <= 0.12 && joint.members.len() >= 50;
         let max_cost = if long_and_solid { config.max_cost + 1.0 } else { config.max_cost };
         joint.members.len() >= 5
             && joint.gain >= config.min_gain
@@ -139,5 +161,26 @@ pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
     if sxx.sqrt() < rest {
         return -1.0;
     }
-    if syy <= 0.0 { 1.0 } else { sxy * sxy / (sxx * syy) }
+    let overall = if syy <= 0.0 { 1.0 } else { sxy * sxy / (sxx * syy) };
+    overall.max(mirrored(joint, parent, &common))
+}
+
+/// The same while the parent moves: a part that hangs on it goes along and rests in its
+/// frame; one that hangs on the base moves back as fast as the parent goes forth.
+fn mirrored(joint: &Grown, parent: &Grown, common: &[usize]) -> f64 {
+    const LAG: usize = 5;
+    const CHILD_NOISE: f64 = 0.01;
+    let (mut pp, mut cc, mut pc) = (0.0, 0.0, 0.0);
+    for pair in common.windows(LAG + 1) {
+        let (a, b) = (pair[0], pair[LAG]);
+        let dp = parent.filled[b] - parent.filled[a];
+        if b - a > 2 * LAG || dp.abs() < 0.1 * parent.span() {
+            continue;
+        }
+        let dc = joint.q[b] - joint.q[a];
+        pp += dp * dp;
+        cc += dc * dc + CHILD_NOISE * CHILD_NOISE;
+        pc += dp * dc;
+    }
+    if pp <= 0.0 { 0.0 } else { pc * pc / (pp * cc) }
 }

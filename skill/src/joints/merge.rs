@@ -37,7 +37,10 @@ pub fn is_same_joint(a: &Grown, b: &Grown) -> bool {
     }
     let differences = differences(a, b);
     if differences.len() < COMMON_FRAMES {
-        return a.dof.hinge || overlap(&a.members, &b.members) > 0.0;
+        // Any two slides beside one another share their line: they must share tracks, too,
+        // and more than those of the arm that moves both.
+        let shared = overlap(&a.members, &b.members).max(overlap(&b.members, &a.members));
+        return a.dof.hinge || shared > 0.3;
     }
     let mut sorted = differences.clone();
     let middle = median(&mut sorted).unwrap_or(0.0);

@@ -190,6 +190,7 @@ impl Search<'_> {
     /// Confronts a joint with the depth pictures; takes back configurations that they
     /// contradict.
     fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
+        self.witness.dismiss_strangers(joint, &self.joints);
         self.witness.examine(joint, &self.joints);
         if !joint.contradicted.is_empty() && joint.through < 0.95 {
             let before = joint.clone();
@@ -198,6 +199,7 @@ impl Search<'_> {
             }
             if joint.known_frames().len() >= 10 {
                 grow::finish(view, joint, candidates, &self.config.joints, 2);
+                self.witness.dismiss_strangers(joint, &self.joints);
                 self.witness.examine(joint, &self.joints);
             }
             if joint.members.len() < 4 {
@@ -278,6 +280,7 @@ impl Search<'_> {
         candidates.sort_unstable();
         candidates.dedup();
         let mut merged = merge::merged(view, a, b, &candidates, config)?;
+        self.witness.dismiss_strangers(&mut merged, &self.joints);
         self.witness.examine(&mut merged, &self.joints);
         merged.coupling = a.coupling;
         let better = merged.gain > a.gain.max(b.gain)
