@@ -16,7 +16,8 @@ const MIN_AREA_PX: i32 = 100;
 const MAX_AREA_PX: i32 = 320 * 240;
 
 /// Outline of the surface that carries the part's `features` (pixels, at least three), as a
-/// convex polygon in the picture; `None` where no region holds a third of them.
+/// convex polygon in the picture: of the region that covers the features' own hull best, or
+/// that hull where no region does.
 ///
 /// # Errors
 /// Whatever the vision library says.
@@ -33,26 +34,34 @@ pub fn moved_surface(
     let mut regions: Vector<Vector<Point>> = Vector::new();
     let mut boxes: Vector<Rect> = Vector::new();
     mser.detect_regions(&picture, &mut regions, &mut boxes)?;
-    let mut best: Option<(f64, Vec<Point2<f64>>)> = None;
+    let pixels: Vector<Point> =
+        features.iter().map(|f| Point::new(f.x.round() as i32, f.y.round() as i32)).collect();
+    let own = hull_of(&pixels)?;
+    let own_area = imgproc::contour_area(&own, false)?.max(1.0);
+    let mut best = (MIN_OVERLAP, own.clone());
     for region in &regions {
-        let mut hull: Vector<Point> = Vector::new();
-        imgproc::convex_hull(&region, &mut hull, false, true)?;
-        let mut held = 0;
-        for f in features {
-            let p = opencv::core::Point2f::new(f.x as f32, f.y as f32);
-            held += i32::from(imgproc::point_polygon_test(&hull, p, false)? >= 0.0);
-        }
-        let area = imgproc::contour_area(&hull, false)?.max(1.0);
-        let share = f64::from(held) / features.len() as f64;
-        // Most features, in the tightest region.
-        let quality = share - 0.1 * area / f64::from(MAX_AREA_PX);
-        if share > 1.0 / 3.0 && best.as_ref().is_none_or(|(q, _)| quality > *q) {
-            let outline =
-                hull.iter().map(|p| Point2::new(f64::from(p.x), f64::from(p.y))).collect();
-            best = Some((quality, outline));
+        let hull = hull_of(&region)?;
+        let mut shared: Vector<Point> = Vector::new();
+        let common = imgproc::intersect_convex_convex(&hull, &own, &mut shared, true);
+        let common = f64::from(common.unwrap_or(0.0));
+        let area = imgproc::contour_area(&hull, false)?;
+        let overlap = common / (area + own_area - common).max(1.0);
+        if overlap > best.0 {
+            best = (overlap, hull);
         }
     }
-    Ok(best.map(|(_, outline)| outline))
+    let outline: Vec<Point2<f64>> =
+        best.1.iter().map(|p| Point2::new(f64::from(p.x), f64::from(p.y))).collect();
+    Ok((outline.len() >= 3).then_some(outline))
+}
+
+/// Least share that a region and the features' hull have in common of their union.
+const MIN_OVERLAP: f64 = 0.5;
+
+fn hull_of(points: &Vector<Point>) -> opencv::Result<Vector<Point>> {
+    let mut hull: Vector<Point> = Vector::new();
+    imgproc::convex_hull(points, &mut hull, false, true)?;
+    Ok(hull)
 }
 
 fn mean_normal(frame: &RgbdFrame, features: &[Point2<f64>]) -> Vector3<f64> {

@@ -72,7 +72,8 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let model = &demonstration.model;
     let prediction = predict(model, best, None, Target::Open, &rig)?;
     write_json(&out.join("prediction.json"), &prediction)?;
-    report::save_prediction_picture(&frame, best, &prediction, &out.join("prediction.png"))?;
+    let picture = out.join("prediction.png");
+    report::save_prediction_picture(&frame, best, &prediction, &stored.appearance, &picture)?;
 
     say(common, "5/5 publishing over LCM");
     let mut listener = Lcm::new(&rig.lcm_url)?;

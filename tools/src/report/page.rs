@@ -106,6 +106,7 @@ pub fn save_prediction_picture(
     frame: &RgbdFrame,
     recognised: &Recognised,
     prediction: &Prediction,
+    appearance: &Appearance,
     path: &Path,
 ) -> anyhow::Result<()> {
     let mut canvas = Canvas::new(frame)?;
@@ -117,37 +118,34 @@ pub fn save_prediction_picture(
             .filter_map(|p| pose_from_array(&[p[1], p[2], p[3], p[4], p[5], p[6], p[7]]))
             .collect();
         let (Some(first), false) = (poses.first(), poses.is_empty()) else { continue };
-        // The joint that moves the part: its axis tells where the part is seen.
         let stride = poses.len().div_ceil(MANIFOLD_STEPS).max(1);
         let motions: Vec<Pose> =
             poses.iter().step_by(stride).map(|p| p * first.inverse()).collect();
-        if let Some(outline) = outline_near(frame, recognised, part.part)? {
-            canvas.manifold(&outline, &motions, PART_COLOURS[1])?;
+        if let Some(outline) = outline_of(frame, appearance, part.part, first)? {
+            canvas.manifold(&outline, &motions, PART_COLOURS[part.part % PART_COLOURS.len()])?;
         }
     }
     canvas.save(path)
 }
 
-/// Outline of the surface that a joint carries, from the depth beside its axis.
-fn outline_near(
+/// Outline of a part's surface, from what of it is seen.
+fn outline_of(
     frame: &RgbdFrame,
-    recognised: &Recognised,
+    appearance: &Appearance,
     part: usize,
+    camera_from_part: &Pose,
 ) -> anyhow::Result<Option<Vec<Point3<f64>>>> {
-    let Some(joint) = recognised.joints.get(part.saturating_sub(1)) else { return Ok(None) };
-    let origin = Point3::from(joint.origin);
-    let axis = Vector3::from(joint.axis);
-    let mut features = Vec::new();
-    for v in (0..frame.camera.height).step_by(12) {
-        for u in (0..frame.camera.width).step_by(12) {
-            let Some(p) = frame.point_at(u, v) else { continue };
-            let along = axis.dot(&(p - origin)).abs();
-            let across = ((p - origin) - axis * axis.dot(&(p - origin))).norm();
-            if along < 0.25 && across < 0.35 {
-                features.push(Point2::new(u as f64, v as f64));
-            }
-        }
-    }
+    let features: Vec<Point2<f64>> = appearance
+        .surfels
+        .iter()
+        .filter(|s| usize::from(s.part) == part)
+        .filter_map(|s| {
+            let place = camera_from_part * Point3::from(Vector3::from(s.point).map(f64::from));
+            let pixel = frame.camera.project(&place)?;
+            let z = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?);
+            ((z - place.z).abs() < 0.04).then_some(pixel)
+        })
+        .collect();
     lifted_surface(frame, &features)
 }
 
