@@ -9,7 +9,7 @@ use crate::articulate::{
 };
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
-use crate::geometry::{Pose, distance_to_line, line_angle};
+use crate::geometry::{Pose, distance_to_line, line_angle, median_point};
 use crate::keyframes::Keyframes;
 use crate::model::Joint;
 use crate::pose::{self, PartMotion};
@@ -112,8 +112,11 @@ fn candidates(
     motions: Vec<PartMotion>,
     config: &SkillConfig,
 ) -> Vec<Candidate> {
-    let mut fitted: Vec<Candidate> =
-        motions.into_iter().filter_map(|m| fit_to_base(m, config)).collect();
+    let mut fitted: Vec<Candidate> = motions
+        .into_iter()
+        .map(|m| without_strangers(base, keyframes, m, config))
+        .filter_map(|m| fit_to_base(m, config))
+        .collect();
     merge_rigid(base, &mut fitted, config);
     merge_stretches(base, &mut fitted, config);
     fitted
@@ -132,6 +135,57 @@ fn candidates(
             reason.is_none()
         })
         .collect()
+}
+
+/// Takes out tracks that the pictures contradict one by one (a hand moves with what it holds,
+/// but comes and leaves) and estimates the motion anew from the rest.
+fn without_strangers(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    mut motion: PartMotion,
+    config: &SkillConfig,
+) -> PartMotion {
+    for round in 0..STRANGER_ROUNDS {
+        let kept = uncontradicted(base, keyframes, &motion);
+        let all = motion.tracks.len();
+        if kept.len() == all || kept.len() < config.segment.min_cluster.max(all / 8) {
+            break;
+        }
+        let seed = config.seed + round;
+        match pose::estimate(base, &Cluster { tracks: kept }, &config.pose, seed) {
+            Some(again) => motion = again,
+            None => break,
+        }
+    }
+    motion
+}
+
+/// Rounds of dismissing strangers: the motion is clearer after each.
+const STRANGER_ROUNDS: u64 = 3;
+
+/// Tracks whose place on the part is not seen through in a third of the keyframes that tell.
+fn uncontradicted(base: &BaseMotion, keyframes: &Keyframes, motion: &PartMotion) -> Vec<usize> {
+    let on_part = |id: usize| {
+        let places: Vec<Point3<f64>> = base.tracks[id]
+            .seen()
+            .filter_map(|(t, p)| Some(motion.base_from_part[t]?.inverse_transform_point(&p.point)))
+            .collect();
+        median_point(&places)
+    };
+    let stands = |id: usize| {
+        let Some(place) = on_part(id) else { return false };
+        let (mut through, mut agrees) = (0, 0);
+        for (frame, picture) in keyframes.iter() {
+            if let Some(pose) = motion.base_from_part[frame] {
+                let (t, a) =
+                    probe_points(picture, &[place], &(base.camera_from_base[frame] * pose));
+                through += t;
+                agrees += a;
+            }
+        }
+        through < 3 || 3 * through < through + agrees
+    };
+    motion.tracks.iter().copied().filter(|&id| stands(id)).collect()
 }
 
 fn fit_to_base(motion: PartMotion, config: &SkillConfig) -> Option<Candidate> {
