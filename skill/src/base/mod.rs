@@ -8,7 +8,6 @@
 
 use crate::geometry::{Correspondence, Pose, RansacOptions, median_point, ransac_rigid};
 use crate::track::TrackSet;
-use linkage_driver::depth::depth_sigma;
 use nalgebra::{Matrix3, Point3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -244,14 +243,19 @@ fn into_base(
     BaseTrack { first_frame: track.first_frame, points, moves }
 }
 
-/// Compares the extent of the median-smoothed path with noise. The depth noise at any one
-/// place is partly fixed pattern, so whole paths are smoothed before they are measured.
 fn extent_exceeds_noise(points: &[Option<BasePoint>], config: &BaseConfig) -> bool {
-    let seen: Vec<&BasePoint> = points.iter().flatten().collect();
-    if seen.len() < 5 {
+    let path: Vec<(Point3<f64>, f64)> =
+        points.iter().flatten().map(|p| (p.point, p.sigma)).collect();
+    path_moves(&path, config.min_extent_m, config.min_extent_sigmas)
+}
+
+/// True when a path of (place, sigma) is longer than noise explains. The depth noise at any one
+/// place is partly fixed pattern, so whole paths are smoothed before they are measured.
+pub fn path_moves(path: &[(Point3<f64>, f64)], least_m: f64, sigmas: f64) -> bool {
+    if path.len() < 5 {
         return false;
     }
-    let places: Vec<Point3<f64>> = seen.iter().map(|p| p.point).collect();
+    let places: Vec<Point3<f64>> = path.iter().map(|p| p.0).collect();
     let smoothed: Vec<Point3<f64>> = (0..places.len())
         .step_by(2)
         .filter_map(|i| median_point(&places[i.saturating_sub(2)..(i + 3).min(places.len())]))
@@ -261,12 +265,29 @@ fn extent_exceeds_noise(points: &[Option<BasePoint>], config: &BaseConfig) -> bo
         .iter()
         .map(|p| (p - smoothed[0]).norm().max((p - centre).norm()))
         .fold(0.0, f64::max);
-    let mut sigmas: Vec<f64> = seen.iter().map(|p| p.sigma).collect();
-    let sigma = crate::geometry::median(&mut sigmas).unwrap_or(0.0);
-    extent > config.min_extent_m.max(config.min_extent_sigmas * sigma)
+    let mut noise: Vec<f64> = path.iter().map(|p| p.1).collect();
+    let sigma = crate::geometry::median(&mut noise).unwrap_or(0.0);
+    extent > least_m.max(sigmas * sigma)
 }
 
-/// Depth noise of the raw sensor, for those who compare single readings.
-pub fn reading_sigma(z: f64) -> f64 {
-    depth_sigma(z)
+/// Observations (place, sigma) before the first two in a row (nearly) that have left the start.
+pub fn rest_length(path: impl Iterator<Item = (Point3<f64>, f64)>) -> usize {
+    let mut sum = nalgebra::Vector3::zeros();
+    let (mut averaged, mut rested, mut strays) = (0.0, 0, 0);
+    for (point, sigma) in path {
+        if averaged >= 3.0 && (point.coords - sum / averaged).norm() > (3.0 * sigma).max(0.006) {
+            strays += 1;
+            if strays >= 2 {
+                break;
+            }
+            continue;
+        }
+        strays = 0;
+        rested += 1;
+        if averaged < 20.0 {
+            sum += point.coords;
+            averaged += 1.0;
+        }
+    }
+    rested
 }

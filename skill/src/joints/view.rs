@@ -1,7 +1,7 @@
 //! The moving tracks as seen from a part: from the base, or from a part that moves itself.
 
 use super::grown::Grown;
-use crate::base::{BaseMotion, BaseTrack};
+use crate::base::{BaseMotion, BaseTrack, path_moves, rest_length};
 use crate::geometry::median_point;
 use nalgebra::{Matrix3, Point3};
 
@@ -91,23 +91,9 @@ impl View {
 
     /// True when the median-smoothed path is longer than noise explains.
     pub fn moves(&self, track: usize, least_m: f64, sigmas: f64) -> bool {
-        let life: Vec<&Seen> = self.life(track).map(|(_, s)| s).collect();
-        if life.len() < 5 {
-            return false;
-        }
-        let places: Vec<Point3<f64>> = life.iter().map(|s| s.point).collect();
-        let smoothed: Vec<Point3<f64>> = (0..places.len())
-            .step_by(2)
-            .filter_map(|i| median_point(&places[i.saturating_sub(2)..(i + 3).min(places.len())]))
-            .collect();
-        let Some(centre) = median_point(&smoothed) else { return false };
-        let extent = smoothed
-            .iter()
-            .map(|p| (p - smoothed[0]).norm().max((p - centre).norm()))
-            .fold(0.0, f64::max);
-        let mut noise: Vec<f64> = life.iter().map(|s| s.sigma).collect();
-        let sigma = crate::geometry::median(&mut noise).unwrap_or(0.0);
-        extent > least_m.max(sigmas * sigma)
+        let path: Vec<(Point3<f64>, f64)> =
+            self.life(track).map(|(_, s)| (s.point, s.sigma)).collect();
+        path_moves(&path, least_m, sigmas)
     }
 
     /// Truncated cost of a track that stays where it is, over the frames that count.
@@ -121,30 +107,8 @@ impl View {
 
     /// Observations for which a track rests at the start and at the end of its life.
     pub fn rest_lengths(&self, track: usize) -> [usize; 2] {
-        let life: Vec<&Seen> = self.life(track).map(|(_, s)| s).collect();
-        [rest_length(life.iter().copied()), rest_length(life.iter().rev().copied())]
+        let path: Vec<(Point3<f64>, f64)> =
+            self.life(track).map(|(_, s)| (s.point, s.sigma)).collect();
+        [rest_length(path.iter().copied()), rest_length(path.iter().rev().copied())]
     }
-}
-
-/// Observations before the first two in a row (nearly) that have left the start.
-fn rest_length<'s>(life: impl Iterator<Item = &'s Seen>) -> usize {
-    let mut sum = nalgebra::Vector3::zeros();
-    let (mut averaged, mut rested, mut strays) = (0.0, 0, 0);
-    for s in life {
-        if averaged >= 3.0 && (s.point.coords - sum / averaged).norm() > (3.0 * s.sigma).max(0.006)
-        {
-            strays += 1;
-            if strays >= 2 {
-                break;
-            }
-            continue;
-        }
-        strays = 0;
-        rested += 1;
-        if averaged < 20.0 {
-            sum += s.point.coords;
-            averaged += 1.0;
-        }
-    }
-    rested
 }

@@ -2,7 +2,7 @@
 //! that it is, nothing behind it is seen.
 
 use crate::articulate::JointGeometry;
-use crate::base::{BaseMotion, coarse_sigma};
+use crate::base::{BaseMotion, coarse_sigma, rest_length};
 use crate::geometry::Pose;
 use crate::keyframes::Keyframes;
 use crate::pose::PartMotion;
@@ -14,34 +14,12 @@ pub fn rests(base: &BaseMotion, tracks: &[usize], frames: usize) -> f64 {
     let resting = tracks
         .iter()
         .filter(|&&id| {
-            let seen: Vec<_> = base.tracks[id].seen().map(|(_, p)| *p).collect();
-            rest_length(seen.iter()) >= frames || rest_length(seen.iter().rev()) >= frames
+            let path: Vec<_> = base.tracks[id].seen().map(|(_, p)| (p.point, p.sigma)).collect();
+            rest_length(path.iter().copied()) >= frames
+                || rest_length(path.iter().rev().copied()) >= frames
         })
         .count();
     resting as f64 / tracks.len().max(1) as f64
-}
-
-/// Observations before the first two in a row (nearly) that have left the start.
-fn rest_length<'p>(seen: impl Iterator<Item = &'p crate::base::BasePoint>) -> usize {
-    let mut sum = nalgebra::Vector3::zeros();
-    let (mut averaged, mut rested, mut strays) = (0.0, 0, 0);
-    for p in seen {
-        if averaged >= 3.0 && (p.point.coords - sum / averaged).norm() > (3.0 * p.sigma).max(0.006)
-        {
-            strays += 1;
-            if strays >= 2 {
-                break;
-            }
-            continue;
-        }
-        strays = 0;
-        rested += 1;
-        if averaged < 20.0 {
-            sum += p.point.coords;
-            averaged += 1.0;
-        }
-    }
-    rested
 }
 
 /// How a joint's claim about where its part is fits what the camera saw.

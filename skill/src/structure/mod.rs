@@ -118,7 +118,7 @@ fn candidates(
         .filter_map(|m| fit_to_base(m, config))
         .collect();
     merge_rigid(base, &mut fitted, config);
-    merge_stretches(base, &mut fitted, config);
+    merge_stretches(&mut fitted, config);
     fitted
         .into_iter()
         .filter(|c| {
@@ -244,13 +244,13 @@ fn joined(
 
 /// Opening and closing may be seen as two parts with hardly a common frame, since surfaces
 /// turn away: two stretches with one line are one joint, continuous in between.
-fn merge_stretches(base: &BaseMotion, parts: &mut Vec<Candidate>, config: &SkillConfig) {
+fn merge_stretches(parts: &mut Vec<Candidate>, config: &SkillConfig) {
     let mut i = 0;
     while i < parts.len() {
         let mut j = i + 1;
         while j < parts.len() {
             if same_line(&parts[i], &parts[j], &config.structure)
-                && let Some(merged) = concatenated(base, &parts[i], &parts[j], config)
+                && let Some(merged) = concatenated(&parts[i], &parts[j], config)
             {
                 parts[i] = merged;
                 parts.remove(j);
@@ -280,12 +280,7 @@ fn same_line(a: &Candidate, b: &Candidate, config: &StructureConfig) -> bool {
 }
 
 /// The later stretch is moved along the joint so that it starts where the earlier one ends.
-fn concatenated(
-    _base: &BaseMotion,
-    a: &Candidate,
-    b: &Candidate,
-    config: &SkillConfig,
-) -> Option<Candidate> {
+fn concatenated(a: &Candidate, b: &Candidate, config: &SkillConfig) -> Option<Candidate> {
     let (early, late) = if a.frames.first()? <= b.frames.first()? { (a, b) } else { (b, a) };
     let mut motion = early.motion.clone();
     let geometry = early.fit.geometry;
@@ -520,10 +515,4 @@ pub fn range_of(configuration: &[f64]) -> [f64; 2] {
     }
     let stray = n / 100;
     [sorted[stray].min(0.0), sorted[n - 1 - stray].max(0.0)]
-}
-
-/// Mean of a part's points in the base frame at its first frame.
-pub fn centre(points: &[Point3<f64>]) -> Point3<f64> {
-    let sum: nalgebra::Vector3<f64> = points.iter().map(|p| p.coords).sum();
-    Point3::from(sum / points.len().max(1) as f64)
 }
