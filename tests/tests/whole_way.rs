@@ -295,7 +295,7 @@ fn a_store_holds_what_it_held_when_the_process_is_killed() {
         child.kill().unwrap();
         child.wait().unwrap();
         let store = Store::open(&store).unwrap();
-        assert_eq!(store.get("drawer").unwrap(), before, "killed after {delay_ms} ms");
+        assert!(store.get("drawer").unwrap() == before, "it changed: killed after {delay_ms} ms");
     }
 }
 

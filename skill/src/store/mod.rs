@@ -344,6 +344,17 @@ mod tests {
     }
 
     #[test]
+    fn numbers_come_back_bit_for_bit() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut store = Store::open_or_create(&dir.path().join("s.linkage")).unwrap();
+        let mut door = object("door");
+        door.model.reference_frame.t = 1_400_000_000.066_666_8;
+        door.model.reference_frame.camera_from_object[0] = 0.1 + 0.2;
+        store.put(&door).unwrap();
+        assert_eq!(store.get("door").unwrap(), door);
+    }
+
+    #[test]
     fn an_unknown_object_is_named_with_what_there_is() {
         let dir = tempfile::tempdir().unwrap();
         let mut store = Store::open_or_create(&dir.path().join("s.linkage")).unwrap();
