@@ -140,28 +140,14 @@ fn with_nearest_key(message: &str) -> String {
     let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
     let mut names = line.split('`').skip(1).step_by(2);
     match (line.starts_with("unknown field"), names.next()) {
-        (true, Some(unknown)) => match names.min_by_key(|known| edit_distance(unknown, known)) {
-            Some(nearest) => format!("unknown key \"{unknown}\"; did you mean \"{nearest}\"?"),
-            None => line,
-        },
+        (true, Some(unknown)) => {
+            match names.min_by_key(|known| strsim::levenshtein(unknown, known)) {
+                Some(nearest) => format!("unknown key \"{unknown}\"; did you mean \"{nearest}\"?"),
+                None => line,
+            }
+        }
         _ => line,
     }
-}
-
-/// Levenshtein's distance.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(row[j + 1] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 impl Default for SkillConfig {

@@ -303,14 +303,10 @@ fn a_store_holds_what_it_held_when_the_process_is_killed() {
 fn real_recordings_open() {
     for recording in ["rgbd/desk5", "rgbd/box1", "demos/microwave_enc1"] {
         let Some(path) = shared_data(recording) else { continue };
-        let mut source = linkage_tests_open(&path);
+        let mut source = linkage_driver::open(&text(&path)).unwrap();
         let frame = source.next_frame().unwrap().expect("a frame");
         assert!(frame.depth.invalid_share() < 0.9, "{recording}");
     }
-}
-
-fn linkage_tests_open(path: &Path) -> Box<dyn linkage_driver::RgbdSource> {
-    linkage_driver::open(&text(path)).unwrap()
 }
 
 #[test]

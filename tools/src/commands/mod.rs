@@ -87,12 +87,11 @@ pub fn now_utime() -> i64 {
         .map_or(0, |d| i64::try_from(d.as_micros()).unwrap_or(i64::MAX))
 }
 
-/// Refuses a frame that nothing can be recognised in.
-pub fn check_depth(frame: &RgbdFrame, source: &str) -> Outcome {
+/// Warns of a frame without depth.
+pub fn warn_without_depth(frame: &RgbdFrame, source: &str) {
     if frame.depth.invalid_share() >= 1.0 {
         tracing::warn!(source, "no depth at all: poses come from colour alone and are less sure");
     }
-    Ok(())
 }
 
 /// Writes JSON to a file, or to standard output for `-`.

@@ -1,6 +1,6 @@
 //! `linkage recognise`.
 
-use super::{Failure, Outcome, check_depth, skill_config, write_json, write_text};
+use super::{Failure, Outcome, skill_config, warn_without_depth, write_json, write_text};
 use crate::cli::{Common, RecogniseArgs};
 use crate::report;
 use linkage_driver::RgbdFrame;
@@ -37,7 +37,7 @@ pub fn recognise_frame(
     source: &str,
     config: &SkillConfig,
 ) -> Outcome<Recognition> {
-    check_depth(frame, source)?;
+    warn_without_depth(frame, source);
     Ok(library.recognise(&Scene::new(frame)?, &config.recognise, config.seed))
 }
 
