@@ -22,16 +22,6 @@ pub fn rests(base: &BaseMotion, tracks: &[usize], frames: usize) -> f64 {
     resting as f64 / tracks.len().max(1) as f64
 }
 
-/// How a joint's claim about where its part is fits what the camera saw.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FreeSpace {
-    /// Share of points in front of what was seen: there the claim is false. 0 to 1.
-    pub through: f64,
-    /// Share of points, in frames without a known configuration, that were nowhere near
-    /// their surface at any configuration. 0 to 1.
-    pub hidden: f64,
-}
-
 /// What a depth picture says about a point.
 #[derive(Clone, Copy, PartialEq)]
 enum Probe {
@@ -43,63 +33,41 @@ enum Probe {
     Unknown,
 }
 
-/// Tests a part's points in all keyframes: at the known configuration, or else at the one
-/// that fits best, which must exist somewhere in the range.
-pub fn free_space(
+/// Share of a part's points, 0 to 1, that keyframes see *through*: there the claim about where
+/// the part is is false. Asked at the known configuration, or else at the one that fits best,
+/// which must exist somewhere in the range.
+pub fn seen_through(
     base: &BaseMotion,
     keyframes: &Keyframes,
     motion: &PartMotion,
     geometry: &JointGeometry,
     frames: &[usize],
     configuration: &[f64],
-) -> FreeSpace {
-    let points = rest_points(base, motion, geometry, frames, configuration);
-    free_space_of(base, keyframes, &points, geometry, frames, configuration)
-}
-
-/// As [`free_space`], for points given at configuration 0 in the base frame.
-pub fn free_space_of(
-    base: &BaseMotion,
-    keyframes: &Keyframes,
-    points_at_rest: &[Point3<f64>],
-    geometry: &JointGeometry,
-    frames: &[usize],
-    configuration: &[f64],
-) -> FreeSpace {
+) -> f64 {
+    let points_at_rest = rest_points(base, motion, geometry, frames, configuration);
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let pad = 0.25 * (high - low);
     let (mut through, mut agrees) = (0, 0);
-    let (mut unknown_frames, mut unknown_agrees) = (0, 0);
     for (frame, picture) in keyframes.iter() {
         let probe = |q: f64| {
             probe_points(
                 picture,
-                points_at_rest,
+                &points_at_rest,
                 &(base.camera_from_base[frame] * geometry.motion(q)),
             )
         };
         let counts = match frames.binary_search(&frame) {
             Ok(i) => probe(configuration[i]),
-            Err(_) => {
-                let best = (0..33)
-                    .map(|i| probe(low - pad + (high - low + 2.0 * pad) * f64::from(i) / 32.0))
-                    .max_by_key(|(t, a)| *a as i64 - *t as i64)
-                    .unwrap_or_default();
-                unknown_frames += 1;
-                unknown_agrees += best.1;
-                best
-            }
+            Err(_) => (0..33)
+                .map(|i| probe(low - pad + (high - low + 2.0 * pad) * f64::from(i) / 32.0))
+                .max_by_key(|(t, a)| *a as i64 - *t as i64)
+                .unwrap_or_default(),
         };
         through += counts.0;
         agrees += counts.1;
     }
-    let known = (through + agrees).max(1) as f64;
-    let asked = (unknown_frames * points_at_rest.len()).max(1) as f64;
-    FreeSpace {
-        through: through as f64 / known,
-        hidden: if unknown_frames > 0 { 1.0 - unknown_agrees as f64 / asked } else { 0.0 },
-    }
+    through as f64 / (through + agrees).max(1) as f64
 }
 
 /// A part's tracked points carried back to configuration 0.

@@ -19,7 +19,7 @@ use crate::track::{TrackSet, Trajectory};
 use nalgebra::{Point3, UnitVector3};
 use serde::{Deserialize, Serialize};
 
-pub use evidence::{FreeSpace, free_space, probe_points, rests};
+pub use evidence::{probe_points, rests, seen_through};
 
 /// Which parts and joints are believed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -344,7 +344,7 @@ fn doubt(
     if rest < limits.min_rest_share {
         return Some(format!("only {:.0} % of it ever rests", 100.0 * rest));
     }
-    let seen = free_space(
+    let through = seen_through(
         base,
         keyframes,
         &candidate.motion,
@@ -352,8 +352,8 @@ fn doubt(
         &candidate.frames,
         &fit.configuration,
     );
-    if seen.through > limits.max_seen_through {
-        return Some(format!("{:.0} % of it is seen through", 100.0 * seen.through));
+    if through > limits.max_seen_through {
+        return Some(format!("{:.0} % of it is seen through", 100.0 * through));
     }
     None
 }
