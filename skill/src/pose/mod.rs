@@ -8,7 +8,7 @@ mod graph;
 mod relative;
 
 use crate::base::BaseMotion;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, median_point};
 use crate::segment::Cluster;
 use crate::track::Trajectory;
 use nalgebra::{Point3, Translation3};
@@ -80,6 +80,21 @@ pub fn estimate(
         base_from_part[frame] = Some(shift * pose);
     }
     Some(PartMotion { base_from_part, reference_frame, tracks: cluster.tracks.clone() })
+}
+
+/// The tracks that keep to a motion: in most of the frames in which both are known they are
+/// within twice the inlier distance of one place on the part.
+pub fn followers(base: &BaseMotion, motion: &PartMotion, config: &PoseConfig) -> Vec<usize> {
+    let follows = |id: usize| {
+        let on_part: Vec<Point3<f64>> = base.tracks[id]
+            .seen()
+            .filter_map(|(t, p)| Some(motion.base_from_part[t]?.inverse_transform_point(&p.point)))
+            .collect();
+        let Some(place) = median_point(&on_part) else { return false };
+        let near = on_part.iter().filter(|p| (*p - place).norm() < 2.0 * config.inlier_m).count();
+        10 * near >= 8 * on_part.len()
+    };
+    motion.tracks.iter().copied().filter(|&id| follows(id)).collect()
 }
 
 fn centroid(base: &BaseMotion, cluster: &Cluster) -> Option<Point3<f64>> {

@@ -2,16 +2,17 @@
 //! constant over their common life lie on one rigid part; DBSCAN finds the parts.
 //!
 //! The base's own tracks are known already ([`crate::base`]); what moves is clustered here.
-//! Two tracks that were never seen *moving* together say nothing about each other: their
-//! similarity counts as none, otherwise everything that once rested side by side would be
+//! Two tracks say something about each other only in frames in which one of them moves: a
+//! long rest side by side would outvote any motion, and everything that once rested would be
 //! one part.
 
 mod dbscan;
 
 use crate::base::{BaseMotion, BaseTrack};
+use crate::geometry::median_point;
 use crate::track::TrackSet;
 use dbscan::dbscan;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -27,8 +28,14 @@ pub struct SegmentConfig {
     pub normal_sigma_rad: f64,
     /// Fewest frames two tracks must share. Original code: 10.
     pub min_common_frames: usize,
-    /// Both tracks must move this far within their common frames, metres. Ours.
+    /// A track moves in a frame when its smoothed place changes by this much from three
+    /// frames before to three after, metres, and by more than noise explains. Ours.
+    pub min_motion_m: f64,
+    /// Way that each of two tracks must make in their common frames, metres: a hand and what
+    /// it holds keep their distance for a little while only. Ours.
     pub min_common_motion_m: f64,
+    /// Fewest common frames in which each of two tracks must move. Ours.
+    pub min_moving_frames: usize,
     /// DBSCAN radius on 1 - L. Original code: 0.2.
     pub epsilon: f64,
     /// DBSCAN core size. Original code: 3.
@@ -45,7 +52,9 @@ impl Default for SegmentConfig {
             distance_sigma_m: 0.01,
             normal_sigma_rad: 0.262,
             min_common_frames: 10,
-            min_common_motion_m: 0.02,
+            min_motion_m: 0.012,
+            min_common_motion_m: 0.08,
+            min_moving_frames: 5,
             epsilon: 0.2,
             min_neighbours: 3,
             min_cluster: 5,
@@ -64,12 +73,15 @@ pub struct Cluster {
 /// Clusters the tracks that move in the base.
 pub fn segment(set: &TrackSet, base: &BaseMotion, config: &SegmentConfig) -> Vec<Cluster> {
     let moving = longest_moving(base, config.max_tracks);
+    let motion: Vec<Vec<bool>> =
+        moving.par_iter().map(|&t| frames_of_motion(&base.tracks[t], config)).collect();
     let neighbours: Vec<Vec<usize>> = (0..moving.len())
         .into_par_iter()
         .map(|i| {
             (0..moving.len())
                 .filter(|&j| {
-                    let similarity = similarity(set, base, moving[i], moving[j], config);
+                    let common = Common::of(base, (moving[i], &motion[i]), (moving[j], &motion[j]));
+                    let similarity = similarity(set, base, &common, config);
                     i != j && similarity.is_some_and(|l| 1.0 - l <= config.epsilon)
                 })
                 .collect()
@@ -85,6 +97,12 @@ pub fn segment(set: &TrackSet, base: &BaseMotion, config: &SegmentConfig) -> Vec
         })
         .collect();
     clusters.sort_by_key(|c| std::cmp::Reverse(c.tracks.len()));
+    tracing::debug!(
+        moving = moving.len(),
+        linked = neighbours.iter().filter(|n| n.len() >= config.min_neighbours).count(),
+        clusters = ?clusters.iter().map(|c| c.tracks.len()).collect::<Vec<_>>(),
+        "segmented"
+    );
     clusters
 }
 
@@ -99,28 +117,54 @@ fn longest_moving(base: &BaseMotion, limit: usize) -> Vec<usize> {
     moving
 }
 
+/// What two tracks say about each other.
+struct Common {
+    tracks: [usize; 2],
+    /// Frames in which both are seen and one of them moves.
+    frames: Vec<usize>,
+    /// In how many of them each moves.
+    moving: [usize; 2],
+}
+
+impl Common {
+    fn of(base: &BaseMotion, a: (usize, &[bool]), b: (usize, &[bool])) -> Self {
+        let (track_a, track_b) = (&base.tracks[a.0], &base.tracks[b.0]);
+        let first = track_a.first_frame.max(track_b.first_frame);
+        let end = track_a.end_frame().min(track_b.end_frame());
+        let mut common = Self { tracks: [a.0, b.0], frames: Vec::new(), moving: [0, 0] };
+        for t in first..end {
+            let (a_moves, b_moves) = (a.1[t - track_a.first_frame], b.1[t - track_b.first_frame]);
+            if (a_moves || b_moves) && track_a.at(t).is_some() && track_b.at(t).is_some() {
+                common.frames.push(t);
+                common.moving[0] += usize::from(a_moves);
+                common.moving[1] += usize::from(b_moves);
+            }
+        }
+        common
+    }
+}
+
 /// Eq. 1 over positions (Eq. 2) times Eq. 1 over normals (Eq. 3); `None` where the two
 /// tracks hold no evidence about each other.
 fn similarity(
     set: &TrackSet,
     base: &BaseMotion,
-    a: usize,
-    b: usize,
+    common: &Common,
     config: &SegmentConfig,
 ) -> Option<f64> {
-    let (track_a, track_b) = (&base.tracks[a], &base.tracks[b]);
-    let common = common_frames(track_a, track_b);
-    if common.len() < config.min_common_frames {
-        return None;
-    }
-    if !(travels(track_a, &common, config.min_common_motion_m)
-        && travels(track_b, &common, config.min_common_motion_m))
+    if common.frames.len() < config.min_common_frames
+        || common.moving.iter().any(|&m| m < config.min_moving_frames)
     {
         return None;
     }
+    let [a, b] = common.tracks;
+    if [a, b].iter().any(|&t| way(&base.tracks[t], &common.frames) < config.min_common_motion_m) {
+        return None;
+    }
     let distances: Vec<f64> = common
+        .frames
         .iter()
-        .filter_map(|&t| Some((track_a.at(t)?.point - track_b.at(t)?.point).norm()))
+        .filter_map(|&t| Some((base.tracks[a].at(t)?.point - base.tracks[b].at(t)?.point).norm()))
         .collect();
     let by_distance = mean_kernel(&distances, config.distance_sigma_m);
     if 1.0 - by_distance > config.epsilon || config.normal_sigma_rad <= 0.0 {
@@ -128,8 +172,11 @@ fn similarity(
     }
     let normal =
         |id: usize, t: usize| -> Option<Vector3<f64>> { set.tracks[id].at(t)?.normal_in_camera };
-    let angles: Vec<f64> =
-        common.iter().filter_map(|&t| Some(1.0 - normal(a, t)?.dot(&normal(b, t)?))).collect();
+    let angles: Vec<f64> = common
+        .frames
+        .iter()
+        .filter_map(|&t| Some(1.0 - normal(a, t)?.dot(&normal(b, t)?)))
+        .collect();
     if angles.len() < config.min_common_frames {
         return Some(by_distance);
     }
@@ -138,16 +185,33 @@ fn similarity(
     Some(by_distance * mean_kernel(&angles, 4.0 * width).max(0.5).powf(0.25))
 }
 
-fn common_frames(a: &BaseTrack, b: &BaseTrack) -> Vec<usize> {
-    let first = a.first_frame.max(b.first_frame);
-    let end = a.end_frame().min(b.end_frame());
-    (first..end).filter(|&t| a.at(t).is_some() && b.at(t).is_some()).collect()
+/// Diagonal of the box that holds a track's places in some frames, metres.
+fn way(track: &BaseTrack, frames: &[usize]) -> f64 {
+    let mut places = frames.iter().filter_map(|&t| track.at(t)).map(|p| p.point.coords);
+    let Some(first) = places.next() else { return 0.0 };
+    let (low, high) = places.fold((first, first), |(l, h), p| (l.inf(&p), h.sup(&p)));
+    (high - low).norm()
 }
 
-fn travels(track: &BaseTrack, frames: &[usize], least_m: f64) -> bool {
-    let mut seen = frames.iter().filter_map(|&t| track.at(t));
-    let Some(first) = seen.next() else { return false };
-    seen.any(|p| (p.point - first.point).norm() > least_m.max(4.0 * p.sigma))
+/// For each frame of a track's life: does it move then?
+fn frames_of_motion(track: &BaseTrack, config: &SegmentConfig) -> Vec<bool> {
+    const REACH: usize = 3;
+    let place = |i: usize| {
+        let near = i.saturating_sub(2)..(i + 3).min(track.points.len());
+        let seen: Vec<Point3<f64>> = track.points[near].iter().flatten().map(|p| p.point).collect();
+        median_point(&seen)
+    };
+    let smoothed: Vec<Option<Point3<f64>>> = (0..track.points.len()).map(place).collect();
+    (0..track.points.len())
+        .map(|i| {
+            let before = smoothed[i.saturating_sub(REACH)];
+            let after = smoothed[(i + REACH).min(smoothed.len() - 1)];
+            let sigma = track.points[i].as_ref().map_or(0.0, |p| p.sigma);
+            before
+                .zip(after)
+                .is_some_and(|(a, b)| (b - a).norm() > config.min_motion_m.max(3.0 * sigma))
+        })
+        .collect()
 }
 
 /// Eq. 1: mean of exp(-(d - mean d)^2 / 2 sigma^2).

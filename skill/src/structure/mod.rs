@@ -17,6 +17,7 @@ use crate::segment::{Cluster, segment};
 use crate::timing::StageTimes;
 use crate::track::{TrackSet, Trajectory};
 use nalgebra::{Point3, UnitVector3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 pub use evidence::{probe_points, rests, seen_through};
@@ -54,7 +55,7 @@ impl Default for StructureConfig {
             min_frames: 15,
             min_slide_m: 0.06,
             min_turn_rad: 0.15,
-            max_position_rmse_m: 0.02,
+            max_position_rmse_m: 0.008,
             max_outlier_ratio: 0.35,
             rest_frames: 8,
             min_rest_share: 0.12,
@@ -94,11 +95,7 @@ pub fn from_clusters(
 ) -> Vec<LearnedJoint> {
     let clusters = times.measure("segment", || segment(set, base, &config.segment));
     let motions: Vec<PartMotion> = times.measure("pose", || {
-        clusters
-            .iter()
-            .enumerate()
-            .filter_map(|(i, c)| pose::estimate(base, c, &config.pose, config.seed + i as u64))
-            .collect()
+        clusters.par_iter().flat_map_iter(|c| motions_of(base, keyframes, c, config)).collect()
     });
     times.measure("articulate", || {
         let candidates = candidates(base, keyframes, motions, config);
@@ -112,11 +109,8 @@ fn candidates(
     motions: Vec<PartMotion>,
     config: &SkillConfig,
 ) -> Vec<Candidate> {
-    let mut fitted: Vec<Candidate> = motions
-        .into_iter()
-        .map(|m| without_strangers(base, keyframes, m, config))
-        .filter_map(|m| fit_to_base(m, config))
-        .collect();
+    let mut fitted: Vec<Candidate> =
+        motions.into_iter().filter_map(|m| fit_to_base(m, config)).collect();
     merge_rigid(base, &mut fitted, config);
     merge_stretches(&mut fitted, config);
     fitted
@@ -137,8 +131,41 @@ fn candidates(
         .collect()
 }
 
-/// Takes out tracks that the pictures contradict one by one (a hand moves with what it holds,
-/// but comes and leaves) and estimates the motion anew from the rest.
+/// The motions in a cluster, the clearest first. A hand and what it holds move as one for a
+/// while, so a cluster may chain several things: what departs from its motion, or is
+/// contradicted by the pictures, is looked at again by itself.
+fn motions_of(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    cluster: &Cluster,
+    config: &SkillConfig,
+) -> Vec<PartMotion> {
+    let mut motions = Vec::new();
+    let mut rest = cluster.tracks.clone();
+    for round in 0..MOTIONS_OF_A_CLUSTER {
+        let seed = config.seed + round;
+        let Some(motion) =
+            pose::estimate(base, &Cluster { tracks: rest.clone() }, &config.pose, seed)
+        else {
+            break;
+        };
+        let motion = without_strangers(base, keyframes, motion, config);
+        let before = rest.len();
+        rest.retain(|t| !motion.tracks.contains(t));
+        motions.push(motion);
+        if rest.len() < config.segment.min_cluster || rest.len() == before {
+            break;
+        }
+    }
+    motions
+}
+
+/// Most motions sought in one cluster.
+const MOTIONS_OF_A_CLUSTER: u64 = 5;
+
+/// Takes out tracks that depart from the motion and tracks that the pictures contradict one by
+/// one (a hand moves with what it holds, but comes and leaves), and estimates the motion anew
+/// from the rest.
 fn without_strangers(
     base: &BaseMotion,
     keyframes: &Keyframes,
@@ -146,9 +173,10 @@ fn without_strangers(
     config: &SkillConfig,
 ) -> PartMotion {
     for round in 0..STRANGER_ROUNDS {
-        let kept = uncontradicted(base, keyframes, &motion);
         let all = motion.tracks.len();
-        if kept.len() == all || kept.len() < config.segment.min_cluster.max(all / 8) {
+        let mut kept = pose::followers(base, &motion, &config.pose);
+        kept = uncontradicted(base, keyframes, &motion, &kept);
+        if kept.len() == all || kept.len() < config.segment.min_cluster {
             break;
         }
         let seed = config.seed + round;
@@ -164,7 +192,12 @@ fn without_strangers(
 const STRANGER_ROUNDS: u64 = 3;
 
 /// Tracks whose place on the part is not seen through in a third of the keyframes that tell.
-fn uncontradicted(base: &BaseMotion, keyframes: &Keyframes, motion: &PartMotion) -> Vec<usize> {
+fn uncontradicted(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    motion: &PartMotion,
+    tracks: &[usize],
+) -> Vec<usize> {
     let on_part = |id: usize| {
         let places: Vec<Point3<f64>> = base.tracks[id]
             .seen()
@@ -185,7 +218,7 @@ fn uncontradicted(base: &BaseMotion, keyframes: &Keyframes, motion: &PartMotion)
         }
         through < 3 || 3 * through < through + agrees
     };
-    motion.tracks.iter().copied().filter(|&id| stands(id)).collect()
+    tracks.iter().copied().filter(|&id| stands(id)).collect()
 }
 
 fn fit_to_base(motion: PartMotion, config: &SkillConfig) -> Option<Candidate> {
@@ -196,6 +229,14 @@ fn fit_to_base(motion: PartMotion, config: &SkillConfig) -> Option<Candidate> {
         .filter_map(|(t, pose)| Some((t, PoseSample::from_pose(t as f64, pose.as_ref()?))))
         .unzip();
     let fit = fit_models(&samples, &config.articulate).ok()?.into_iter().next()?;
+    tracing::debug!(
+        tracks = motion.tracks.len(),
+        kind = fit.geometry.kind.name(),
+        frames = ?frames.first().zip(frames.last()),
+        span = span_of(&fit.configuration),
+        rmse_m = fit.position_rmse,
+        "cluster"
+    );
     Some(Candidate { motion, fit, frames })
 }
 
