@@ -270,6 +270,36 @@ pub fn median_point(points: &[Point3<f64>]) -> Option<Point3<f64>> {
     Some(Point3::new(of(0)?, of(1)?, of(2)?))
 }
 
+/// Variances of two quantities and their covariance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moments {
+    /// Variance of the first.
+    pub xx: f64,
+    /// Variance of the second.
+    pub yy: f64,
+    /// Covariance.
+    pub xy: f64,
+}
+
+impl Moments {
+    /// Of pairs of samples.
+    pub fn of(pairs: &[(f64, f64)]) -> Self {
+        let n = pairs.len().max(1) as f64;
+        let mean = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>() / n;
+        let (mx, my) = (mean(&|p| p.0), mean(&|p| p.1));
+        Self {
+            xx: mean(&|p| (p.0 - mx).powi(2)),
+            yy: mean(&|p| (p.1 - my).powi(2)),
+            xy: mean(&|p| (p.0 - mx) * (p.1 - my)),
+        }
+    }
+
+    /// Squared correlation, 0 to 1; `None` where one of the two does not vary.
+    pub fn correlation_sq(&self) -> Option<f64> {
+        (self.xx > 0.0 && self.yy > 0.0).then(|| self.xy * self.xy / (self.xx * self.yy))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

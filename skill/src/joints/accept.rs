@@ -3,7 +3,7 @@
 use super::JointsConfig;
 use super::grown::Grown;
 use crate::base::BaseMotion;
-use crate::geometry::Pose;
+use crate::geometry::{Moments, Pose};
 use crate::keyframes::Keyframes;
 use crate::structure::probe_points;
 use nalgebra::Point3;
@@ -151,17 +151,13 @@ pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
     if common.len() < 5 {
         return 1.0;
     }
-    let mean =
-        |q: &dyn Fn(usize) -> f64| common.iter().map(|&f| q(f)).sum::<f64>() / common.len() as f64;
-    let (mx, my) = (mean(&|f| parent.filled[f]), mean(&|f| joint.q[f]));
-    let sxx = mean(&|f| (parent.filled[f] - mx).powi(2));
-    let syy = mean(&|f| (joint.q[f] - my).powi(2));
-    let sxy = mean(&|f| (parent.filled[f] - mx) * (joint.q[f] - my));
+    let pairs: Vec<(f64, f64)> = common.iter().map(|&f| (parent.filled[f], joint.q[f])).collect();
+    let moments = Moments::of(&pairs);
     let rest = if parent.dof.hinge { 0.04 } else { 0.02 };
-    if sxx.sqrt() < rest {
+    if moments.xx.sqrt() < rest {
         return -1.0;
     }
-    let overall = if syy <= 0.0 { 1.0 } else { sxy * sxy / (sxx * syy) };
+    let overall = moments.correlation_sq().unwrap_or(1.0);
     overall.max(mirrored(joint, parent, &common))
 }
 

@@ -7,6 +7,7 @@ use factrs::core::{
     SO3, Values,
 };
 use factrs::linalg::{Const, ForwardProp, Numeric, VectorX};
+use factrs::optimizers::OptError;
 use factrs::residuals::Residual3;
 use factrs::traits::*;
 use factrs::{assign_symbols, fac};
@@ -36,7 +37,7 @@ impl Residual3 for ConstantVelocity {
 /// motions W(t): with points moving as `p(to) = M p(from)`, W(from)⁻¹ W(to) = M⁻¹, which
 /// holds whatever W is.
 ///
-/// `None` when the optimisation does not converge to finite poses.
+/// `None` when the optimisation ends without finite poses.
 pub fn optimise(
     motions: &[RelativeMotion],
     frames: &[usize],
@@ -51,7 +52,11 @@ pub fn optimise(
     }
     let graph = build(motions, frames, &slot, reference, config);
     let mut optimiser: GaussNewton = GaussNewton::new_default(graph);
-    let solved = optimiser.optimize(values).ok()?;
+    let solved = match optimiser.optimize(values) {
+        // A robust loss may let the last steps swing about the minimum.
+        Ok(solved) | Err(OptError::MaxIterations(solved)) => solved,
+        Err(OptError::InvalidSystem | OptError::FailedToStep) => return None,
+    };
     let to_reference = from_factrs(solved.get(X(slot[&reference] as u32))?);
     let poses: Vec<Pose> = (0..frames.len())
         .map(|i| {

@@ -7,14 +7,17 @@
 //! one part.
 
 mod dbscan;
+mod unchain;
 
 use crate::base::{BaseMotion, BaseTrack};
 use crate::geometry::median_point;
 use crate::track::TrackSet;
 use dbscan::dbscan;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
+use unchain::unchain;
 
 /// Values of the segmentation stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -75,21 +78,13 @@ pub fn segment(set: &TrackSet, base: &BaseMotion, config: &SegmentConfig) -> Vec
     let moving = longest_moving(base, config.max_tracks);
     let motion: Vec<Vec<bool>> =
         moving.par_iter().map(|&t| frames_of_motion(&base.tracks[t], config)).collect();
+    let evidence = evidence(set, base, &moving, &motion, config);
     let neighbours: Vec<Vec<usize>> = (0..moving.len())
-        .into_par_iter()
-        .map(|i| {
-            (0..moving.len())
-                .filter(|&j| {
-                    let common = Common::of(base, (moving[i], &motion[i]), (moving[j], &motion[j]));
-                    let similarity = similarity(set, base, &common, config);
-                    i != j && similarity.is_some_and(|l| 1.0 - l <= config.epsilon)
-                })
-                .collect()
-        })
+        .map(|i| (0..moving.len()).filter(|&j| evidence[(i, j)] == Evidence::Similar).collect())
         .collect();
     let mut clusters: Vec<Cluster> = dbscan(&neighbours, config.min_neighbours)
         .into_iter()
-        .filter(|members| members.len() >= config.min_cluster)
+        .flat_map(|members| unchain(&evidence, members, config.min_cluster))
         .map(|members| {
             let mut tracks: Vec<usize> = members.into_iter().map(|i| moving[i]).collect();
             tracks.sort_unstable();
@@ -118,6 +113,48 @@ fn longest_moving(base: &BaseMotion, limit: usize) -> Vec<usize> {
 }
 
 /// What two tracks say about each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Evidence {
+    /// They were not seen moving together.
+    None,
+    /// They keep their distance.
+    Similar,
+    /// They do not.
+    Different,
+}
+
+/// The evidence between each two of `moving`.
+fn evidence(
+    set: &TrackSet,
+    base: &BaseMotion,
+    moving: &[usize],
+    motion: &[Vec<bool>],
+    config: &SegmentConfig,
+) -> DMatrix<Evidence> {
+    let n = moving.len();
+    let rows: Vec<Vec<Evidence>> = (0..n)
+        .into_par_iter()
+        .map(|i| {
+            (i + 1..n)
+                .map(|j| {
+                    let common = Common::of(base, (moving[i], &motion[i]), (moving[j], &motion[j]));
+                    match similarity(set, base, &common, config) {
+                        None => Evidence::None,
+                        Some(l) if 1.0 - l <= config.epsilon => Evidence::Similar,
+                        Some(_) => Evidence::Different,
+                    }
+                })
+                .collect()
+        })
+        .collect();
+    DMatrix::from_fn(n, n, |i, j| match i.cmp(&j) {
+        Ordering::Less => rows[i][j - i - 1],
+        Ordering::Equal => Evidence::None,
+        Ordering::Greater => rows[j][i - j - 1],
+    })
+}
+
+/// The frames in which two tracks say something about each other.
 struct Common {
     tracks: [usize; 2],
     /// Frames in which both are seen and one of them moves.

@@ -9,7 +9,7 @@ use crate::articulate::{
 };
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
-use crate::geometry::{Pose, distance_to_line, line_angle, median_point};
+use crate::geometry::{Moments, Pose, distance_to_line, line_angle, median_point};
 use crate::keyframes::Keyframes;
 use crate::model::Joint;
 use crate::pose::{self, PartMotion};
@@ -32,8 +32,10 @@ pub struct StructureConfig {
     pub min_slide_m: f64,
     /// Least motion of a hinge, radians.
     pub min_turn_rad: f64,
-    /// Largest root mean square distance to the joint's model, metres.
+    /// Largest root mean square distance to the joint's model, metres,
     pub max_position_rmse_m: f64,
+    /// plus this share of the way that the part makes: hands roughly follow many a model.
+    pub max_rmse_share: f64,
     /// Largest share of samples that the joint does not explain.
     pub max_outlier_ratio: f64,
     /// Frames for which a track of an object's part rests at the start or end of its life.
@@ -43,6 +45,9 @@ pub struct StructureConfig {
     /// Largest share of a part's points seen *through*: where the model says that there is
     /// a surface, the camera saw something behind it.
     pub max_seen_through: f64,
+    /// Squared correlation with a better joint's configuration from which a joint is taken for
+    /// a consequence of it.
+    pub max_coupling: f64,
     /// Two stretches of one joint agree within this angle, radians.
     pub merge_angle_rad: f64,
     /// and this distance, metres.
@@ -55,11 +60,13 @@ impl Default for StructureConfig {
             min_frames: 15,
             min_slide_m: 0.06,
             min_turn_rad: 0.15,
-            max_position_rmse_m: 0.008,
+            max_position_rmse_m: 0.0025,
+            max_rmse_share: 0.01,
             max_outlier_ratio: 0.35,
             rest_frames: 8,
             min_rest_share: 0.12,
-            max_seen_through: 0.22,
+            max_seen_through: 0.28,
+            max_coupling: 0.85,
             merge_angle_rad: 0.26,
             merge_distance_m: 0.06,
         }
@@ -113,22 +120,24 @@ fn candidates(
         motions.into_iter().filter_map(|m| fit_to_base(m, config)).collect();
     merge_rigid(base, &mut fitted, config);
     merge_stretches(&mut fitted, config);
-    fitted
-        .into_iter()
-        .filter(|c| {
-            let reason = doubt(base, keyframes, c, config);
-            tracing::debug!(
-                tracks = c.motion.tracks.len(),
-                kind = c.fit.geometry.kind.name(),
-                frames = c.frames.len(),
-                rmse_m = c.fit.position_rmse,
-                outliers = c.fit.outlier_ratio,
-                refused = reason.as_deref().unwrap_or("no"),
-                "part"
-            );
-            reason.is_none()
-        })
-        .collect()
+    fitted.sort_by_key(|c| std::cmp::Reverse(c.motion.tracks.len()));
+    let mut believed: Vec<Candidate> = Vec::new();
+    for candidate in fitted {
+        let reason = doubt(base, keyframes, &candidate, &believed, config);
+        tracing::debug!(
+            tracks = candidate.motion.tracks.len(),
+            kind = candidate.fit.geometry.kind.name(),
+            frames = candidate.frames.len(),
+            rmse_m = candidate.fit.position_rmse,
+            outliers = candidate.fit.outlier_ratio,
+            refused = reason.as_deref().unwrap_or("no"),
+            "part"
+        );
+        if reason.is_none() {
+            believed.push(candidate);
+        }
+    }
+    believed
 }
 
 /// The motions in a cluster, the clearest first. A hand and what it holds move as one for a
@@ -359,6 +368,7 @@ fn doubt(
     base: &BaseMotion,
     keyframes: &Keyframes,
     candidate: &Candidate,
+    believed: &[Candidate],
     config: &SkillConfig,
 ) -> Option<String> {
     let limits = &config.structure;
@@ -375,7 +385,8 @@ fn doubt(
     if candidate.frames.len() < limits.min_frames {
         return Some(format!("it is seen in {} frames only", candidate.frames.len()));
     }
-    if fit.position_rmse > limits.max_position_rmse_m {
+    let way = motion_extent(&candidate.motion);
+    if fit.position_rmse > limits.max_position_rmse_m + limits.max_rmse_share * way {
         return Some(format!("it departs from any joint by {:.3} m", fit.position_rmse));
     }
     if fit.outlier_ratio > limits.max_outlier_ratio {
@@ -396,13 +407,39 @@ fn doubt(
     if through > limits.max_seen_through {
         return Some(format!("{:.0} % of it is seen through", 100.0 * through));
     }
+    if believed.iter().any(|b| coupling(candidate, b) > limits.max_coupling) {
+        return Some("it moves as a part does that more tracks vouch for".to_owned());
+    }
     None
+}
+
+/// Squared correlation of two configurations, 0 to 1: a hand, or an edge that is dragged along,
+/// moves with the part that it holds.
+fn coupling(a: &Candidate, b: &Candidate) -> f64 {
+    let common: Vec<(f64, f64)> = a
+        .frames
+        .iter()
+        .zip(&a.fit.configuration)
+        .filter_map(|(f, &q)| Some((q, b.fit.configuration[b.frames.binary_search(f).ok()?])))
+        .collect();
+    if 2 * common.len() < a.frames.len() {
+        return 0.0;
+    }
+    Moments::of(&common).correlation_sq().unwrap_or(0.0)
 }
 
 fn span_of(configuration: &[f64]) -> f64 {
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if high >= low { high - low } else { 0.0 }
+}
+
+/// Diagonal of the box that the part's origin stays in, metres.
+fn motion_extent(motion: &PartMotion) -> f64 {
+    let mut places = motion.base_from_part.iter().flatten().map(|p| p.translation.vector);
+    let Some(first) = places.next() else { return 0.0 };
+    let (low, high) = places.fold((first, first), |(l, h), p| (l.inf(&p), h.sup(&p)));
+    (high - low).norm()
 }
 
 /// The minimum spanning tree over base and parts (paper, Eq. 7).
