@@ -22,6 +22,10 @@ pub struct Witness<'w> {
 const MAX_POINTS: usize = 120;
 /// Configurations that are tried where none is known.
 const SCAN: usize = 33;
+/// How far beyond the range known so far a hinge may have gone, radians,
+const BEYOND_TURN: f64 = 1.6;
+/// and a slide, metres.
+const BEYOND_SLIDE: f64 = 0.4;
 
 impl Witness<'_> {
     /// Fills `through`, `hidden`, `scanned` and `contradicted` from the keyframes.
@@ -33,10 +37,8 @@ impl Witness<'_> {
             joint.through = 1.0;
             return;
         }
-        let span = joint.span();
-        let pad = (0.5 * span).max(if joint.dof.hinge { 0.2 } else { 0.05 });
-        let low = joint.range[0] - pad;
-        let step = (span + 2.0 * pad) / (SCAN - 1) as f64;
+        let near = near_scan(joint);
+        let far = far_scan(joint);
         let (mut through, mut agrees) = (0, 0);
         let (mut blind, mut blind_agrees) = (0, 0);
         joint.contradicted.clear();
@@ -56,11 +58,19 @@ impl Witness<'_> {
                 }
                 (t, a)
             } else {
-                let (q, (t, a)) = (0..SCAN)
-                    .map(|i| low + step * i as f64)
-                    .map(|q| (q, probe(q)))
-                    .max_by_key(|(_, (t, a))| *a as i64 - *t as i64)
-                    .expect("the scan is not empty");
+                let best_of = |scan: &[f64]| {
+                    scan.iter()
+                        .map(|&q| (q, probe(q)))
+                        .max_by_key(|(_, (t, a))| *a as i64 - *t as i64)
+                        .expect("a scan is not empty")
+                };
+                let (mut q, (mut t, mut a)) = best_of(&near);
+                if 2 * a < points.len() {
+                    let beyond = best_of(&far);
+                    if beyond.1.1 as i64 - beyond.1.0 as i64 > a as i64 - t as i64 {
+                        (q, (t, a)) = beyond;
+                    }
+                }
                 joint.scanned[frame] = q;
                 blind += 1;
                 blind_agrees += a;
@@ -103,7 +113,13 @@ impl Witness<'_> {
         let known = joint.known_frames().len();
         let coverage = known as f64 / joint.known.len() as f64;
         let long_and_solid = coverage >= 0.6 && joint.through <= 0.12 && joint.members.len() >= 50;
-        let max_cost = if long_and_solid { config.max_cost + 1.0 } else { config.max_cost };
+        let found_everywhere = joint.through <= 0.1 && joint.hidden <= 0.3;
+        let max_cost = config.max_cost
+            + match (long_and_solid, found_everywhere) {
+                (true, _) => 1.0,
+                (false, true) => 0.6,
+                (false, false) => 0.0,
+            };
         joint.members.len() >= 5
             && joint.gain >= config.min_gain
             && joint.cost <= max_cost
@@ -125,6 +141,23 @@ impl Witness<'_> {
             && joint.known_frames().len() >= 10
             && joint.coupling < 0.85
     }
+}
+
+/// Configurations in and about the range known so far.
+fn near_scan(joint: &Grown) -> Vec<f64> {
+    let pad = (0.5 * joint.span()).max(if joint.dof.hinge { 0.2 } else { 0.05 });
+    let (low, high) = (joint.range[0] - pad, joint.range[1] + pad);
+    (0..SCAN).map(|i| low + (high - low) * i as f64 / (SCAN - 1) as f64).collect()
+}
+
+/// Configurations beyond: while a part is not tracked it may have gone anywhere.
+fn far_scan(joint: &Grown) -> Vec<f64> {
+    let beyond = if joint.dof.hinge { BEYOND_TURN } else { BEYOND_SLIDE };
+    let step = beyond / SCAN as f64;
+    (1..=SCAN)
+        .map(|i| step * i as f64)
+        .flat_map(|d| [joint.range[0] - d, joint.range[1] + d])
+        .collect()
 }
 
 /// 6 cm for a slide; 0.12 rad and 3 cm of arc for a hinge.

@@ -107,8 +107,12 @@ impl Search<'_> {
     fn run(mut self) -> Vec<Grown> {
         let config = &self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
+        // Joints that were accepted but had to stand back; another round need not chance upon
+        // them again.
+        let mut waiting: Vec<Grown> = Vec::new();
         for round in 0..config.rounds {
-            let mut candidates = self.in_frame(None, &rest, round);
+            let mut candidates = std::mem::take(&mut waiting);
+            candidates.extend(self.in_frame(None, &rest, round));
             if config.chains {
                 for parent in 0..self.joints.len() {
                     candidates.extend(self.in_frame(Some(parent), &rest, round));
@@ -119,6 +123,12 @@ impl Search<'_> {
             let explained = self.explained(&best, &rest);
             self.adopt(best, &rest);
             rest.retain(|t| !explained.contains(t));
+            candidates.retain(|j| {
+                j.parent.is_none()
+                    && self.witness.accepts(j)
+                    && overlap(&j.members, &explained) < 0.3
+            });
+            waiting = candidates;
         }
         self.joints
     }
@@ -156,7 +166,8 @@ impl Search<'_> {
                 break;
             }
             let covered = |by: &[usize], share: f64| overlap(&h.tracks, by) > share;
-            if grown.iter().any(|g| covered(&g.members, 0.6))
+            let believed = |g: &&Grown| self.witness.accepts(g);
+            if grown.iter().filter(believed).any(|g| covered(&g.members, 0.6))
                 || tried.iter().any(|t| covered(t, 0.6))
             {
                 continue;
@@ -171,6 +182,9 @@ impl Search<'_> {
                 round,
                 parent = parent.map_or(0, |p| p + 1),
                 kind = joint.dof.geometry().kind.name(),
+                window = ?(h.from, h.to),
+                axis = format!("{:.2?}", joint.dof.axis.as_slice()),
+                origin = format!("{:.2?}", joint.dof.origin.coords.as_slice()),
                 gain = joint.gain as i64,
                 members = joint.members.len(),
                 span = format!("{:.2}", joint.span()),

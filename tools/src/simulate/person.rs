@@ -13,6 +13,10 @@ const KEEP_HOLD: f64 = 1.2;
 /// Length of the forearm and of the upper arm, metres.
 const FOREARM: f64 = 0.27;
 const UPPER_ARM: f64 = 0.30;
+/// How far the shoulder is from the wrist in the middle of an action, metres.
+const COMFORTABLE: f64 = 0.46;
+/// How far the body sways, metres, and how often, radians a second.
+const SWAY: (f64, f64) = (0.012, 1.7);
 
 /// What the person wears.
 pub struct Person {
@@ -36,14 +40,17 @@ impl Person {
 
     /// The person at a time; nobody where there is nothing to do.
     pub fn solids(&self, scene: &Scene, t: f64, start: &[f64]) -> Vec<Solid> {
-        match hand_at(scene, t, start) {
-            Some((hand, towards)) => self.arm(hand, towards),
+        match reach_at(scene, t, start) {
+            Some(reach) => {
+                let sway = Vector3::new(1.0, 0.6, 0.3) * SWAY.0 * (SWAY.1 * t).sin();
+                self.arm(&reach, sway)
+            }
             None => Vec::new(),
         }
     }
 
-    fn arm(&self, hand: Point3<f64>, towards: Vector3<f64>) -> Vec<Solid> {
-        let back = towards.normalize();
+    fn arm(&self, reach: &Reach, sway: Vector3<f64>) -> Vec<Solid> {
+        let (hand, back) = (reach.hand, reach.towards);
         // The person stands beside what is moved, not between it and the camera.
         let outward = Vector3::new(back.x.signum(), 0.0, 0.0);
         let side = back.cross(&Vector3::z()).normalize();
@@ -65,12 +72,10 @@ impl Person {
             let tip = hand - back * 0.02 + shift - Vector3::z() * 0.012;
             solids.push(Solid::rod(knuckle, tip, 0.010, &self.skin, PERSON));
         }
-        // Shoulder at a comfortable distance, elbow hanging between.
-        let shoulder = wrist + (back + Vector3::z() * 0.25).normalize() * 0.50;
-        let half = 0.5 * (shoulder - wrist).norm();
-        let mean = 0.5 * (FOREARM + UPPER_ARM);
-        let drop = (mean * mean - half * half).max(0.0).sqrt();
-        let elbow = nalgebra::center(&wrist, &shoulder) - Vector3::z() * drop + side * 0.04;
+        let up_and_back = (back + Vector3::z() * 0.25).normalize();
+        let standing = reach.middle + back * 0.10 + up_and_back * COMFORTABLE + sway;
+        let shoulder = leaning(standing, wrist);
+        let elbow = elbow_of(wrist, shoulder, side * 0.3 - Vector3::z());
         solids.push(Solid::rod(wrist, elbow, 0.042, &self.sleeve, PERSON));
         solids.push(Solid::rod(elbow, shoulder, 0.052, &self.sleeve, PERSON));
         let chest = shoulder + outward * 0.2;
@@ -80,31 +85,59 @@ impl Person {
     }
 }
 
-/// Where the hand is, and the direction to the person; `None` while nobody is there.
-fn hand_at(scene: &Scene, t: f64, start: &[f64]) -> Option<(Point3<f64>, Vector3<f64>)> {
+/// The shoulder, nearer than where the person stands when the hand is too far away.
+fn leaning(standing: Point3<f64>, wrist: Point3<f64>) -> Point3<f64> {
+    let arm = standing - wrist;
+    wrist + arm * (0.96 * (FOREARM + UPPER_ARM) / arm.norm()).min(1.0)
+}
+
+/// The elbow of an arm that bends towards `down`.
+fn elbow_of(wrist: Point3<f64>, shoulder: Point3<f64>, down: Vector3<f64>) -> Point3<f64> {
+    let arm = shoulder - wrist;
+    let length = arm.norm();
+    let along = arm / length;
+    // Where the circle of possible elbows meets the line from wrist to shoulder.
+    let foot = (length * length + FOREARM.powi(2) - UPPER_ARM.powi(2)) / (2.0 * length);
+    let drop = (FOREARM.powi(2) - foot * foot).max(0.0).sqrt();
+    let across = (down - along * along.dot(&down)).normalize();
+    wrist + along * foot + across * drop
+}
+
+/// A hand that reaches for something.
+struct Reach {
+    hand: Point3<f64>,
+    /// Unit direction to the person.
+    towards: Vector3<f64>,
+    /// Where the hand is in the middle of the action: the person stands there.
+    middle: Point3<f64>,
+}
+
+/// Where the hand is; `None` while nobody is there.
+fn reach_at(scene: &Scene, t: f64, start: &[f64]) -> Option<Reach> {
     let holds = |a: &Action, next: Option<&Action>| {
         next.is_some_and(|n| n.joint == a.joint && n.start - a.end < KEEP_HOLD)
     };
+    let ease = |s: f64| s * s * (3.0 - 2.0 * s);
     for (i, a) in scene.actions.iter().enumerate() {
         let joint = &scene.joints[a.joint];
-        let poses = scene.world_from_part(&scene.configurations(t, start));
-        let grasp = poses[joint.child] * joint.grasp;
-        let away = Vector3::new(joint.person.x.signum(), -0.45, joint.person.z).normalize();
-        let home = grasp + away * 0.75 - Vector3::z() * 0.25;
+        let grasp_at = |t: f64| {
+            scene.world_from_part(&scene.configurations(t, start))[joint.child] * joint.grasp
+        };
+        let grasp = grasp_at(t);
+        let towards = Vector3::new(joint.person.x.signum(), -0.45, joint.person.z).normalize();
+        let home = grasp + towards * 0.75 - Vector3::z() * 0.25;
+        let reach = |hand| Some(Reach { hand, towards, middle: grasp_at(0.5 * (a.start + a.end)) });
         let next = scene.actions.get(i + 1);
         let held_before = i > 0 && holds(&scene.actions[i - 1], Some(a));
         let until = if holds(a, next) { next.map_or(a.end, |n| n.start) } else { a.end };
-        let ease = |s: f64| s * s * (3.0 - 2.0 * s);
         if !held_before && t >= a.start - REACH && t < a.start {
-            let s = ease((t - a.start + REACH) / REACH);
-            return Some((home + (grasp - home) * s, away));
+            return reach(home + (grasp - home) * ease((t - a.start + REACH) / REACH));
         }
         if t >= a.start && t <= until {
-            return Some((grasp, away));
+            return reach(grasp);
         }
         if !holds(a, next) && t > a.end && t <= a.end + REACH {
-            let s = ease((t - a.end) / REACH);
-            return Some((grasp + (home - grasp) * s, away));
+            return reach(grasp + (home - grasp) * ease((t - a.end) / REACH));
         }
     }
     None
