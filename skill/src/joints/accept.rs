@@ -112,13 +112,16 @@ impl Witness<'_> {
         let config = self.config;
         let known = joint.known_frames().len();
         let coverage = known as f64 / joint.known.len() as f64;
-        let long_and_solid = coverage >= 0.6 && joint.through <= 0.12 && joint.members.len() >= 50;
+        let solid = joint.through <= 0.12 && joint.members.len() >= 50;
         let found_everywhere = joint.through <= 0.1 && joint.hidden <= 0.3;
+        // Parts that hang on it raise a joint's cost while they move; a hand is not there from
+        // beginning to end.
         let max_cost = config.max_cost
-            + match (long_and_solid, found_everywhere) {
-                (true, _) => 1.0,
-                (false, true) => 0.6,
-                (false, false) => 0.0,
+            + match coverage {
+                c if c >= 0.9 && solid && found_everywhere => 2.4,
+                c if c >= 0.6 && solid => 1.0,
+                _ if found_everywhere => 0.6,
+                _ => 0.0,
             };
         joint.members.len() >= 5
             && joint.gain >= config.min_gain

@@ -2,6 +2,7 @@
 //! near one another.
 
 use super::JointsConfig;
+use super::grown::Grown;
 use super::view::View;
 use crate::geometry::{Correspondence, Pose, RansacOptions, ransac_rigid};
 use rand::SeedableRng;
@@ -22,6 +23,25 @@ pub struct Hypothesis {
     /// Evidence: tracks times displacement in sigmas, times the squared share that rests
     /// before or after (object parts rest, hands do not).
     pub rank: f64,
+}
+
+impl Hypothesis {
+    /// A joint moves most of its tracks as they were seen to move in its window. Being among
+    /// a joint's members does not suffice: a poor joint takes in whatever is near.
+    pub fn is_explained_by(&self, joint: &Grown, view: &View, cut: f64, max_cost: f64) -> bool {
+        let explained = |t: usize| {
+            let (mut sum, mut observations) = (0.0, 0);
+            for f in (self.from..=self.to).filter(|&f| joint.known[f]) {
+                let Some(seen) = view.at(t, f) else { continue };
+                let place = joint.dof.move_point(joint.q[f], &joint.points[t]);
+                sum += seen.distance_sq(&place).min(cut);
+                observations += 1;
+            }
+            observations > 2 && sum < max_cost * f64::from(observations)
+        };
+        let count = self.tracks.iter().filter(|&&t| explained(t)).count();
+        10 * count > 6 * self.tracks.len()
+    }
 }
 
 /// Windows, in frames.

@@ -166,8 +166,11 @@ impl Search<'_> {
                 break;
             }
             let covered = |by: &[usize], share: f64| overlap(&h.tracks, by) > share;
-            let believed = |g: &&Grown| self.witness.accepts(g);
-            if grown.iter().filter(believed).any(|g| covered(&g.members, 0.6))
+            let explains = |g: &Grown| {
+                let trust = if self.witness.accepts(g) { 2.0 } else { 1.0 };
+                h.is_explained_by(g, &view, config.cut, trust * config.max_cost)
+            };
+            if grown.iter().any(|g| covered(&g.members, 0.6) && explains(g))
                 || tried.iter().any(|t| covered(t, 0.6))
             {
                 continue;
@@ -228,14 +231,15 @@ impl Search<'_> {
     fn best_of(&self, candidates: &[Grown]) -> Option<Grown> {
         let accepted: Vec<&Grown> = candidates.iter().filter(|j| self.witness.accepts(j)).collect();
         let known = |j: &Grown| j.known_frames().len() as f64;
+        let same_tracks = |a: &Grown, b: &Grown| {
+            overlap(&a.members, &b.members) > 0.35 || overlap(&b.members, &a.members) > 0.6
+        };
+        // Where a joint of the base is lost for long, its part hangs on one that moved then.
         let shadowed = |j: &Grown| {
-            j.parent.is_some()
-                && accepted.iter().any(|b| {
-                    b.parent.is_none()
-                        && known(b) > 0.6 * known(j)
-                        && (overlap(&j.members, &b.members) > 0.35
-                            || overlap(&b.members, &j.members) > 0.6)
-                })
+            accepted.iter().filter(|o| o.parent.is_some() != j.parent.is_some()).any(|o| {
+                let enough = if j.parent.is_some() { BASE_SUFFICES } else { 1.0 / BASE_SUFFICES };
+                same_tracks(j, o) && known(o) > enough * known(j)
+            })
         };
         accepted
             .iter()
@@ -336,6 +340,9 @@ impl Search<'_> {
             .collect()
     }
 }
+
+/// Share of a chained joint's frames from which a joint of the base explains as much.
+const BASE_SUFFICES: f64 = 0.8;
 
 /// Share of `a` that is in `b`.
 fn overlap(a: &[usize], b: &[usize]) -> f64 {
