@@ -25,6 +25,7 @@ use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::{TrackSet, Trajectory};
 use accept::Witness;
 use grown::Grown;
+use hypothesis::Hypothesis;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use view::View;
@@ -107,28 +108,24 @@ impl Search<'_> {
     fn run(mut self) -> Vec<Grown> {
         let config = &self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
-        // Joints that were accepted but had to stand back; another round need not chance upon
-        // them again.
-        let mut waiting: Vec<Grown> = Vec::new();
+        // What one round grew, the next need not grow again.
+        let mut grown: Vec<Grown> = Vec::new();
         for round in 0..config.rounds {
-            let mut candidates = std::mem::take(&mut waiting);
-            candidates.extend(self.in_frame(None, &rest, round));
-            if config.chains {
-                for parent in 0..self.joints.len() {
-                    candidates.extend(self.in_frame(Some(parent), &rest, round));
-                }
-            }
+            let parents = if config.chains { self.joints.len() } else { 0 };
+            let candidates: Vec<Grown> = std::iter::once(None)
+                .chain((0..parents).map(Some))
+                .flat_map(|parent| {
+                    let known = grown.iter().filter(|j| j.parent == parent).cloned().collect();
+                    self.in_frame(parent, &rest, round, known)
+                })
+                .collect();
             let Some(best) = self.best_of(&candidates) else { break };
             let best = self.merged_with_its_stretches(best, &candidates, &rest);
             let explained = self.explained(&best, &rest);
-            self.adopt(best, &rest);
+            let adopted = self.adopt(best, &rest);
             rest.retain(|t| !explained.contains(t));
-            candidates.retain(|j| {
-                j.parent.is_none()
-                    && self.witness.accepts(j)
-                    && overlap(&j.members, &explained) < 0.3
-            });
-            waiting = candidates;
+            grown = candidates;
+            grown.retain(|j| overlap(&j.members, &explained) < 0.3 && j.parent != Some(adopted));
         }
         self.joints
     }
@@ -141,67 +138,83 @@ impl Search<'_> {
         }
     }
 
-    /// Joints grown in the frame of a part.
-    fn in_frame(&self, parent: Option<usize>, rest: &[usize], round: usize) -> Vec<Grown> {
+    /// Joints in the frame of a part: those that are `known` and what else can be grown.
+    fn in_frame(
+        &self,
+        parent: Option<usize>,
+        rest: &[usize],
+        round: usize,
+        known: Vec<Grown>,
+    ) -> Vec<Grown> {
         let config = &self.config.joints;
         let view = self.view_from(parent);
         let base = &self.config.base;
-        let candidates: Vec<usize> = if parent.is_some() {
-            rest.iter()
-                .copied()
-                .filter(|&t| view.moves(t, base.min_extent_m, base.min_extent_sigmas))
-                .collect()
-        } else {
-            rest.to_vec()
-        };
+        let moves = |&t: &usize| view.moves(t, base.min_extent_m, base.min_extent_sigmas);
+        let candidates: Vec<usize> =
+            rest.iter().copied().filter(|t| parent.is_none() || moves(t)).collect();
         if candidates.len() < 4 {
             return Vec::new();
         }
         let seed = self.config.seed.wrapping_add(round as u64);
         let hypotheses = hypothesis::hypotheses(&view, &candidates, config, seed);
-        let mut grown: Vec<Grown> = Vec::new();
+        let mut queue = hypotheses.iter();
+        let mut grown = known;
         let mut tried: Vec<&[usize]> = Vec::new();
-        for h in &hypotheses {
-            if tried.len() >= config.max_hypotheses {
-                break;
+        loop {
+            let mut batch: Vec<&Hypothesis> = Vec::new();
+            while batch.len() < BATCH && tried.len() < config.max_hypotheses {
+                let Some(h) = queue.next() else { break };
+                if self.is_new(h, &view, &grown) && !tried.iter().any(|t| h.is_covered_by(t)) {
+                    tried.push(&h.tracks);
+                    batch.push(h);
+                }
             }
-            let covered = |by: &[usize], share: f64| overlap(&h.tracks, by) > share;
-            let explains = |g: &Grown| {
-                let trust = if self.witness.accepts(g) { 2.0 } else { 1.0 };
-                h.is_explained_by(g, &view, config.cut, trust * config.max_cost)
-            };
-            if grown.iter().any(|g| covered(&g.members, 0.6) && explains(g))
-                || tried.iter().any(|t| covered(t, 0.6))
-            {
-                continue;
+            if batch.is_empty() {
+                return grown;
             }
-            tried.push(&h.tracks);
-            let Some(mut joint) = grow::grow_hypothesis(&view, h, &candidates, config) else {
-                continue;
-            };
-            joint.parent = parent;
-            self.question(&view, &mut joint, &candidates);
-            tracing::debug!(
-                round,
-                parent = parent.map_or(0, |p| p + 1),
-                kind = joint.dof.geometry().kind.name(),
-                window = ?(h.from, h.to),
-                axis = format!("{:.2?}", joint.dof.axis.as_slice()),
-                origin = format!("{:.2?}", joint.dof.origin.coords.as_slice()),
-                gain = joint.gain as i64,
-                members = joint.members.len(),
-                span = format!("{:.2}", joint.span()),
-                cost = format!("{:.2}", joint.cost),
-                frames = joint.known_frames().len(),
-                through = format!("{:.2}", joint.through),
-                hidden = format!("{:.2}", joint.hidden),
-                coupling = format!("{:.2}", joint.coupling),
-                accepted = self.witness.accepts(&joint),
-                "joint"
-            );
-            grown.push(joint);
+            let more: Vec<Option<Grown>> = batch
+                .par_iter()
+                .map(|h| {
+                    let mut joint = grow::grow_hypothesis(&view, h, &candidates, config)?;
+                    joint.parent = parent;
+                    self.question(&view, &mut joint, &candidates);
+                    self.report(round, h, &joint);
+                    Some(joint)
+                })
+                .collect();
+            grown.extend(more.into_iter().flatten());
         }
-        grown
+    }
+
+    /// None of the grown joints tells already what a hypothesis would grow to.
+    fn is_new(&self, h: &Hypothesis, view: &View, grown: &[Grown]) -> bool {
+        let config = &self.config.joints;
+        !grown.iter().any(|g| {
+            h.is_covered_by(&g.members)
+                && (self.witness.accepts(g)
+                    || h.is_explained_by(g, view, config.cut, config.max_cost))
+        })
+    }
+
+    fn report(&self, round: usize, h: &Hypothesis, joint: &Grown) {
+        tracing::debug!(
+            round,
+            parent = joint.parent.map_or(0, |p| p + 1),
+            kind = joint.dof.geometry().kind.name(),
+            window = ?(h.from, h.to),
+            axis = format!("{:.2?}", joint.dof.axis.as_slice()),
+            origin = format!("{:.2?}", joint.dof.origin.coords.as_slice()),
+            gain = joint.gain as i64,
+            members = joint.members.len(),
+            span = format!("{:.2}", joint.span()),
+            cost = format!("{:.2}", joint.cost),
+            frames = joint.known_frames().len(),
+            through = format!("{:.2}", joint.through),
+            hidden = format!("{:.2}", joint.hidden),
+            coupling = format!("{:.2}", joint.coupling),
+            accepted = self.witness.accepts(joint),
+            "joint"
+        );
     }
 
     /// Confronts a joint with the depth pictures; takes back configurations that they
@@ -308,20 +321,20 @@ impl Search<'_> {
         better.then_some(merged)
     }
 
-    /// Adds a joint, or makes it part of one that is there already.
-    fn adopt(&mut self, joint: Grown, rest: &[usize]) {
+    /// Adds a joint, or makes it part of one that is there already. Returns its number.
+    fn adopt(&mut self, joint: Grown, rest: &[usize]) -> usize {
         let twin = self.joints.iter().position(|o| merge::is_same_joint(o, &joint));
-        match twin {
-            Some(i) if self.config.joints.merge => {
-                if self.joints[i].parent == joint.parent {
-                    let view = self.view_from(joint.parent);
-                    if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, rest) {
-                        self.joints[i] = merged;
-                    }
-                }
+        let Some(i) = twin.filter(|_| self.config.joints.merge) else {
+            self.joints.push(joint);
+            return self.joints.len() - 1;
+        };
+        if self.joints[i].parent == joint.parent {
+            let view = self.view_from(joint.parent);
+            if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, rest) {
+                self.joints[i] = merged;
             }
-            _ => self.joints.push(joint),
         }
+        i
     }
 
     /// Tracks that a joint explains, short ones too: they drop out.
@@ -341,6 +354,8 @@ impl Search<'_> {
     }
 }
 
+/// Hypotheses grown side by side.
+const BATCH: usize = 2;
 /// Share of a chained joint's frames from which a joint of the base explains as much.
 const BASE_SUFFICES: f64 = 0.8;
 
