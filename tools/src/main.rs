@@ -11,6 +11,7 @@ use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    sigpipe::reset();
     let cli = match cli::Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {

@@ -18,6 +18,8 @@ pub struct Witness<'w> {
     pub config: &'w JointsConfig,
 }
 
+/// Largest share of a child's configuration that may be a function of its parent's.
+pub const MAX_COUPLING: f64 = 0.85;
 /// Members that are looked for in the pictures.
 const MAX_POINTS: usize = 120;
 /// Configurations that are tried where none is known.
@@ -128,7 +130,7 @@ impl Witness<'_> {
             && joint.cost <= max_cost
             && known >= 15
             && joint.coupling >= 0.0
-            && joint.coupling <= 0.85
+            && joint.coupling <= MAX_COUPLING
             && travels_enough(joint)
             && joint.through <= config.max_through
             && joint.hidden <= config.max_hidden
@@ -142,7 +144,7 @@ impl Witness<'_> {
             && joint.through < self.config.max_through + 0.03
             && joint.hidden < self.config.max_hidden + 0.05
             && joint.known_frames().len() >= 10
-            && joint.coupling < 0.85
+            && joint.coupling < MAX_COUPLING
     }
 }
 

@@ -3,7 +3,6 @@
 
 use super::JointsConfig;
 use super::grown::Grown;
-use super::overlap;
 use super::view::View;
 use crate::geometry::{Correspondence, Pose, RansacOptions, ransac_rigid};
 use rand::SeedableRng;
@@ -27,11 +26,6 @@ pub struct Hypothesis {
 }
 
 impl Hypothesis {
-    /// Most of its tracks are among some others.
-    pub fn is_covered_by(&self, tracks: &[usize]) -> bool {
-        overlap(&self.tracks, tracks) > 0.6
-    }
-
     /// A joint moves most of its tracks as they were seen to move in its window. Being among
     /// a joint's members does not suffice: a poor joint takes in whatever is near.
     pub fn is_explained_by(&self, joint: &Grown, view: &View, cut: f64, max_cost: f64) -> bool {

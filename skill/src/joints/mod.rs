@@ -164,7 +164,9 @@ impl Search<'_> {
             let mut batch: Vec<&Hypothesis> = Vec::new();
             while batch.len() < BATCH && tried.len() < config.max_hypotheses {
                 let Some(h) = queue.next() else { break };
-                if self.is_new(h, &view, &grown) && !tried.iter().any(|t| h.is_covered_by(t)) {
+                if self.is_new(h, &view, &grown)
+                    && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
+                {
                     tried.push(&h.tracks);
                     batch.push(h);
                 }
@@ -190,9 +192,14 @@ impl Search<'_> {
     fn is_new(&self, h: &Hypothesis, view: &View, grown: &[Grown]) -> bool {
         let config = &self.config.joints;
         !grown.iter().any(|g| {
-            h.is_covered_by(&g.members)
-                && (self.witness.accepts(g)
-                    || h.is_explained_by(g, view, config.cut, config.max_cost))
+            // What a hypothesis shares with a sound joint would draw it there again.
+            let sound = self.witness.accepts(g) || g.coupling > accept::MAX_COUPLING;
+            match overlap(&h.tracks, &g.members) {
+                shared if shared > COVERED => {
+                    sound || h.is_explained_by(g, view, config.cut, config.max_cost)
+                }
+                shared => sound && shared > 0.5 * COVERED,
+            }
         })
     }
 
@@ -354,6 +361,8 @@ impl Search<'_> {
     }
 }
 
+/// Share of a hypothesis's tracks from which it says nothing new.
+const COVERED: f64 = 0.6;
 /// Hypotheses grown side by side.
 const BATCH: usize = 2;
 /// Share of a chained joint's frames from which a joint of the base explains as much.
