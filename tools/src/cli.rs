@@ -179,7 +179,7 @@ pub struct SimulateArgs {
     pub scene: String,
     /// Folder of the recording
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    pub out: Option<PathBuf>,
     /// Render an encounter: nobody there, another viewpoint and configuration
     #[arg(long)]
     pub encounter: bool,

@@ -30,7 +30,7 @@ const BEYOND_TURN: f64 = 1.6;
 const BEYOND_SLIDE: f64 = 0.4;
 
 impl Witness<'_> {
-    /// Fills `through`, `hidden`, `scanned` and `contradicted` from the keyframes.
+    /// Fills `through`, `hidden`, `tells`, `scanned` and `contradicted` from the keyframes.
     pub fn examine(&self, joint: &mut Grown, joints: &[Grown]) {
         let stride = joint.members.len().div_ceil(MAX_POINTS).max(1);
         let points: Vec<Point3<f64>> =
@@ -43,6 +43,8 @@ impl Witness<'_> {
         let far = far_scan(joint);
         let (mut through, mut agrees) = (0, 0);
         let (mut blind, mut blind_agrees) = (0, 0);
+        let (mut wrong_through, mut wrong_agrees) = (0, 0);
+        let aside = 0.5 * joint.span();
         joint.contradicted.clear();
         for (frame, picture) in self.keyframes.iter() {
             let camera_from_parent =
@@ -54,6 +56,10 @@ impl Witness<'_> {
             let (t, a) = if joint.known[frame] {
                 joint.scanned[frame] = joint.q[frame];
                 let (t, a) = probe(joint.q[frame]);
+                let wrong = [-aside, aside].map(|d| probe(joint.q[frame] + d));
+                let most = wrong[usize::from(wrong[1].0 > wrong[0].0)];
+                wrong_through += most.0;
+                wrong_agrees += most.1;
                 if (t + a) * 5 >= points.len() && t > a {
                     let around = frame.saturating_sub(2)..(frame + 3).min(joint.known.len());
                     joint.contradicted.extend(around);
@@ -82,6 +88,7 @@ impl Witness<'_> {
             agrees += a;
         }
         joint.through = through as f64 / (through + agrees).max(1) as f64;
+        joint.tells = wrong_through as f64 / (wrong_through + wrong_agrees).max(1) as f64;
         joint.hidden =
             if blind > 0 { 1.0 - blind_agrees as f64 / (blind * points.len()) as f64 } else { 0.0 };
     }
@@ -115,7 +122,7 @@ impl Witness<'_> {
         let known = joint.known_frames().len();
         let coverage = known as f64 / joint.known.len() as f64;
         let solid = joint.through <= 0.12 && joint.members.len() >= 50;
-        let found_everywhere = joint.through <= 0.1 && joint.hidden <= 0.3;
+        let found_everywhere = joint.through <= 0.1 && joint.hidden <= 0.3 && joint.tells >= 0.3;
         // Parts that hang on it raise a joint's cost while they move; a hand is not there from
         // beginning to end.
         let max_cost = config.max_cost

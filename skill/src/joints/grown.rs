@@ -29,6 +29,9 @@ pub struct Grown {
     pub range: [f64; 2],
     /// Share of its points that were seen through.
     pub through: f64,
+    /// Share of its points that would be seen through if it stood half its range aside: points
+    /// on a wall agree with the pictures wherever they are.
+    pub tells: f64,
     /// Share of its points not found in frames of unknown configuration.
     pub hidden: f64,
     /// Share of q's variance that the parent's q explains; negative: the parent rests.
@@ -56,6 +59,7 @@ impl Grown {
             cost: f64::INFINITY,
             range: [0.0, 0.0],
             through: 0.0,
+            tells: 0.0,
             hidden: 0.0,
             coupling: 0.0,
             scanned: vec![f64::NAN; view.frames],

@@ -218,6 +218,7 @@ impl Search<'_> {
             frames = joint.known_frames().len(),
             through = format!("{:.2}", joint.through),
             hidden = format!("{:.2}", joint.hidden),
+            tells = format!("{:.2}", joint.tells),
             coupling = format!("{:.2}", joint.coupling),
             accepted = self.witness.accepts(joint),
             "joint"

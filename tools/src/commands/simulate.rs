@@ -15,7 +15,8 @@ pub fn run(args: &SimulateArgs, common: &Common) -> Outcome {
         return Ok(());
     }
     let take = if args.encounter { Take::Encounter } else { Take::Demonstration };
-    film(&args.scene, take, common.seed.unwrap_or(1), &args.out, common.quiet)
+    let out = args.out.as_deref().ok_or_else(|| anyhow!("say where to with --out DIR"))?;
+    film(&args.scene, take, common.seed.unwrap_or(1), out, common.quiet)
 }
 
 /// Renders a scene with progress.
