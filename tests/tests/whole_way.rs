@@ -269,6 +269,44 @@ print("\n".join(seen.values()))
 sys.exit(0 if len(seen) == 3 else 1)
 "#;
 
+/// A network of its own, without any route: none where the system refuses one.
+fn without_a_route() -> Option<Command> {
+    let isolated = ["--map-root-user", "--net", "--"];
+    let allowed = Command::new("unshare")
+        .args(isolated)
+        .arg("true")
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|s| s.success());
+    if !allowed {
+        eprintln!("ignored: this system gives tests no network of their own");
+        return None;
+    }
+    let mut command = Command::new("unshare");
+    command.args(isolated).arg(program());
+    Some(command)
+}
+
+#[test]
+fn without_a_multicast_route_publishing_says_what_to_do_and_the_prediction_is_kept() {
+    let (dir, _) = learned();
+    let Some(mut isolated) = without_a_route() else { return };
+    let out = dir.path().join("unpublished.json");
+    let output = isolated
+        .arg("predict")
+        .arg(simulated("drawer", true, 1))
+        .args(["--to", "closed", "--quiet", "--publish", URL, "--store"])
+        .arg(dir.path().join("objects.linkage"))
+        .arg("--json")
+        .arg(&out)
+        .output()
+        .unwrap();
+    let (status, message) = failure(&output);
+    assert_eq!(status, 2, "{message}");
+    assert!(message.contains(URL) && message.contains("ip route add 224.0.0.0/4"), "{message}");
+    assert_eq!(json(&out)["schema"], "linkage.prediction/1");
+}
+
 #[test]
 fn a_store_holds_what_it_held_when_the_process_is_killed() {
     let (dir, recording) = learned();
