@@ -228,10 +228,11 @@ pub struct LearnArgs {
 
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// dir: score every recording of a folder
+    /// dir: score every recording of a folder; logs: fit pose logs of known type; tracking:
+    /// play clips forward and back
     #[arg(long, default_value = "dir")]
     pub suite: String,
-    /// Folder of recordings, for --suite dir
+    /// Folder of recordings, logs or clips
     pub dir: Option<PathBuf>,
     /// Write the figures as JSON
     #[arg(long, value_name = "FILE")]

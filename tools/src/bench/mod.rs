@@ -1,7 +1,9 @@
 //! `linkage bench`: figures that anyone can run again.
 
 mod dir;
+mod logs;
 mod score;
+mod tracking;
 pub mod truth;
 
 use crate::cli::{BenchArgs, Common};
@@ -11,6 +13,8 @@ use anyhow::anyhow;
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     match args.suite.as_str() {
         "dir" => dir::run(args, common),
-        other => Err(anyhow!("no suite \"{other}\"; known: dir").into()),
+        "logs" => logs::run(args, common),
+        "tracking" => tracking::run(args, common),
+        other => Err(anyhow!("no suite \"{other}\"; known: dir, logs, tracking").into()),
     }
 }
