@@ -5,7 +5,7 @@
 use crate::base::coarse_sigma;
 use crate::geometry::Pose;
 use linkage_driver::RgbdFrame;
-use nalgebra::Point3;
+use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 
 /// A keyframe with the pose of every part: `camera_from_part`, mapping object coordinates at
@@ -24,6 +24,8 @@ const MIN_DIFFERENCE_M: f64 = 0.03;
 
 /// Fewest frames that must tell.
 const MIN_TELLING: f64 = 3.0;
+/// Difference of luma that light and noise explain.
+const MAX_LUMA_DIFFERENCE: f64 = 18.0;
 /// Share of telling frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
 
@@ -53,7 +55,7 @@ pub fn label(frames: &[PosedFrame], index: usize, near_part: &NearPart) -> Label
         .into_par_iter()
         .map(|i| {
             let (u, v) = ((i % columns) * STEP + STEP / 2, (i / columns) * STEP + STEP / 2);
-            label_point(frames, index, &picture.point_at(u, v)?, near_part)
+            label_point(frames, index, (u, v), near_part)
         })
         .collect();
     LabelGrid { columns, labels }
@@ -68,28 +70,30 @@ pub fn belongs(
     in_base: &Point3<f64>,
 ) -> bool {
     let claims = [(0, *in_base), (part, *at_rest)];
-    support(frames, usize::MAX, part, at_rest, &claims) > 0.8
+    support(frames, None, part, at_rest, &claims) > 0.8
 }
 
 fn label_point(
     frames: &[PosedFrame],
     index: usize,
-    in_camera: &Point3<f64>,
+    (u, v): (usize, usize),
     near_part: &NearPart,
 ) -> Option<u16> {
     let here = &frames[index];
+    let in_camera = here.frame.point_at(u, v)?;
+    let seen = Some((index, luma(here.frame.color.at(u, v)?)));
     let claims: Vec<(usize, Point3<f64>)> = here
         .camera_from_part
         .iter()
         .enumerate()
         .filter_map(|(part, pose)| {
-            let at_rest = pose.as_ref()?.inverse_transform_point(in_camera);
+            let at_rest = pose.as_ref()?.inverse_transform_point(&in_camera);
             (part == 0 || near_part(part, &at_rest)).then_some((part, at_rest))
         })
         .collect();
     let mut supported: Vec<(f64, usize)> = claims
         .iter()
-        .map(|&(part, at_rest)| (support(frames, index, part, &at_rest, &claims), part))
+        .map(|&(part, at_rest)| (support(frames, seen, part, &at_rest, &claims), part))
         .collect();
     supported.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (best, part) = *supported.first()?;
@@ -98,19 +102,39 @@ fn label_point(
     (best > 0.5 && best > rival + 0.2).then_some(part as u16)
 }
 
+/// Luma, 0 to 255.
+fn luma([r, g, b]: [u8; 3]) -> f64 {
+    0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
+}
+
+/// A pixel or one beside it is about as bright.
+fn shows(frame: &RgbdFrame, pixel: &Point2<f64>, wanted: f64) -> bool {
+    const BESIDE: i64 = 2;
+    let (u, v) = (pixel.x.round() as i64, pixel.y.round() as i64);
+    (v - BESIDE..=v + BESIDE).flat_map(|y| (u - BESIDE..=u + BESIDE).map(move |x| (x, y))).any(
+        |(x, y)| {
+            let at = usize::try_from(x).ok().zip(usize::try_from(y).ok());
+            at.and_then(|(x, y)| frame.color.at(x, y))
+                .is_some_and(|c| (luma(c) - wanted).abs() < MAX_LUMA_DIFFERENCE)
+        },
+    )
+}
+
 /// Share of the telling frames that agree; none where too many contradict: a surface is hardly
 /// ever seen through, but a hand that holds it is, before it comes and after it has left.
-/// Frames are telling where the claims differ; with one claim alone all are.
+/// Frames are telling where the claims differ; with one claim alone all are. `seen` is the
+/// frame that the place was seen in, and its luma there: a surface that slides in its own plane
+/// agrees in depth with any claim, but shows another place of its pattern.
 fn support(
     frames: &[PosedFrame],
-    index: usize,
+    seen: Option<(usize, f64)>,
     part: usize,
     at_rest: &Point3<f64>,
     claims: &[(usize, Point3<f64>)],
 ) -> f64 {
     let (mut agree, mut against, mut told) = (0.0, 0.0, 0.0);
     for (i, other) in frames.iter().enumerate() {
-        if i == index {
+        if seen.is_some_and(|(index, _)| i == index) {
             continue;
         }
         let Some(pose) = &other.camera_from_part[part] else { continue };
@@ -131,7 +155,8 @@ fn support(
             against += 1.0;
             told += 1.0;
         } else if difference > -margin {
-            agree += 1.0;
+            let looks_alike = seen.is_none_or(|(_, luma)| shows(other.frame, &pixel, luma));
+            agree += f64::from(u8::from(looks_alike));
             told += 1.0;
         }
     }
