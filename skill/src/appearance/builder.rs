@@ -85,7 +85,7 @@ pub fn build(
     let region = Region {
         features: swept.grown(config.feature_margin_m),
         surface: swept.grown(config.surface_margin_m),
-        room: room_planes(posed.first(), &swept.grown(0.3)),
+        room: room_planes(posed.first(), &swept.grown(0.2)),
     };
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut builder = Builder { region, voxel_m, features: Vec::new(), voxels: HashMap::new() };

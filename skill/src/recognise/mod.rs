@@ -185,6 +185,14 @@ struct Found {
     evident: Vec<bool>,
 }
 
+impl Found {
+    /// Among states that look about as right, the one that shows more of the joints.
+    fn rank(&self) -> f64 {
+        let shown = self.evident.iter().filter(|e| **e).count() as f64;
+        self.score * (1.0 + 0.1 * shown / self.evident.len().max(1) as f64)
+    }
+}
+
 fn with_depth(
     scene: &Scene,
     object: &KnownObject,
@@ -222,9 +230,10 @@ fn with_depth(
         let verdict = verify::verify(scene, articulated, &object.cloud, &state);
         let score = verdict.score(inliers);
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
-        if best.as_ref().is_none_or(|b| score > b.score) {
-            let evident = evident_joints(articulated, matches, &state, &verdict);
-            best = Some(Found { state, score, inliers, verdict: Some(verdict), evident });
+        let evident = evident_joints(articulated, matches, &state, &verdict);
+        let found = Found { state, score, inliers, verdict: Some(verdict), evident };
+        if best.as_ref().is_none_or(|b| found.rank() > b.rank()) {
+            best = Some(found);
         }
     }
     best.filter(|b| b.inliers >= config.min_inliers)
