@@ -70,7 +70,7 @@ pub fn belongs(
     in_base: &Point3<f64>,
 ) -> bool {
     let claims = [(0, *in_base), (part, *at_rest)];
-    support(frames, None, part, at_rest, &claims) > 0.8
+    support(frames, None, part, at_rest, &claims).is_some_and(|share| share > 0.8)
 }
 
 fn label_point(
@@ -91,15 +91,19 @@ fn label_point(
             (part == 0 || near_part(part, &at_rest)).then_some((part, at_rest))
         })
         .collect();
-    let mut supported: Vec<(f64, usize)> = claims
+    let supports: Vec<(Option<f64>, usize)> = claims
         .iter()
         .map(|&(part, at_rest)| (support(frames, seen, part, &at_rest, &claims), part))
         .collect();
+    let mut supported: Vec<(f64, usize)> =
+        supports.iter().map(|&(share, part)| (share.unwrap_or(0.0), part)).collect();
     supported.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (best, part) = *supported.first()?;
-    // Two claims that hold equally well tell nothing.
+    // Two claims that hold equally well tell nothing; nor is what a part's axis runs through the
+    // base's because nothing speaks for the part.
     let rival = supported.get(1).map_or(0.0, |s| s.0);
-    (best > 0.5 && best > rival + 0.2).then_some(part as u16)
+    let untold = part == 0 && supports.iter().any(|s| s.0.is_none());
+    (best > 0.5 && best > rival + 0.2 && !untold).then_some(part as u16)
 }
 
 /// Luma, 0 to 255.
@@ -120,7 +124,7 @@ fn shows(frame: &RgbdFrame, pixel: &Point2<f64>, wanted: f64) -> bool {
     )
 }
 
-/// Share of the telling frames that agree; none where too many contradict: a surface is hardly
+/// Share of the telling frames that agree, nothing where too few tell; 0 where too many contradict: a surface is hardly
 /// ever seen through, but a hand that holds it is, before it comes and after it has left.
 /// Frames are telling where the claims differ; with one claim alone all are. `seen` is the
 /// frame that the place was seen in, and its luma there: a surface that slides in its own plane
@@ -131,7 +135,7 @@ fn support(
     part: usize,
     at_rest: &Point3<f64>,
     claims: &[(usize, Point3<f64>)],
-) -> f64 {
+) -> Option<f64> {
     let (mut agree, mut against, mut told) = (0.0, 0.0, 0.0);
     for (i, other) in frames.iter().enumerate() {
         if seen.is_some_and(|(index, _)| i == index) {
@@ -160,8 +164,8 @@ fn support(
             told += 1.0;
         }
     }
-    if told < MIN_TELLING || against > MAX_CONTRADICTION * told {
-        return 0.0;
+    if told < MIN_TELLING {
+        return None;
     }
-    agree / told
+    Some(if against > MAX_CONTRADICTION * told { 0.0 } else { agree / told })
 }
