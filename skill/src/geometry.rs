@@ -366,4 +366,13 @@ mod tests {
             prop_assert!((back.inverse() * pose).translation.vector.norm() < 1e-12);
         }
     }
+
+    #[test]
+    fn a_linear_function_is_wholly_correlated_and_a_constant_not_at_all() {
+        let line: Vec<(f64, f64)> =
+            (0..9).map(|i| (f64::from(i), 3.0 - 2.0 * f64::from(i))).collect();
+        assert!((Moments::of(&line).correlation_sq().unwrap() - 1.0).abs() < 1e-12);
+        let constant: Vec<(f64, f64)> = line.iter().map(|p| (p.0, 1.0)).collect();
+        assert_eq!(Moments::of(&constant).correlation_sq(), None);
+    }
 }

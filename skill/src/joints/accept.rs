@@ -2,6 +2,7 @@
 
 use super::JointsConfig;
 use super::grown::Grown;
+use super::outcome::base_from_part;
 use crate::base::BaseMotion;
 use crate::geometry::{Moments, Pose};
 use crate::keyframes::Keyframes;
@@ -185,7 +186,7 @@ fn travels_enough(joint: &Grown) -> bool {
 }
 
 fn parent_motion(joint: &Grown, joints: &[Grown], frame: usize) -> Pose {
-    joint.parent.map_or_else(Pose::identity, |p| super::base_from_part(joints, p, frame))
+    joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, frame))
 }
 
 /// Share of a child's configuration that is a function of its parent's: in a moving part's

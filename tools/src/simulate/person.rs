@@ -142,3 +142,19 @@ fn reach_at(scene: &Scene, t: f64, start: &[f64]) -> Option<Reach> {
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_arm_keeps_the_lengths_of_its_bones_wherever_the_hand_is() {
+        for x in [-0.8, -0.2, 0.1, 0.5] {
+            let wrist = Point3::new(x, 0.1, 0.9);
+            let shoulder = leaning(Point3::new(0.3, -0.1, 1.3), wrist);
+            let elbow = elbow_of(wrist, shoulder, -Vector3::z());
+            assert!(((elbow - wrist).norm() - FOREARM).abs() < 1e-9);
+            assert!(((shoulder - elbow).norm() - UPPER_ARM).abs() < 1e-9);
+        }
+    }
+}
