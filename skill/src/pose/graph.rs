@@ -12,6 +12,7 @@ use factrs::residuals::Residual3;
 use factrs::traits::*;
 use factrs::{assign_symbols, fac};
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 assign_symbols!(X: SE3);
 
@@ -50,9 +51,11 @@ pub fn optimise(
     for (i, pose) in initial.iter().enumerate() {
         values.insert(X(i as u32), to_factrs(&pose.inverse()));
     }
-    let graph = build(motions, frames, &slot, reference, config);
+    let mut graph = build(motions, frames, &slot, reference, config);
+    hold_loosely(&mut graph, &initial);
     let mut optimiser: GaussNewton = GaussNewton::new_default(graph);
-    let solved = match optimiser.optimize(values) {
+    // The solver panics where a system cannot be solved: that part then has no trajectory.
+    let solved = match catch_unwind(AssertUnwindSafe(|| optimiser.optimize(values))).ok()? {
         // A robust loss may let the last steps swing about the minimum.
         Ok(solved) | Err(OptError::MaxIterations(solved)) => solved,
         Err(OptError::InvalidSystem | OptError::FailedToStep) => return None,
@@ -66,6 +69,19 @@ pub fn optimise(
         .collect();
     poses.iter().all(|p| p.translation.vector.iter().all(|x| x.is_finite())).then_some(poses)
 }
+
+/// A weak prior on every pose: where robust losses let go of all that a pose hangs on, it stays
+/// where it was guessed, and the system can be solved.
+fn hold_loosely(graph: &mut Graph, initial: &[Pose]) {
+    for (i, pose) in initial.iter().enumerate() {
+        let loose = GaussianNoise::<6>::from_scalar_sigma(LOOSE);
+        let guess = to_factrs(&pose.inverse());
+        graph.add_factor(fac![PriorResidual::new(guess), X(i as u32), loose]);
+    }
+}
+
+/// Standard deviation of that prior, radians and metres.
+const LOOSE: f64 = 0.5;
 
 fn build(
     motions: &[RelativeMotion],
