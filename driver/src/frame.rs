@@ -91,16 +91,19 @@ impl ColorImage {
         Some([self.rgb[i], self.rgb[i + 1], self.rgb[i + 2]])
     }
 
+    /// Luma (ITU-R BT.601) at column `u`, row `v`; `None` outside.
+    pub fn luma_at(&self, u: usize, v: usize) -> Option<u8> {
+        self.at(u, v).map(luma)
+    }
+
     /// Luma (ITU-R BT.601), one byte a pixel.
     pub fn to_gray(&self) -> Vec<u8> {
-        self.rgb
-            .chunks_exact(3)
-            .map(|p| {
-                ((u32::from(p[0]) * 299 + u32::from(p[1]) * 587 + u32::from(p[2]) * 114 + 500)
-                    / 1000) as u8
-            })
-            .collect()
+        self.rgb.chunks_exact(3).map(|p| luma([p[0], p[1], p[2]])).collect()
     }
+}
+
+fn luma([r, g, b]: [u8; 3]) -> u8 {
+    ((u32::from(r) * 299 + u32::from(g) * 587 + u32::from(b) * 114 + 500) / 1000) as u8
 }
 
 /// Depth along the optical axis in metres. "No reading" is `None` at the door and NaN

@@ -270,6 +270,13 @@ pub fn median_point(points: &[Point3<f64>]) -> Option<Point3<f64>> {
     Some(Point3::new(of(0)?, of(1)?, of(2)?))
 }
 
+/// Diagonal of the box that holds some places, metres; 0 without any.
+pub fn extent(mut places: impl Iterator<Item = Vector3<f64>>) -> f64 {
+    let Some(first) = places.next() else { return 0.0 };
+    let (low, high) = places.fold((first, first), |(l, h), p| (l.inf(&p), h.sup(&p)));
+    (high - low).norm()
+}
+
 /// Variances of two quantities and their covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moments {

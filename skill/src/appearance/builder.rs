@@ -85,7 +85,7 @@ pub fn build(
     let region = Region {
         features: swept.grown(config.feature_margin_m),
         surface: swept.grown(config.surface_margin_m),
-        room: room_planes(posed.first(), &swept.grown(0.2)),
+        room: room_planes(posed.first(), &swept.grown(ROOM_CLEARANCE_M)),
     };
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut builder = Builder { region, voxel_m, features: Vec::new(), voxels: HashMap::new() };
@@ -95,6 +95,9 @@ pub fn build(
     }
     Ok(builder.finish(config))
 }
+
+/// Planes that reach farther than this from what moved may be the room's.
+const ROOM_CLEARANCE_M: f64 = 0.2;
 
 /// Which of the base belongs to the object.
 struct Region {

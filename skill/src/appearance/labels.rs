@@ -25,7 +25,7 @@ const MIN_DIFFERENCE_M: f64 = 0.03;
 /// Fewest frames that must tell.
 const MIN_TELLING: f64 = 3.0;
 /// Difference of luma that light and noise explain.
-const MAX_LUMA_DIFFERENCE: f64 = 18.0;
+const MAX_LUMA_DIFFERENCE: u8 = 18;
 /// Share of telling frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
 
@@ -81,7 +81,7 @@ fn label_point(
 ) -> Option<u16> {
     let here = &frames[index];
     let in_camera = here.frame.point_at(u, v)?;
-    let seen = Some((index, luma(here.frame.color.at(u, v)?)));
+    let seen = Some((index, here.frame.color.luma_at(u, v)?));
     let claims: Vec<(usize, Point3<f64>)> = here
         .camera_from_part
         .iter()
@@ -99,39 +99,35 @@ fn label_point(
         supports.iter().map(|&(share, part)| (share.unwrap_or(0.0), part)).collect();
     supported.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (best, part) = *supported.first()?;
-    // Two claims that hold equally well tell nothing; nor is what a part's axis runs through the
-    // base's because nothing speaks for the part.
+    // Two claims that hold equally well tell nothing. Near a part's axis nothing may speak for
+    // the part; that does not make the place the base's.
     let rival = supported.get(1).map_or(0.0, |s| s.0);
     let untold = part == 0 && supports.iter().any(|s| s.0.is_none());
     (best > 0.5 && best > rival + 0.2 && !untold).then_some(part as u16)
 }
 
-/// Luma, 0 to 255.
-fn luma([r, g, b]: [u8; 3]) -> f64 {
-    0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
-}
-
 /// A pixel or one beside it is about as bright.
-fn shows(frame: &RgbdFrame, pixel: &Point2<f64>, wanted: f64) -> bool {
+fn shows(frame: &RgbdFrame, pixel: &Point2<f64>, wanted: u8) -> bool {
     const BESIDE: i64 = 2;
     let (u, v) = (pixel.x.round() as i64, pixel.y.round() as i64);
     (v - BESIDE..=v + BESIDE).flat_map(|y| (u - BESIDE..=u + BESIDE).map(move |x| (x, y))).any(
         |(x, y)| {
             let at = usize::try_from(x).ok().zip(usize::try_from(y).ok());
-            at.and_then(|(x, y)| frame.color.at(x, y))
-                .is_some_and(|c| (luma(c) - wanted).abs() < MAX_LUMA_DIFFERENCE)
+            at.and_then(|(x, y)| frame.color.luma_at(x, y))
+                .is_some_and(|luma| luma.abs_diff(wanted) < MAX_LUMA_DIFFERENCE)
         },
     )
 }
 
-/// Share of the telling frames that agree, nothing where too few tell; 0 where too many contradict: a surface is hardly
-/// ever seen through, but a hand that holds it is, before it comes and after it has left.
+/// Share of the telling frames that agree; `None` where too few tell, 0 where too many
+/// contradict: a surface is hardly ever seen through, but a hand that holds it is, before it
+/// comes and after it has left.
 /// Frames are telling where the claims differ; with one claim alone all are. `seen` is the
 /// frame that the place was seen in, and its luma there: a surface that slides in its own plane
 /// agrees in depth with any claim, but shows another place of its pattern.
 fn support(
     frames: &[PosedFrame],
-    seen: Option<(usize, f64)>,
+    seen: Option<(usize, u8)>,
     part: usize,
     at_rest: &Point3<f64>,
     claims: &[(usize, Point3<f64>)],

@@ -10,7 +10,7 @@ mod dbscan;
 mod unchain;
 
 use crate::base::{BaseMotion, BaseTrack};
-use crate::geometry::median_point;
+use crate::geometry::{extent, median_point};
 use crate::track::TrackSet;
 use dbscan::dbscan;
 use nalgebra::{DMatrix, Point3, Vector3};
@@ -195,7 +195,11 @@ fn similarity(
         return None;
     }
     let [a, b] = common.tracks;
-    if [a, b].iter().any(|&t| way(&base.tracks[t], &common.frames) < config.min_common_motion_m) {
+    let way = |id: usize| {
+        let track = &base.tracks[id];
+        extent(common.frames.iter().filter_map(|&t| track.at(t)).map(|p| p.point.coords))
+    };
+    if way(a).min(way(b)) < config.min_common_motion_m {
         return None;
     }
     let distances: Vec<f64> = common
@@ -220,14 +224,6 @@ fn similarity(
     let width = 1.0 - config.normal_sigma_rad.cos();
     // Normals of small patches are noisy: they may veto, not improve.
     Some(by_distance * mean_kernel(&angles, 4.0 * width).max(0.5).powf(0.25))
-}
-
-/// Diagonal of the box that holds a track's places in some frames, metres.
-fn way(track: &BaseTrack, frames: &[usize]) -> f64 {
-    let mut places = frames.iter().filter_map(|&t| track.at(t)).map(|p| p.point.coords);
-    let Some(first) = places.next() else { return 0.0 };
-    let (low, high) = places.fold((first, first), |(l, h), p| (l.inf(&p), h.sup(&p)));
-    (high - low).norm()
 }
 
 /// For each frame of a track's life: does it move then?

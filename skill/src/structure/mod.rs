@@ -9,7 +9,7 @@ use crate::articulate::{
 };
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
-use crate::geometry::{Moments, Pose, distance_to_line, line_angle, median_point};
+use crate::geometry::{Moments, Pose, distance_to_line, extent, line_angle, median_point};
 use crate::keyframes::Keyframes;
 use crate::model::Joint;
 use crate::pose::{self, PartMotion};
@@ -385,7 +385,8 @@ fn doubt(
     if candidate.frames.len() < limits.min_frames {
         return Some(format!("it is seen in {} frames only", candidate.frames.len()));
     }
-    let way = motion_extent(&candidate.motion);
+    let way =
+        extent(candidate.motion.base_from_part.iter().flatten().map(|p| p.translation.vector));
     if fit.position_rmse > limits.max_position_rmse_m + limits.max_rmse_share * way {
         return Some(format!("it departs from any joint by {:.3} m", fit.position_rmse));
     }
@@ -432,14 +433,6 @@ fn span_of(configuration: &[f64]) -> f64 {
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if high >= low { high - low } else { 0.0 }
-}
-
-/// Diagonal of the box that the part's origin stays in, metres.
-fn motion_extent(motion: &PartMotion) -> f64 {
-    let mut places = motion.base_from_part.iter().flatten().map(|p| p.translation.vector);
-    let Some(first) = places.next() else { return 0.0 };
-    let (low, high) = places.fold((first, first), |(l, h), p| (l.inf(&p), h.sup(&p)));
-    (high - low).norm()
 }
 
 /// The minimum spanning tree over base and parts (paper, Eq. 7).
