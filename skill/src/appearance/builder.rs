@@ -57,6 +57,38 @@ impl Occupancy {
     fn holds(&self, p: &Point3<f64>) -> bool {
         self.0.contains(&cell(p, COARSE_M))
     }
+
+    /// The cells of `surface` that hang together with this, up to `reach` away from it along
+    /// the surface.
+    fn extended_along(&self, surface: &Self, reach: f64) -> Self {
+        let mut front: Vec<[i32; 3]> = self.0.intersection(&surface.0).copied().collect();
+        let mut reached: HashSet<[i32; 3]> = front.iter().copied().collect();
+        for _ in 0..(reach / COARSE_M).round() as usize {
+            front = front
+                .iter()
+                .flat_map(neighbours)
+                .filter(|c| surface.0.contains(c) && reached.insert(*c))
+                .collect();
+        }
+        Self(reached)
+    }
+
+    /// True when no cell lies within `distance` of a place.
+    fn is_far_from(&self, p: &Point3<f64>, distance: f64) -> bool {
+        let centre = |c: &[i32; 3]| Point3::from(c.map(|x| (f64::from(x) + 0.5) * COARSE_M));
+        self.0.iter().all(|c| (centre(c) - p).norm() > distance)
+    }
+
+    fn with(mut self, other: &Self) -> Self {
+        self.0.extend(&other.0);
+        self
+    }
+}
+
+/// Cells that touch a cell.
+fn neighbours(c: &[i32; 3]) -> impl Iterator<Item = [i32; 3]> + use<> {
+    let [x, y, z] = *c;
+    (0..27).map(move |i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1])
 }
 
 fn cell(p: &Point3<f64>, side: f64) -> [i32; 3] {
@@ -82,28 +114,95 @@ pub fn build(
         .collect();
     let near_part = |part: usize, p: &Point3<f64>| reach[part].holds(p);
     let swept = swept_volume(demonstration, &tracked);
-    let region = Region {
-        features: swept.grown(config.feature_margin_m),
-        surface: swept.grown(config.surface_margin_m),
-        room: room_planes(posed.first(), &swept.grown(ROOM_CLEARANCE_M)),
-    };
+    let labelled: Vec<(usize, LabelGrid)> = (0..posed.len())
+        .step_by(posed.len().div_ceil(config.keyframes).max(1))
+        .map(|index| (index, label(&posed, index, &near_part)))
+        .collect();
+    let region = Region::new(config, &swept, &posed, &labelled);
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut builder = Builder { region, voxel_m, features: Vec::new(), voxels: HashMap::new() };
-    for index in (0..posed.len()).step_by(posed.len().div_ceil(config.keyframes).max(1)) {
-        let grid = label(&posed, index, &near_part);
-        builder.take(index, &posed[index], &grid)?;
+    for (index, grid) in &labelled {
+        builder.take(*index, &posed[*index], grid)?;
     }
     Ok(builder.finish(config))
 }
 
-/// Planes that reach farther than this from what moved may be the room's.
+/// Coarse cells of the base's surface that are enough to know it by.
+const LITTLE_SURFACE: usize = 40;
+/// A plane may be the room's when two fifths of it lie farther than this from what moved,
 const ROOM_CLEARANCE_M: f64 = 0.2;
+/// and a tenth farther than this, or beyond the picture: floor, table and wall go on, a foot
+/// under a seat does not.
+const ROOM_REACH_M: f64 = 0.5;
+/// Samples at the picture's border by which a plane leaves it.
+const LEAVING: usize = 4;
 
 /// Which of the base belongs to the object.
 struct Region {
     features: Occupancy,
     surface: Occupancy,
     room: Vec<Plane>,
+}
+
+impl Region {
+    /// What is near the moving parts but not the room's; where that is little, what hangs
+    /// together with it as well: the foot under a seat.
+    fn new(
+        config: &AppearanceConfig,
+        swept: &Occupancy,
+        posed: &[PosedFrame],
+        labelled: &[(usize, LabelGrid)],
+    ) -> Self {
+        let room = room_planes(posed.first(), swept);
+        let near = swept.grown(config.surface_margin_m);
+        let resting = resting_surface(posed, labelled, &room);
+        let little = near.0.intersection(&resting.0).count() < LITTLE_SURFACE;
+        let reach = if little { config.base_reach_m } else { 0.0 };
+        let connected = near.extended_along(&resting, reach);
+        Self {
+            features: swept.grown(config.feature_margin_m).with(&connected),
+            surface: near.with(&connected),
+            room,
+        }
+    }
+
+    fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
+        region.holds(p) && !is_room(&self.room, p, z)
+    }
+}
+
+fn is_room(room: &[Plane], p: &Point3<f64>, z: f64) -> bool {
+    room.iter().any(|plane| plane.holds(p, z))
+}
+
+/// Where several of the labelled keyframes show surface that rests and is not the room's.
+fn resting_surface(
+    posed: &[PosedFrame],
+    labelled: &[(usize, LabelGrid)],
+    room: &[Plane],
+) -> Occupancy {
+    let mut shown: HashMap<[i32; 3], usize> = HashMap::new();
+    for (index, grid) in labelled {
+        let frame = posed[*index].frame;
+        let Some(camera_from_base) = posed[*index].camera_from_part[0] else { continue };
+        let mut here = HashSet::new();
+        for v in (STEP / 2..frame.camera.height).step_by(STEP) {
+            for u in (STEP / 2..frame.camera.width).step_by(STEP) {
+                let Some(p) = frame.point_at(u, v).filter(|_| grid.at(u, v) == Some(0)) else {
+                    continue;
+                };
+                let in_base = camera_from_base.inverse_transform_point(&p);
+                if !is_room(room, &in_base, p.z) {
+                    here.insert(cell(&in_base, COARSE_M));
+                }
+            }
+        }
+        for cell in here {
+            *shown.entry(cell).or_default() += 1;
+        }
+    }
+    let often = labelled.len().div_ceil(4);
+    Occupancy(shown.into_iter().filter(|(_, n)| *n >= often).map(|(c, _)| c).collect())
 }
 
 /// A plane of the room, in the object frame.
@@ -193,11 +292,24 @@ fn swept_volume(demonstration: &Demonstration, tracked: &[Vec<Point3<f64>>]) -> 
     Occupancy::new(points.into_iter())
 }
 
-/// A place, its normal, and its depth when seen.
-type Sample = (Point3<f64>, Vector3<f64>, f64);
+/// A piece of surface in the object frame.
+struct Sample {
+    point: Point3<f64>,
+    normal: Vector3<f64>,
+    /// Its depth when seen.
+    z: f64,
+    /// It was seen at the picture's border.
+    at_border: bool,
+}
 
-/// Planes of the first keyframe most of which lies away from what moved: floor, table, wall.
-fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
+impl Plane {
+    fn carries(&self, s: &Sample) -> bool {
+        self.holds(&s.point, s.z) && s.normal.dot(&self.normal) > 0.93
+    }
+}
+
+/// Planes of the first keyframe that lead away from what moved: floor, table, wall.
+fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> {
     let Some((frame, camera_from_object)) =
         first.and_then(|f| Some((f.frame, f.camera_from_part[0]?)))
     else {
@@ -205,15 +317,18 @@ fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
     };
     let normals = NormalMap::new(&frame.depth, &frame.camera);
     let mut left: Vec<Sample> = Vec::new();
-    for v in (0..frame.camera.height).step_by(6) {
-        for u in (0..frame.camera.width).step_by(6) {
+    let (width, height) = (frame.camera.width, frame.camera.height);
+    let near_border = |x: usize, side: usize| x < BORDER_PX || x + BORDER_PX >= side;
+    for v in (0..height).step_by(6) {
+        for u in (0..width).step_by(6) {
             let (Some(p), Some(n)) = (frame.point_at(u, v), normals.at(u, v)) else { continue };
             if p.z < 3.5 {
-                left.push((
-                    camera_from_object.inverse_transform_point(&p),
-                    camera_from_object.inverse_transform_vector(&n.normal),
-                    p.z,
-                ));
+                left.push(Sample {
+                    point: camera_from_object.inverse_transform_point(&p),
+                    normal: camera_from_object.inverse_transform_vector(&n.normal),
+                    z: p.z,
+                    at_border: near_border(u, width) || near_border(v, height),
+                });
             }
         }
     }
@@ -227,8 +342,8 @@ fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
         let mut order: Vec<usize> = (0..left.len()).collect();
         order.partial_shuffle(&mut rng, 80);
         for &i in order.iter().rev().take(80) {
-            let plane = Plane { normal: left[i].1, through: left[i].0 };
-            let count = left.iter().filter(|s| on_plane(&plane, s)).count();
+            let plane = Plane { normal: left[i].normal, through: left[i].point };
+            let count = left.iter().filter(|s| plane.carries(s)).count();
             if count > best.0 {
                 best = (count, Some(plane));
             }
@@ -239,31 +354,38 @@ fn room_planes(first: Option<&PosedFrame>, near: &Occupancy) -> Vec<Plane> {
         }
         // One pixel's normal is noisy: the plane is fitted to all that follow it, twice.
         let plane = refitted(&refitted(&plane, &left), &left);
-        let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| on_plane(&plane, s));
+        let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| plane.carries(s));
         left = off;
-        let away = on.iter().filter(|(p, _, _)| !near.holds(p)).count();
-        if away * 5 > on.len() * 2 {
+        if leads_away(&on, swept) {
             planes.push(plane);
         }
     }
     planes
 }
 
+/// A pixel as near to the border as this is at it.
+const BORDER_PX: usize = 16;
+
+fn leads_away(plane: &[Sample], swept: &Occupancy) -> bool {
+    let beyond = |distance: f64| {
+        plane.iter().filter(|s| swept.is_far_from(&s.point, distance)).count() as f64
+            / plane.len() as f64
+    };
+    let leaves = plane.iter().filter(|s| s.at_border).count() >= LEAVING;
+    beyond(ROOM_CLEARANCE_M) > 0.4 && (leaves || beyond(ROOM_REACH_M) > 0.1)
+}
+
 /// The plane through all samples that lie on a plane.
 fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
-    let on: Vec<&Sample> = samples.iter().filter(|s| on_plane(plane, s)).collect();
+    let on: Vec<Vector3<f64>> =
+        samples.iter().filter(|s| plane.carries(s)).map(|s| s.point.coords).collect();
     let n = on.len().max(1) as f64;
-    let mean = on.iter().map(|s| s.0.coords).sum::<Vector3<f64>>() / n;
-    let spread: Matrix3<f64> =
-        on.iter().map(|s| (s.0.coords - mean) * (s.0.coords - mean).transpose()).sum();
+    let mean = on.iter().sum::<Vector3<f64>>() / n;
+    let spread: Matrix3<f64> = on.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
     let eigen = spread.symmetric_eigen();
     let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
     let facing = normal.dot(&plane.normal).signum();
     Plane { normal: normal * facing, through: Point3::from(mean) }
-}
-
-fn on_plane(plane: &Plane, (p, n, z): &Sample) -> bool {
-    plane.holds(p, *z) && n.dot(&plane.normal) > 0.93
 }
 
 /// Part, cell and main direction of the normal: two sides of a board stay apart.
@@ -304,7 +426,7 @@ impl Builder {
             let (Some(part), Some(point)) = (grid.at(u, v), feature.point) else { continue };
             let Some(pose) = posed.camera_from_part[usize::from(part)] else { continue };
             let at_rest = pose.inverse_transform_point(&point);
-            if part == 0 && !self.is_own_base(&self.region.features, &at_rest, point.z) {
+            if part == 0 && !self.region.is_own_base(&self.region.features, &at_rest, point.z) {
                 continue;
             }
             let normal = pose.inverse_transform_vector(&feature.normal);
@@ -319,10 +441,6 @@ impl Builder {
             self.features.push((kept, keyframe));
         }
         self.take_surface(keyframe, posed, grid, frame, &normals)
-    }
-
-    fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
-        region.holds(p) && !self.region.room.iter().any(|plane| plane.holds(p, z))
     }
 
     fn take_surface(
@@ -344,7 +462,7 @@ impl Builder {
                     continue;
                 }
                 let p = pose.inverse_transform_point(&in_camera);
-                if part == 0 && !self.is_own_base(&self.region.surface, &p, in_camera.z) {
+                if part == 0 && !self.region.is_own_base(&self.region.surface, &p, in_camera.z) {
                     continue;
                 }
                 let n = pose.inverse_transform_vector(&patch.normal);

@@ -67,6 +67,8 @@ pub struct AppearanceConfig {
     pub feature_margin_m: f64,
     /// The base's surface is kept within this distance of what moved, metres.
     pub surface_margin_m: f64,
+    /// and, where that is little, this much farther along what hangs together with it, metres.
+    pub base_reach_m: f64,
 }
 
 impl Default for AppearanceConfig {
@@ -77,6 +79,7 @@ impl Default for AppearanceConfig {
             max_surfels_per_part: 1200,
             feature_margin_m: 0.3,
             surface_margin_m: 0.25,
+            base_reach_m: 0.4,
         }
     }
 }

@@ -7,6 +7,7 @@
 //! inliers alone cannot either.
 
 mod articulated;
+mod elimination;
 mod hypothesis;
 mod matching;
 mod pnp;
@@ -181,7 +182,7 @@ struct Found {
     score: f64,
     inliers: usize,
     verdict: Option<Verdict>,
-    /// Joints with evidence on either side.
+    /// Joints whose configuration can be told.
     evident: Vec<bool>,
 }
 
@@ -230,35 +231,67 @@ fn with_depth(
         let verdict = verify::verify(scene, articulated, &object.cloud, &state);
         let score = verdict.score(inliers);
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
-        let evident = evident_joints(articulated, matches, &state, &verdict);
+        let seen = seen_parts(articulated, matches, &state, &verdict);
+        let evident = evident_joints(articulated, &seen);
         let found = Found { state, score, inliers, verdict: Some(verdict), evident };
         if best.as_ref().is_none_or(|b| found.rank() > b.rank()) {
             best = Some(found);
         }
     }
-    best.filter(|b| b.inliers >= config.min_inliers)
+    let mut best = best.filter(|b| b.inliers >= config.min_inliers)?;
+    eliminate(scene, articulated, &object.cloud, matches, &mut best);
+    Some(best)
 }
 
-/// A configuration is told only when something was itself seen on either side of the joint.
-fn evident_joints(
+/// Parts of which something was itself seen.
+fn seen_parts(
     articulated: &Articulated,
     matches: &[Match],
     state: &State,
     verdict: &Verdict,
 ) -> Vec<bool> {
-    let seen = |part: usize| {
-        let features = hypothesis::unique_inliers(articulated, matches, state, Some(part));
-        features >= 4 || verdict.parts[part].is_seen()
-    };
-    let seen: Vec<bool> = (0..articulated.parts).map(seen).collect();
+    (0..articulated.parts)
+        .map(|part| {
+            let features = hypothesis::unique_inliers(articulated, matches, state, Some(part));
+            features >= 4 || verdict.parts[part].is_seen()
+        })
+        .collect()
+}
+
+/// A configuration is told when something was seen on either side of the joint.
+fn evident_joints(articulated: &Articulated, seen: &[bool]) -> Vec<bool> {
     (0..articulated.joints.len())
         .map(|j| {
             let moved = articulated.moved_by(j);
-            let (beyond, before): (Vec<usize>, Vec<usize>) =
-                (0..articulated.parts).partition(|p| moved.contains(p));
-            [beyond, before].iter().all(|side| side.iter().any(|&p| seen[p]))
+            let on =
+                |side: bool| (0..articulated.parts).any(|p| seen[p] && moved.contains(&p) == side);
+            on(true) && on(false)
         })
         .collect()
+}
+
+/// Tells configurations that nothing seen beyond the joint shows, where all others can be
+/// ruled out.
+fn eliminate(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    matches: &[Match],
+    found: &mut Found,
+) {
+    let Some(verdict) = &found.verdict else { return };
+    let seen = seen_parts(articulated, matches, &found.state, verdict);
+    for j in 0..articulated.joints.len() {
+        let moved = articulated.moved_by(j);
+        let held = (0..articulated.parts).any(|p| seen[p] && !moved.contains(&p));
+        if found.evident[j] || !held {
+            continue;
+        }
+        if let Some(q) = elimination::remaining(scene, articulated, cloud, &found.state, j) {
+            found.state.q[j] = q;
+            found.evident[j] = true;
+        }
+    }
 }
 
 fn report(object: &KnownObject, found: &Found) -> Recognised {

@@ -192,6 +192,13 @@ impl Verdict {
     }
 }
 
+/// How far a reading may lie from a surface at depth `z` whose normal has this cosine to the
+/// line of sight, metres.
+pub fn depth_tolerance(z: f64, cosine: f64) -> f64 {
+    let slant = (1.0 / cosine.max(0.2).powi(2) - 1.0).max(0.0).sqrt();
+    0.006 + 3.0 * depth_sigma(z) + 0.004 * slant
+}
+
 /// Compares a state with the picture.
 pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {
     let poses = articulated.poses(state);
@@ -201,8 +208,7 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
     for p in visible(scene, cloud, &poses) {
         let (u, v) = p.pixel;
         let Some(z) = scene.frame.depth.at(u, v) else { continue };
-        let slant = (1.0 / p.cosine.max(0.2).powi(2) - 1.0).max(0.0).sqrt();
-        let tolerance = 0.006 + 3.0 * depth_sigma(p.point.z) + 0.004 * slant;
+        let tolerance = depth_tolerance(p.point.z, p.cosine);
         let behind = f64::from(z) - p.point.z;
         verdict.judged += 1;
         if behind > 2.0 * tolerance {

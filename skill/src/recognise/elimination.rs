@@ -1,0 +1,168 @@
+//! Configurations by elimination. A part seen edge on, or from a side that the demonstration
+//! never showed, gives no evidence of its own; but wherever else it stood it would hide what
+//! is seen behind it. Where that leaves only a narrow interval, the configuration is known.
+
+use super::articulated::{Articulated, State};
+use super::scene::Scene;
+use super::verify::{Cloud, depth_tolerance, verify};
+use crate::articulate::JointKind;
+use std::collections::HashSet;
+
+/// Configurations that are tried.
+const STEPS: usize = 61;
+/// Side of the cells in which contradictions are counted, pixels.
+const CELL_PX: usize = 4;
+/// Cells that the part hides somewhere in its range; with fewer nothing can be ruled out.
+const MIN_CELLS: usize = 60;
+/// Share of those cells that may contradict a configuration by noise.
+const NOISE_SHARE: f64 = 0.08;
+/// Share of the resting parts' surface that a configuration must leave as visible as it is.
+const KEPT_SURFACE: f64 = 0.85;
+/// Half the widest interval that tells a configuration: radians, metres.
+const HALF_WIDTH: (f64, f64) = (0.087, 0.02);
+
+/// The configuration of `joint` that the picture leaves possible, all else being as in
+/// `state`; `None` where it leaves several apart, too wide an interval, or none.
+pub fn remaining(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    state: &State,
+    joint: usize,
+) -> Option<f64> {
+    let j = &articulated.joints[joint];
+    let moved = articulated.moved_by(joint);
+    let step = (j.high - j.low) / (STEPS - 1) as f64;
+    let tried: Vec<Trial> = (0..STEPS)
+        .map(|i| {
+            let q = j.low + step * i as f64;
+            let mut there = state.clone();
+            there.q[joint] = q;
+            Trial::new(scene, articulated, cloud, &there, &moved, q)
+        })
+        .collect();
+    let most = tried.iter().map(|t| t.contradictions).max()?;
+    let surface = tried.iter().map(|t| t.resting).max()? as f64;
+    if most < MIN_CELLS {
+        return None;
+    }
+    let possible: Vec<&Trial> = tried
+        .iter()
+        .filter(|t| {
+            (t.contradictions as f64) < NOISE_SHARE * most as f64
+                && t.resting as f64 > KEPT_SURFACE * surface
+        })
+        .collect();
+    let (low, high) = (possible.first()?.q, possible.last()?.q);
+    let half_width = match j.geometry.kind {
+        JointKind::Prismatic => HALF_WIDTH.1,
+        _ => HALF_WIDTH.0,
+    };
+    tracing::debug!(joint, low, high, most, surface, of = possible.len(), "by elimination");
+    // A configuration beyond the range would leave its end as the only possible one.
+    let inside = low > j.low + 0.5 * step && high < j.high - 0.5 * step;
+    let narrow = 0.5 * (high - low) < half_width;
+    (inside && narrow).then_some(0.5 * (low + high))
+}
+
+/// A configuration and what speaks against it.
+struct Trial {
+    q: f64,
+    /// Cells of the picture in which the moved parts would hide what is seen.
+    contradictions: usize,
+    /// Surfels of the other parts that agree with the picture.
+    resting: usize,
+}
+
+impl Trial {
+    fn new(
+        scene: &Scene,
+        articulated: &Articulated,
+        cloud: &Cloud,
+        state: &State,
+        moved: &[usize],
+        q: f64,
+    ) -> Self {
+        let poses = articulated.poses(state);
+        let camera = &scene.frame.camera;
+        // Opaque from either side: whichever way a surfel faces, it hides what is behind it.
+        let contradictions: HashSet<(usize, usize)> = cloud
+            .surfels
+            .iter()
+            .filter(|s| moved.contains(&s.part))
+            .filter_map(|s| {
+                let point = poses[s.part] * s.point;
+                let pixel = camera.project(&point).filter(|p| camera.sees(p, 2.0))?;
+                let (u, v) = (pixel.x.round() as usize, pixel.y.round() as usize);
+                let behind = f64::from(scene.frame.depth.at(u, v)?) - point.z;
+                (behind > 2.0 * depth_tolerance(point.z, 1.0)).then_some((u / CELL_PX, v / CELL_PX))
+            })
+            .collect();
+        let verdict = verify(scene, articulated, cloud, state);
+        let resting = |part: &usize| !moved.contains(part);
+        Self {
+            q,
+            contradictions: contradictions.len(),
+            resting: (0..articulated.parts).filter(resting).map(|p| verdict.parts[p].agree).sum(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::articulated::ChainJoint;
+    use super::super::verify::CloudPoint;
+    use super::*;
+    use crate::articulate::JointGeometry;
+    use crate::geometry::Pose;
+    use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
+    use nalgebra::{Point3, Vector3};
+    use std::sync::Arc;
+
+    const WALL_M: f32 = 2.0;
+
+    /// A wall, with `board` telling which pixels a near board hides.
+    fn scene(board: impl Fn(usize, usize) -> bool) -> Scene {
+        let camera = PinholeCamera::kinect();
+        let (w, h) = (camera.width, camera.height);
+        let depth = (0..w * h).map(|i| if board(i % w, i / w) { 0.8 } else { WALL_M }).collect();
+        let color = ColorImage::new(w, h, vec![128; w * h * 3]).unwrap();
+        let depth = DepthImage::from_metres(w, h, depth).unwrap();
+        Scene::new(&RgbdFrame::new(0, Arc::new(camera), color, depth).unwrap()).unwrap()
+    }
+
+    /// A flap hinged in front of the wall, pointing straight away from the camera at 0.
+    fn flap() -> (Articulated, Cloud) {
+        let geometry = JointGeometry {
+            kind: JointKind::Revolute,
+            axis: Vector3::x_axis(),
+            origin: Point3::new(0.0, 0.0, 1.2),
+        };
+        let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: -1.0, high: 1.0 }];
+        let grid = || {
+            (0..30).flat_map(|i| (0..30).map(move |j| (0.01 * f64::from(i), 0.01 * f64::from(j))))
+        };
+        let point = |part, point, normal| CloudPoint { part, point, normal, lab: [50.0, 0.0, 0.0] };
+        let wall = grid()
+            .map(|(x, y)| point(0, Point3::new(0.5 + x, y, f64::from(WALL_M)), -Vector3::z()));
+        let flap = grid().map(|(x, z)| point(1, Point3::new(x - 0.15, 0.0, 1.2 + z), Vector3::y()));
+        (Articulated { parts: 2, joints }, Cloud { surfels: wall.chain(flap).collect() })
+    }
+
+    fn told(scene: &Scene) -> Option<f64> {
+        let (articulated, cloud) = flap();
+        let state = State { camera_from_object: Pose::identity(), q: vec![0.7] };
+        remaining(scene, &articulated, &cloud, &state, 0)
+    }
+
+    #[test]
+    fn a_flap_that_hides_nothing_is_seen_edge_on() {
+        let q = told(&scene(|_, _| false)).unwrap();
+        assert!(q.abs() < 0.04, "{q}");
+    }
+
+    #[test]
+    fn a_flap_that_may_be_anywhere_behind_a_board_is_not_told() {
+        assert_eq!(told(&scene(|_, v| v > 240)), None);
+    }
+}
