@@ -7,7 +7,7 @@ use crate::base::BaseMotion;
 use crate::geometry::{Moments, Pose};
 use crate::keyframes::Keyframes;
 use crate::structure::probe_points;
-use nalgebra::Point3;
+use nalgebra::{DMatrix, DVector, Point3};
 
 /// Keyframes and limits.
 pub struct Witness<'w> {
@@ -123,7 +123,7 @@ impl Witness<'_> {
         let known = joint.known_frames().len();
         let coverage = known as f64 / joint.known.len() as f64;
         let solid = joint.through <= 0.12 && joint.members.len() >= 50;
-        let found_everywhere = joint.through <= 0.1 && joint.hidden <= 0.3 && joint.tells >= 0.3;
+        let found_everywhere = is_found_everywhere(joint);
         // Parts that hang on it raise a joint's cost while they move; a hand is not there from
         // beginning to end.
         let max_cost = config.max_cost
@@ -154,6 +154,11 @@ impl Witness<'_> {
             && joint.known_frames().len() >= 10
             && joint.coupling < MAX_COUPLING
     }
+}
+
+/// In all pictures the part is where the joint puts it, and would not be elsewhere.
+pub fn is_found_everywhere(joint: &Grown) -> bool {
+    joint.through <= 0.1 && joint.hidden <= 0.3 && joint.tells >= 0.3
 }
 
 /// Configurations in and about the range known so far.
@@ -205,6 +210,22 @@ pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
     }
     let overall = moments.correlation_sq().unwrap_or(1.0);
     overall.max(mirrored(joint, parent, &common))
+}
+
+/// Share of a joint's configuration that is a smooth function of another's of the same
+/// carrier, while nearly all that it does happens beside the other: a hand follows what it
+/// holds.
+pub fn follows(joint: &Grown, other: &Grown) -> f64 {
+    let known = joint.known_frames();
+    let common: Vec<usize> = known.iter().copied().filter(|&f| other.known[f]).collect();
+    if common.len() < 10 || 5 * common.len() < 4 * known.len() {
+        return 0.0;
+    }
+    let design = DMatrix::from_fn(common.len(), 3, |i, k| other.q[common[i]].powi(k as i32));
+    let q = DVector::from_fn(common.len(), |i, _| joint.q[common[i]]);
+    let Ok(fitted) = design.clone().svd(true, true).solve(&q, 1e-9) else { return 0.0 };
+    let spread = q.add_scalar(-q.mean()).norm_squared();
+    1.0 - (design * fitted - &q).norm_squared() / spread.max(f64::EPSILON)
 }
 
 /// The same while the parent moves: a part that hangs on it goes along and rests in its

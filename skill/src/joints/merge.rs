@@ -20,9 +20,41 @@ const COMMON_FRAMES: usize = 8;
 /// Tracks of each stretch that the merged joint is refined on.
 const TRACKS_EACH: usize = 75;
 
-/// Same kind, same line, and configurations that run alike over common frames.
-pub fn is_same_joint(a: &Grown, b: &Grown) -> bool {
-    if a.dof.hinge != b.dof.hinge || line_angle(&a.dof.axis, &b.dof.axis) > MAX_ANGLE {
+/// How near two joints' lines are to be those of one joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Kinship {
+    /// Same line within what a joint is usually known to.
+    Same,
+    /// Short stretches or grazing views may have drawn the lines apart: they are one joint if
+    /// one line explains what both do.
+    Possible,
+}
+
+impl Kinship {
+    fn slack(self) -> f64 {
+        match self {
+            Self::Same => 1.0,
+            Self::Possible => 2.0,
+        }
+    }
+
+    /// Share of the lesser gain that the merged joint must add to the greater.
+    pub fn owed(self) -> f64 {
+        match self {
+            Self::Same => 0.0,
+            Self::Possible => 0.5,
+        }
+    }
+}
+
+/// How two joints are akin: same kind, near lines, and configurations that run alike over
+/// common frames.
+pub fn kinship(a: &Grown, b: &Grown) -> Option<Kinship> {
+    [Kinship::Same, Kinship::Possible].into_iter().find(|k| are_akin(a, b, k.slack()))
+}
+
+fn are_akin(a: &Grown, b: &Grown, slack: f64) -> bool {
+    if a.dof.hinge != b.dof.hinge || line_angle(&a.dof.axis, &b.dof.axis) > slack * MAX_ANGLE {
         return false;
     }
     if a.dof.hinge {
@@ -31,7 +63,7 @@ pub fn is_same_joint(a: &Grown, b: &Grown) -> bool {
             b.members.iter().map(|&t| b.points[t].coords).sum::<nalgebra::Vector3<f64>>() / n;
         let on_b =
             crate::geometry::nearest_on_line(&b.dof.origin, &b.dof.axis, &Point3::from(centre));
-        if distance_to_line(&a.dof.origin, &a.dof.axis, &on_b) > MAX_DISTANCE {
+        if distance_to_line(&a.dof.origin, &a.dof.axis, &on_b) > slack * MAX_DISTANCE {
             return false;
         }
     }

@@ -24,6 +24,7 @@ use crate::track::TrackSet;
 use accept::Witness;
 use grown::Grown;
 use hypothesis::Hypothesis;
+use merge::Kinship;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use view::View;
@@ -262,11 +263,21 @@ impl Search<'_> {
         };
         accepted
             .iter()
-            .filter(|j| !shadowed(j))
+            .filter(|j| !shadowed(j) && !self.is_a_holding_hand(j))
             .map(|j| (self.gain_over_base(j), *j))
             .filter(|(gain, _)| *gain > self.config.joints.min_gain)
             .max_by(|(a, _), (b, _)| a.total_cmp(b))
             .map(|(_, j)| j.clone())
+    }
+
+    /// It does what an accepted joint of the same carrier does, and the pictures hardly bear
+    /// it out.
+    fn is_a_holding_hand(&self, joint: &Grown) -> bool {
+        !accept::is_found_everywhere(joint)
+            && self
+                .joints
+                .iter()
+                .any(|o| o.parent == joint.parent && accept::follows(joint, o) > MAX_FOLLOWING)
     }
 
     /// Gain in one currency: cost against standing still in the base.
@@ -303,14 +314,22 @@ impl Search<'_> {
         others.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let view = self.view_from(best.parent);
         for other in others {
-            if merge::is_same_joint(&best, other) && overlap(&other.members, &best.members) < 0.7 {
-                best = self.try_merge(&view, &best, other, rest).unwrap_or(best);
+            let Some(kinship) = merge::kinship(&best, other) else { continue };
+            if overlap(&other.members, &best.members) < 0.7 {
+                best = self.try_merge(&view, &best, other, kinship, rest).unwrap_or(best);
             }
         }
         best
     }
 
-    fn try_merge(&self, view: &View, a: &Grown, b: &Grown, rest: &[usize]) -> Option<Grown> {
+    fn try_merge(
+        &self,
+        view: &View,
+        a: &Grown,
+        b: &Grown,
+        kinship: Kinship,
+        rest: &[usize],
+    ) -> Option<Grown> {
         let config = &self.config.joints;
         let mut candidates = rest.to_vec();
         candidates.extend(a.members.iter().chain(&b.members));
@@ -320,7 +339,7 @@ impl Search<'_> {
         self.witness.dismiss_strangers(&mut merged, &self.joints);
         self.witness.examine(&mut merged, &self.joints);
         merged.coupling = a.coupling;
-        let better = merged.gain > a.gain.max(b.gain)
+        let better = merged.gain > a.gain.max(b.gain) + kinship.owed() * a.gain.min(b.gain)
             && merged.cost < config.max_cost + 0.6
             && merged.through < config.max_through + 0.03;
         tracing::debug!(gain = merged.gain as i64, before = a.gain as i64, better, "merge");
@@ -329,18 +348,23 @@ impl Search<'_> {
 
     /// Adds a joint, or makes it part of one that is there already. Returns its number.
     fn adopt(&mut self, joint: Grown, rest: &[usize]) -> usize {
-        let twin = self.joints.iter().position(|o| merge::is_same_joint(o, &joint));
-        let Some(i) = twin.filter(|_| self.config.joints.merge) else {
-            self.joints.push(joint);
-            return self.joints.len() - 1;
-        };
-        if self.joints[i].parent == joint.parent {
-            let view = self.view_from(joint.parent);
-            if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, rest) {
+        let kin: Vec<(usize, Kinship)> = (0..self.joints.len())
+            .filter(|_| self.config.joints.merge)
+            .filter_map(|i| Some((i, merge::kinship(&self.joints[i], &joint)?)))
+            .collect();
+        let view = self.view_from(joint.parent);
+        for &(i, kinship) in kin.iter().filter(|(i, _)| self.joints[*i].parent == joint.parent) {
+            if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, kinship, rest) {
                 self.joints[i] = merged;
+                return i;
             }
         }
-        i
+        // What cannot be merged with its twin is not a joint beside it.
+        if let Some((i, _)) = kin.iter().find(|(_, kinship)| *kinship == Kinship::Same) {
+            return *i;
+        }
+        self.joints.push(joint);
+        self.joints.len() - 1
     }
 
     /// Tracks that a joint explains, short ones too: they drop out.
@@ -362,6 +386,8 @@ impl Search<'_> {
 
 /// Share of a hypothesis's tracks from which it says nothing new.
 const COVERED: f64 = 0.6;
+/// Share of a configuration that may be a function of another joint's of the same carrier.
+const MAX_FOLLOWING: f64 = 0.95;
 /// Hypotheses grown side by side.
 const BATCH: usize = 2;
 /// Share of a chained joint's frames from which a joint of the base explains as much.
