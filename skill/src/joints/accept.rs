@@ -212,9 +212,8 @@ pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
     overall.max(mirrored(joint, parent, &common))
 }
 
-/// Share of a joint's configuration that is a smooth function of another's of the same
-/// carrier, while nearly all that it does happens beside the other: a hand follows what it
-/// holds.
+/// Share of a joint's configuration that is a smooth function of another's, while nearly all
+/// that it does happens beside the other: a hand follows what it holds.
 pub fn follows(joint: &Grown, other: &Grown) -> f64 {
     let known = joint.known_frames();
     let common: Vec<usize> = known.iter().copied().filter(|&f| other.known[f]).collect();

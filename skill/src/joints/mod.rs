@@ -270,14 +270,10 @@ impl Search<'_> {
             .map(|(_, j)| j.clone())
     }
 
-    /// It does what an accepted joint of the same carrier does, and the pictures hardly bear
-    /// it out.
+    /// It does what an accepted joint does, and the pictures hardly bear it out.
     fn is_a_holding_hand(&self, joint: &Grown) -> bool {
         !accept::is_found_everywhere(joint)
-            && self
-                .joints
-                .iter()
-                .any(|o| o.parent == joint.parent && accept::follows(joint, o) > MAX_FOLLOWING)
+            && self.joints.iter().any(|o| accept::follows(joint, o) > MAX_FOLLOWING)
     }
 
     /// Gain in one currency: cost against standing still in the base.
@@ -386,7 +382,7 @@ impl Search<'_> {
 
 /// Share of a hypothesis's tracks from which it says nothing new.
 const COVERED: f64 = 0.6;
-/// Share of a configuration that may be a function of another joint's of the same carrier.
+/// Share of a configuration that may be a function of another joint's.
 const MAX_FOLLOWING: f64 = 0.95;
 /// Hypotheses grown side by side.
 const BATCH: usize = 2;
