@@ -5,6 +5,7 @@ use crate::appearance::AppearanceConfig;
 use crate::articulate::ArticulateConfig;
 use crate::base::BaseConfig;
 use crate::joints::JointsConfig;
+use crate::katz::KatzConfig;
 use crate::pose::PoseConfig;
 use crate::recognise::RecogniseConfig;
 use crate::segment::SegmentConfig;
@@ -21,6 +22,8 @@ pub enum LearningWay {
     Clusters,
     /// Ours: joints with a shared configuration fitted directly to the tracks.
     Joints,
+    /// The paper's baseline: Katz et al. 2013.
+    Katz,
 }
 
 /// Values of the learner as a whole.
@@ -63,6 +66,8 @@ pub struct SkillConfig {
     pub structure: StructureConfig,
     /// Our way of learning.
     pub joints: JointsConfig,
+    /// The baseline's.
+    pub katz: KatzConfig,
     /// Appearance models.
     pub appearance: AppearanceConfig,
     /// Recognition.
@@ -73,7 +78,7 @@ pub struct SkillConfig {
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// No profile goes by that name.
-    #[error("no profile \"{name}\"; known: default, paper")]
+    #[error("no profile \"{name}\"; known: default, paper, katz")]
     Profile {
         /// As asked.
         name: String,
@@ -97,6 +102,7 @@ impl SkillConfig {
         let text = match profile {
             "default" => include_str!("../../config/default.toml"),
             "paper" => include_str!("../../config/paper.toml"),
+            "katz" => include_str!("../../config/katz.toml"),
             _ => return Err(ConfigError::Profile { name: profile.to_owned() }),
         };
         let mut table = toml::Table::try_from(Self::default())
@@ -163,6 +169,7 @@ impl Default for SkillConfig {
             articulate: Default::default(),
             structure: Default::default(),
             joints: Default::default(),
+            katz: Default::default(),
             appearance: Default::default(),
             recognise: Default::default(),
         }

@@ -136,6 +136,9 @@ impl Learner {
             LearningWay::Clusters => {
                 structure::from_clusters(&set, &base, &keyframes, &config, &mut times)
             }
+            LearningWay::Katz => {
+                times.measure("katz", || crate::katz::learn(&set, &base, &config.katz))
+            }
             LearningWay::Joints => {
                 times.measure("joints", || crate::joints::search(&set, &base, &keyframes, &config))
             }

@@ -9,6 +9,7 @@ pub mod config;
 pub mod encounter;
 pub mod geometry;
 pub mod joints;
+pub mod katz;
 pub mod keyframes;
 pub mod learn;
 pub mod model;

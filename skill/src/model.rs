@@ -3,7 +3,7 @@
 
 use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_from_array, pose_to_array};
-use nalgebra::{Point3, UnitVector3, Vector3};
+use nalgebra::{DMatrix, Point3, UnitVector3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Name and version of the JSON form.
@@ -69,6 +69,11 @@ impl Joint {
             origin: Point3::from(self.origin),
         }
     }
+}
+
+/// A covariance as the model's JSON holds it.
+pub fn covariance_rows(covariance: &DMatrix<f64>) -> Vec<[f64; 6]> {
+    (0..6).map(|r| std::array::from_fn(|c| covariance[(r, c)])).collect()
 }
 
 /// What is known of an object's motion.

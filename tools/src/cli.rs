@@ -20,7 +20,7 @@ pub struct Common {
     /// Configuration file: holds what differs from the profile
     #[arg(long, global = true, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Profile: default or paper
+    /// Profile: default, paper or katz
     #[arg(long, global = true, default_value = "default", value_name = "NAME")]
     pub profile: String,
     /// Seed of all random sampling
@@ -228,11 +228,13 @@ pub struct LearnArgs {
 
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// dir: score every recording of a folder; logs: fit pose logs of known type; tracking:
+    /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations
+    /// by the baseline's, the paper's and our way; logs: fit pose logs of known type; tracking:
     /// play clips forward and back
     #[arg(long, default_value = "dir")]
     pub suite: String,
-    /// Folder of recordings, logs or clips
+    /// Folder of recordings, logs or clips; for paper: where recordings are rendered to and
+    /// kept [default there: out/paper]
     pub dir: Option<PathBuf>,
     /// Write the figures as JSON
     #[arg(long, value_name = "FILE")]

@@ -8,7 +8,7 @@ use crate::articulate::JointKind;
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
 use crate::geometry::Pose;
-use crate::model::Joint;
+use crate::model::{Joint, covariance_rows};
 use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::{TrackSet, Trajectory};
 
@@ -69,7 +69,6 @@ pub fn to_learned(
                     / joint.members.len() as f64;
                 line.origin = base_from_parent * nalgebra::Point3::from(mean);
             }
-            let seconds = |f: usize| set.frame_utimes[f] as f64 * 1e-6;
             LearnedJoint {
                 joint: Joint {
                     name: format!("joint{}", n + 1),
@@ -80,19 +79,13 @@ pub fn to_learned(
                     origin: line.origin.into(),
                     pitch: 0.0,
                     range: range_of(&configuration),
-                    covariance: (0..6)
-                        .map(|r| std::array::from_fn(|c| covariance[(r, c)]))
-                        .collect(),
+                    covariance: covariance_rows(&covariance),
                     observations: frames.len(),
                     bic: -2.0 * joint.gain,
                     log_likelihood: joint.gain,
                     position_rmse: position_rmse(joint, own_view),
                     orientation_rmse: 0.0,
-                    configuration: frames
-                        .iter()
-                        .zip(&configuration)
-                        .map(|(&f, &q)| [seconds(f), q])
-                        .collect(),
+                    configuration: set.timed(&frames, &configuration),
                     type_probabilities: Vec::new(),
                 },
                 base_from_part: trajectory,

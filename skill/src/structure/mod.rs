@@ -11,7 +11,7 @@ use crate::base::BaseMotion;
 use crate::config::SkillConfig;
 use crate::geometry::{Moments, Pose, distance_to_line, extent, line_angle, median_point};
 use crate::keyframes::Keyframes;
-use crate::model::Joint;
+use crate::model::{Joint, covariance_rows};
 use crate::pose::{self, PartMotion};
 use crate::segment::{Cluster, segment};
 use crate::timing::StageTimes;
@@ -533,7 +533,6 @@ fn to_learned(
     {
         base_from_part[frame] = pose.map(|p| p * rest.inverse());
     }
-    let seconds = |frame: usize| set.frame_utimes[frame] as f64 * 1e-6;
     LearnedJoint {
         joint: Joint {
             name: format!("joint{number}"),
@@ -544,17 +543,13 @@ fn to_learned(
             origin: geometry.origin.into(),
             pitch: 0.0,
             range: range_of(&configuration),
-            covariance: (0..6).map(|r| std::array::from_fn(|c| fit.covariance[(r, c)])).collect(),
+            covariance: covariance_rows(&fit.covariance),
             observations: frames.len(),
             bic: fit.bic,
             log_likelihood: fit.log_likelihood,
             position_rmse: fit.position_rmse,
             orientation_rmse: fit.orientation_rmse,
-            configuration: frames
-                .iter()
-                .zip(&configuration)
-                .map(|(&f, &q)| [seconds(f), q])
-                .collect(),
+            configuration: set.timed(frames, &configuration),
             type_probabilities: Vec::new(),
         },
         base_from_part,

@@ -131,6 +131,15 @@ impl TrackSet {
         self.frame_utimes.len()
     }
 
+    /// `[t, q]` of configurations in frames: seconds and configuration.
+    pub fn timed(&self, frames: &[usize], configuration: &[f64]) -> Vec<[f64; 2]> {
+        frames
+            .iter()
+            .zip(configuration)
+            .map(|(&f, &q)| [self.frame_utimes[f] as f64 * 1e-6, q])
+            .collect()
+    }
+
     /// Keeps tracks that were lifted in at least `min_length` frames.
     pub fn retain_long(&mut self, min_length: usize) {
         self.tracks.retain(|t| t.lifted().count() >= min_length);

@@ -2,6 +2,8 @@
 
 mod dir;
 mod logs;
+mod motion;
+mod paper;
 mod score;
 mod tracking;
 pub mod truth;
@@ -14,7 +16,8 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     match args.suite.as_str() {
         "dir" => dir::run(args, common),
         "logs" => logs::run(args, common),
+        "paper" => paper::run(args, common),
         "tracking" => tracking::run(args, common),
-        other => Err(anyhow!("no suite \"{other}\"; known: dir, logs, tracking").into()),
+        other => Err(anyhow!("no suite \"{other}\"; known: dir, logs, paper, tracking").into()),
     }
 }

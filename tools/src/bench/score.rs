@@ -17,6 +17,9 @@ pub struct JointScore {
     pub name: String,
     /// Its kind.
     pub true_kind: JointKind,
+    /// Index of the found joint in the model.
+    #[serde(skip)]
+    pub found: Option<usize>,
     /// What was found; `None`: missed.
     pub found_kind: Option<JointKind>,
     /// Angle between the axes, degrees.
@@ -128,13 +131,13 @@ fn axis_distance(joint: &TrueJoint, found: &Joint, truth: &Truth) -> f64 {
 
 fn score_joint(
     joint: &TrueJoint,
-    found: Option<usize>,
+    index: Option<usize>,
     assignment: &[Option<usize>],
     model: &ObjectModel,
     moved: &[&TrueJoint],
     truth: &Truth,
 ) -> JointScore {
-    let found = found.map(|k| &model.joints[k]);
+    let found = index.map(|k| &model.joints[k]);
     // The parent must be the part that the found counterpart of the true parent joint moves.
     let true_parent = moved.iter().position(|t| t.child == joint.parent);
     let expected_parent = match true_parent {
@@ -145,6 +148,7 @@ fn score_joint(
     JointScore {
         name: joint.name.clone(),
         true_kind: joint.kind,
+        found: index,
         found_kind: found.map(|f| f.kind),
         axis_deg: found.map(|f| axis_angle(joint, f).to_degrees()),
         position_cm: found.map(|f| 100.0 * axis_distance(joint, f, truth)),

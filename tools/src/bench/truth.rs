@@ -97,6 +97,14 @@ impl Truth {
         self.joints.iter().filter(|j| j.moved).collect()
     }
 
+    /// The frame taken at a time, within half of any camera's frame.
+    pub fn frame_at(&self, utime: i64) -> Option<usize> {
+        const NEAR_S: f64 = 0.008;
+        let seconds = utime as f64 * 1e-6;
+        let after = self.frames.partition_point(|t| *t < seconds - NEAR_S);
+        self.frames.get(after).is_some_and(|t| (t - seconds).abs() < NEAR_S).then_some(after)
+    }
+
     /// A part by name.
     pub fn part(&self, name: &str) -> Option<&TruePart> {
         self.parts.iter().find(|p| p.name == name)

@@ -19,6 +19,7 @@ use std::path::Path;
 
 pub use learn::{demonstrate, remember, summary};
 pub use recognise::{describe, last_frame};
+pub use simulate::film;
 
 /// A command that failed, with its exit status (DESIGN 4.3).
 pub struct Failure {

@@ -4,6 +4,8 @@
 //! World frame: x right, y away from the viewer, z up; metres. Every part is described where
 //! it is at configuration 0, so that a part's frame is the world at configuration 0.
 
+mod devices;
+pub mod instances;
 mod person;
 mod record;
 mod render;

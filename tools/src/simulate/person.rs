@@ -38,15 +38,34 @@ impl Person {
         }
     }
 
-    /// The person at a time; nobody where there is nothing to do.
+    /// The person at a time, and who walks past; nobody where there is nothing to do.
     pub fn solids(&self, scene: &Scene, t: f64, start: &[f64]) -> Vec<Solid> {
-        match reach_at(scene, t, start) {
+        let mut solids = match reach_at(scene, t, start) {
             Some(reach) => {
                 let sway = Vector3::new(1.0, 0.6, 0.3) * SWAY.0 * (SWAY.1 * t).sin();
                 self.arm(&reach, sway)
             }
             None => Vec::new(),
+        };
+        if scene.passer_by {
+            solids.extend(self.passer_by(scene, t));
         }
+        solids
+    }
+
+    /// Somebody who comes into the picture beside the object, and goes again.
+    fn passer_by(&self, scene: &Scene, t: f64) -> Vec<Solid> {
+        let side = -scene.joints.first().map_or(1.0, |j| j.person.x.signum());
+        let near = (std::f64::consts::PI * t / scene.duration).sin();
+        let step = 0.03 * (7.0 * t).sin();
+        let at = |z: f64, lean: f64| {
+            Point3::new(side * (1.7 - 0.75 * near) + lean, 0.30 + 0.5 * lean, z)
+        };
+        vec![
+            Solid::rod(at(0.9, 0.0), at(1.45, step), 0.16, &self.sleeve, PERSON),
+            Solid::rod(at(0.1, -step), at(0.85, 0.0), 0.09, &self.sleeve, PERSON),
+            Solid::rod(at(1.68, step), at(1.74, step), 0.10, &self.skin, PERSON),
+        ]
     }
 
     fn arm(&self, reach: &Reach, sway: Vector3<f64>) -> Vec<Solid> {

@@ -252,7 +252,7 @@ impl<'s> Film<'s> {
             .filter(|j| j.moved || self.take == Take::Encounter)
             .collect();
         Truth {
-            object: self.scene.name.to_owned(),
+            object: self.scene.name.clone(),
             category: self.scene.category.to_owned(),
             texture: "rich".to_owned(),
             hand: self.take == Take::Demonstration,

@@ -2,6 +2,7 @@
 
 use super::texture::{Richness, Texture};
 use super::world::{Action, Material, Part, Scene, SceneJoint, Solid};
+use super::{devices, instances};
 use linkage_skill::articulate::JointKind;
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
@@ -9,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
 /// Names of all scenes, with what happens.
-pub const SCENES: [(&str, &str); 12] = [
+pub const SCENES: [(&str, &str); 17] = [
     ("door", "a room's door is opened and closed"),
     ("drawer", "a drawer is pulled and pushed"),
     ("two_drawers", "two drawers, one after the other"),
@@ -22,23 +23,39 @@ pub const SCENES: [(&str, &str); 12] = [
     ("hand_only", "a hand touches a thing that does not move"),
     ("moving_camera", "a drawer, watched by a camera held by hand"),
     ("lid_box", "the lid of a chest is opened and closed"),
+    ("printer", "a printer's tray is pulled and pushed"),
+    ("scanner", "the lid of a printer's scanner is opened and closed"),
+    ("screen", "a screen is tilted"),
+    ("monitor", "a monitor is turned, then tilted"),
+    ("bicycle", "a bicycle is steered, pedalled, its wheel turned"),
 ];
 
-/// Paints and colours of one object: its looks follow from its name, not from the seed.
-struct Palette {
+/// Which one of its sort an object is, and how much there is to see on it.
+#[derive(Clone, Copy)]
+pub struct Look<'n> {
+    /// Its name: paints follow from it, not from the seed.
+    pub name: &'n str,
+    /// How much there is to see.
+    pub richness: Richness,
+}
+
+/// Paints of one object.
+pub struct Palette {
     seed: u64,
     richness: Richness,
 }
 
 impl Palette {
-    fn new(name: &str, richness: Richness) -> Self {
-        let seed = name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+    /// Of an object.
+    pub fn new(look: Look) -> Self {
+        let seed = look.name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
             (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
         });
-        Self { seed, richness }
+        Self { seed, richness: look.richness }
     }
 
-    fn paint(&mut self, colour: [f64; 3]) -> Material {
+    /// The next paint.
+    pub fn paint(&mut self, colour: [f64; 3]) -> Material {
         self.seed = self.seed.wrapping_add(1);
         Material {
             texture: Arc::new(Texture::new(colour, self.richness, self.seed)),
@@ -47,25 +64,30 @@ impl Palette {
     }
 }
 
-const WHITE: [f64; 3] = [205.0, 205.0, 200.0];
-const WOOD: [f64; 3] = [165.0, 120.0, 80.0];
-const GREY: [f64; 3] = [120.0, 122.0, 128.0];
-const DARK: [f64; 3] = [70.0, 72.0, 80.0];
-const BLUE: [f64; 3] = [90.0, 120.0, 170.0];
+/// A colour.
+pub const WHITE: [f64; 3] = [205.0, 205.0, 200.0];
+/// A colour.
+pub const WOOD: [f64; 3] = [165.0, 120.0, 80.0];
+/// A colour.
+pub const GREY: [f64; 3] = [120.0, 122.0, 128.0];
+/// A colour.
+pub const DARK: [f64; 3] = [70.0, 72.0, 80.0];
+/// A colour.
+pub const BLUE: [f64; 3] = [90.0, 120.0, 170.0];
 
 /// Label of the base; parts follow.
-const BASE: u8 = 1;
+pub const BASE: u8 = 1;
 
-fn part(name: &'static str, solids: Vec<Solid>) -> Part {
+pub fn part(name: &'static str, solids: Vec<Solid>) -> Part {
     Part { name, solids }
 }
 
-fn cuboid(c: [f64; 3], s: [f64; 3], m: &Material, label: u8) -> Solid {
+pub fn cuboid(c: [f64; 3], s: [f64; 3], m: &Material, label: u8) -> Solid {
     Solid::cuboid(c, s, m, label)
 }
 
 /// Open, hold a moment, close: two actions on one joint.
-fn there_and_back(joint: usize, to: f64, start: f64, seconds: f64) -> [Action; 2] {
+pub fn there_and_back(joint: usize, to: f64, start: f64, seconds: f64) -> [Action; 2] {
     let pause = 0.7;
     [
         Action { joint, to, start, end: start + seconds },
@@ -78,9 +100,9 @@ fn there_and_back(joint: usize, to: f64, start: f64, seconds: f64) -> [Action; 2
     ]
 }
 
-fn scene_of(name: &'static str, category: &'static str, target: [f64; 3], view: [f64; 3]) -> Scene {
+pub fn scene_of(name: &str, category: &'static str, target: [f64; 3], view: [f64; 3]) -> Scene {
     Scene {
-        name,
+        name: name.to_owned(),
         category,
         parts: Vec::new(),
         joints: Vec::new(),
@@ -89,11 +111,12 @@ fn scene_of(name: &'static str, category: &'static str, target: [f64; 3], view: 
         target: Point3::from(target),
         view,
         moving_camera: false,
+        passer_by: false,
         duration: 10.0,
     }
 }
 
-fn hinge(
+pub fn hinge(
     name: &'static str,
     axis: [f64; 3],
     origin: [f64; 3],
@@ -112,7 +135,7 @@ fn hinge(
     }
 }
 
-fn slide(name: &'static str, axis: [f64; 3], grasp: [f64; 3], person: [f64; 3]) -> SceneJoint {
+pub fn slide(name: &'static str, axis: [f64; 3], grasp: [f64; 3], person: [f64; 3]) -> SceneJoint {
     SceneJoint { kind: JointKind::Prismatic, ..hinge(name, axis, grasp, grasp, person) }
 }
 
@@ -131,27 +154,38 @@ fn shell(centre: [f64; 3], size: [f64; 3], wall: f64, m: &Material, label: u8) -
 
 /// Builds a scene in the room of a seed; `None` for an unknown name.
 pub fn scene(name: &str, seed: u64) -> Option<Scene> {
-    let mut scene = match name {
-        "door" => door(),
-        "drawer" => drawers("drawer", 1),
-        "two_drawers" => drawers("two_drawers", 2),
-        "fridge" => fridge(),
-        "microwave" => microwave(),
-        "laptop" => laptop(),
-        "sliding_door" => sliding_door(),
-        "cabinet" => cabinet(),
-        "office_chair" => office_chair(),
-        "hand_only" => hand_only(),
-        "moving_camera" => Scene { moving_camera: true, ..drawers("moving_camera", 1) },
-        "lid_box" => lid_box(),
-        _ => return None,
+    let richness = match name {
+        "cabinet" | "lid_box" => Richness::Medium,
+        _ => Richness::Rich,
     };
+    let look = Look { name, richness };
+    let mut scene = match name {
+        "door" => door(look),
+        "drawer" => drawers(look, 1),
+        "two_drawers" => drawers(look, 2),
+        "fridge" => fridge(look),
+        "microwave" => microwave(look),
+        "laptop" => laptop(look),
+        "sliding_door" => sliding_door(look),
+        "cabinet" => cabinet(look),
+        "office_chair" => office_chair(look),
+        "hand_only" => hand_only(look),
+        "moving_camera" => Scene { moving_camera: true, ..drawers(look, 1) },
+        "lid_box" => lid_box(look),
+        "printer" => devices::printer_tray(look),
+        "scanner" => devices::printer_lid(look),
+        "screen" => devices::screen(look),
+        "monitor" => devices::monitor(look),
+        "bicycle" => devices::bicycle(look),
+        _ => return instances::demonstration(name),
+    };
+    scene.name = name.to_owned();
     furnish(&mut scene, seed);
     Some(scene)
 }
 
-fn door() -> Scene {
-    let mut p = Palette::new("door", Richness::Rich);
+pub fn door(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (frame, leaf, metal) = (p.paint(WOOD), p.paint(WHITE), p.paint(DARK));
     let mut s = scene_of("door", "revolute", [0.0, 0.0, 1.05], [-14.0, 8.0, 2.3]);
     s.parts = vec![
@@ -190,11 +224,11 @@ fn door() -> Scene {
     s
 }
 
-fn drawers(name: &'static str, count: usize) -> Scene {
-    let mut p = Palette::new(name, Richness::Rich);
+pub fn drawers(look: Look, count: usize) -> Scene {
+    let mut p = Palette::new(look);
     let (body, metal) = (p.paint(WOOD), p.paint(DARK));
     let category = if count == 1 { "prismatic" } else { "prismatic2" };
-    let mut s = scene_of(name, category, [0.0, -0.1, 0.55], [-22.0, 26.0, 1.35]);
+    let mut s = scene_of("drawer", category, [0.0, -0.1, 0.55], [-22.0, 26.0, 1.35]);
     let (w, d, h) = (0.50, 0.45, 0.66);
     let mut base = shell([0.0, 0.0, 0.45], [w, d, h], 0.02, &body, BASE);
     base.push(cuboid([0.0, 0.0, 0.45], [w, d, 0.02], &body, BASE));
@@ -237,8 +271,8 @@ fn drawers(name: &'static str, count: usize) -> Scene {
     s
 }
 
-fn fridge() -> Scene {
-    let mut p = Palette::new("fridge", Richness::Rich);
+pub fn fridge(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (body, front, inside, metal) =
         (p.paint(WHITE), p.paint(WHITE), p.paint(BLUE), p.paint(DARK));
     let mut s = scene_of("fridge", "revolute", [0.05, -0.2, 0.95], [-24.0, 12.0, 2.0]);
@@ -277,8 +311,8 @@ fn fridge() -> Scene {
     s
 }
 
-fn microwave() -> Scene {
-    let mut p = Palette::new("microwave", Richness::Rich);
+pub fn microwave(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (body, front, inside, metal) =
         (p.paint(GREY), p.paint(DARK), p.paint(WHITE), p.paint(WHITE));
     let mut s = scene_of("microwave", "revolute", [0.0, -0.1, 1.0], [-18.0, 16.0, 1.15]);
@@ -312,8 +346,8 @@ fn microwave() -> Scene {
     s
 }
 
-fn laptop() -> Scene {
-    let mut p = Palette::new("laptop", Richness::Rich);
+pub fn laptop(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (base, screen) = (p.paint(GREY), p.paint(BLUE));
     let mut s = scene_of("laptop", "revolute", [0.0, 0.0, 0.82], [14.0, 32.0, 0.95]);
     s.parts = vec![
@@ -332,8 +366,8 @@ fn laptop() -> Scene {
     s
 }
 
-fn sliding_door() -> Scene {
-    let mut p = Palette::new("sliding_door", Richness::Rich);
+pub fn sliding_door(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (body, front, inside, metal) =
         (p.paint(WOOD), p.paint(WHITE), p.paint(GREY), p.paint(DARK));
     let mut s = scene_of("sliding_door", "prismatic", [0.0, -0.1, 0.85], [10.0, 14.0, 1.7]);
@@ -362,8 +396,8 @@ fn sliding_door() -> Scene {
     s
 }
 
-fn cabinet() -> Scene {
-    let mut p = Palette::new("cabinet", Richness::Medium);
+pub fn cabinet(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (body, front, inside, metal) = (p.paint(WOOD), p.paint(WOOD), p.paint(GREY), p.paint(DARK));
     let mut s = scene_of("cabinet", "revolute", [0.0, -0.1, 1.2], [-15.0, 4.0, 1.4]);
     let mut base = shell([0.0, 0.0, 1.2], [0.70, 0.32, 0.62], 0.02, &body, BASE);
@@ -397,8 +431,8 @@ fn cabinet() -> Scene {
     s
 }
 
-fn office_chair() -> Scene {
-    let mut p = Palette::new("office_chair", Richness::Rich);
+pub fn office_chair(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (foot, seat, back) = (p.paint(GREY), p.paint(BLUE), p.paint(WOOD));
     let mut s = scene_of("office_chair", "chair", [0.0, 0.0, 0.65], [20.0, 22.0, 1.7]);
     let mut base = vec![
@@ -440,8 +474,8 @@ fn office_chair() -> Scene {
     s
 }
 
-fn hand_only() -> Scene {
-    let mut s = drawers("hand_only", 1);
+fn hand_only(look: Look) -> Scene {
+    let mut s = drawers(look, 1);
     s.category = "static";
     // The hand does all that it does at a drawer, but the drawer is stuck.
     for action in &mut s.actions {
@@ -450,8 +484,8 @@ fn hand_only() -> Scene {
     s
 }
 
-fn lid_box() -> Scene {
-    let mut p = Palette::new("lid_box", Richness::Medium);
+pub fn lid_box(look: Look) -> Scene {
+    let mut p = Palette::new(look);
     let (body, lid, inside) = (p.paint(WOOD), p.paint(BLUE), p.paint(GREY));
     let mut s = scene_of("lid_box", "revolute", [0.0, 0.0, 0.55], [-20.0, 30.0, 1.25]);
     s.parts = vec![
@@ -479,7 +513,7 @@ fn lid_box() -> Scene {
 }
 
 /// Puts the object into a room: floor, wall, what it stands on, clutter. All from the seed.
-fn furnish(scene: &mut Scene, seed: u64) {
+pub fn furnish(scene: &mut Scene, seed: u64) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0f0f);
     let mut paint = |richness| {
         let colour = [0, 1, 2].map(|_| rng.random_range(70.0..210.0));
@@ -493,22 +527,7 @@ fn furnish(scene: &mut Scene, seed: u64) {
         cuboid([0.0, 0.0, -0.05], [8.0, 8.0, 0.1], &paint(Richness::Medium), 0),
         cuboid([0.0, wall_y + 0.05, 1.5], [8.0, 0.1, 3.0], &paint(Richness::Medium), 0),
     ];
-    let bottom = scene
-        .parts
-        .iter()
-        .flat_map(|p| &p.solids)
-        .map(|s| s.body_from_solid.translation.z)
-        .fold(f64::INFINITY, f64::min);
-    // Things that do not reach the floor stand on a table (or hang on the wall above one).
-    let stands = match scene.name {
-        "microwave" => Some(0.855),
-        "laptop" => Some(0.75),
-        "lid_box" => Some(0.295),
-        "sliding_door" => Some(0.44),
-        "drawer" | "two_drawers" | "hand_only" | "moving_camera" => Some(0.115),
-        _ if bottom > 1.0 => Some(0.72),
-        _ => None,
-    };
+    let stands = stand_of(scene);
     if let Some(top) = stands {
         let material = paint(Richness::Medium);
         solids.push(cuboid([0.0, 0.15, top - 0.02], [2.0, 0.8, 0.04], &material, 0));
@@ -518,11 +537,33 @@ fn furnish(scene: &mut Scene, seed: u64) {
     for side in [-1.0, 1.0] {
         for _ in 0..place.random_range(2..5) {
             let size = [0, 1, 2].map(|_| place.random_range(0.06..0.26));
-            let x = side * place.random_range(0.55..0.95);
+            let beside = if scene.category == "bicycle" { 0.6 } else { 0.0 };
+            let x = side * (beside + place.random_range(0.55..0.95));
             let y = place.random_range(-0.05..0.30);
             let material = paint(Richness::Rich);
             solids.push(cuboid([x, y, top + 0.5 * size[2]], size, &material, 0));
         }
     }
     scene.surroundings = solids;
+}
+
+/// Height of what an object stands on; `None` for the floor. Things that do not reach the
+/// floor stand on a table, or hang on the wall above one.
+pub fn stand_of(scene: &Scene) -> Option<f64> {
+    let bottom = scene
+        .parts
+        .iter()
+        .flat_map(|p| &p.solids)
+        .map(|s| s.body_from_solid.translation.z)
+        .fold(f64::INFINITY, f64::min);
+    match scene.name.as_str() {
+        "microwave" => Some(0.855),
+        "laptop" => Some(0.75),
+        "lid_box" => Some(0.295),
+        "sliding_door" => Some(0.44),
+        "drawer" | "two_drawers" | "hand_only" | "moving_camera" => Some(0.115),
+        "printer" | "scanner" | "screen" | "monitor" => Some(devices::TABLE),
+        _ if bottom > 1.0 => Some(0.72),
+        _ => None,
+    }
 }

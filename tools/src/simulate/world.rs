@@ -104,6 +104,34 @@ impl Solid {
         })
     }
 
+    /// The same, stretched along the axes of its body about a place; negative: mirrored.
+    pub fn reshaped(&self, about: &Point3<f64>, stretch: &Vector3<f64>) -> Self {
+        let moved = |p: &Point3<f64>| about + (p - about).component_mul(stretch);
+        let (label, material) = (self.label, &self.material);
+        let ends = |half: f32| {
+            let end = |side: f64| {
+                moved(&(self.body_from_solid * Point3::new(0.0, side * f64::from(half), 0.0)))
+            };
+            (end(-1.0), end(1.0))
+        };
+        match &self.form {
+            Form::Box(b) => {
+                let half = [b.half_extents.x, b.half_extents.y, b.half_extents.z].map(f64::from);
+                let centre = moved(&Point3::from(self.body_from_solid.translation.vector));
+                let sides = [0, 1, 2].map(|k| 2.0 * half[k] * stretch[k].abs());
+                Self::cuboid(centre.into(), sides, material, label)
+            }
+            Form::Rod(c) => {
+                let (a, b) = ends(c.half_height());
+                Self::rod(a, b, f64::from(c.radius), material, label)
+            }
+            Form::Drum(c) => {
+                let (a, b) = ends(c.half_height);
+                Self::drum(a, b, f64::from(c.radius) * stretch.z, material, label)
+            }
+        }
+    }
+
     /// Corners of a box.
     pub fn corners(&self) -> Option<[Point3<f64>; 8]> {
         let Form::Box(b) = &self.form else { return None };
@@ -156,6 +184,7 @@ impl Solid {
                     _ => (p.x + shift, p.y),
                 }
             }
+            Form::Drum(_) if hit.normal.y.abs() > 0.9 => (p.x + hit.normal.y, p.z),
             Form::Rod(_) | Form::Drum(_) => (0.06 * p.x.atan2(p.z), p.y),
         }
     }
@@ -238,7 +267,7 @@ pub struct Action {
 #[derive(Clone)]
 pub struct Scene {
     /// Name.
-    pub name: &'static str,
+    pub name: String,
     /// Kind of thing.
     pub category: &'static str,
     /// Parts, the base first.
@@ -255,6 +284,8 @@ pub struct Scene {
     pub view: [f64; 3],
     /// The camera is held by hand.
     pub moving_camera: bool,
+    /// Somebody else walks past at the side.
+    pub passer_by: bool,
     /// Seconds.
     pub duration: f64,
 }
