@@ -9,7 +9,7 @@ use super::dof::Dof;
 use super::grown::Grown;
 use super::hypothesis::Hypothesis;
 use super::view::View;
-use crate::geometry::screw_of;
+use crate::geometry::{distance_to_line, screw_of};
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -74,7 +74,7 @@ fn window_fits(view: &View, h: &Hypothesis, config: &JointsConfig) -> Vec<(Grown
     }
     if let Some(screw) = screw_of(&h.motion)
         && screw.angle > MIN_SCREW_ANGLE
-        && (screw.origin - centre).norm() < MAX_LEVER
+        && distance_to_line(&screw.origin, &screw.axis, &centre) < MAX_LEVER
     {
         let dof = Dof { hinge: true, axis: screw.axis.into_inner(), origin: screw.origin };
         let hinge = window_fit(view, dof, h, config);
