@@ -263,17 +263,22 @@ impl Search<'_> {
         };
         accepted
             .iter()
-            .filter(|j| !shadowed(j) && !self.is_a_holding_hand(j))
+            .filter(|j| !shadowed(j) && !self.is_an_appendage(j))
             .map(|j| (self.gain_over_base(j), *j))
             .filter(|(gain, _)| *gain > self.config.joints.min_gain)
             .max_by(|(a, _), (b, _)| a.total_cmp(b))
             .map(|(_, j)| j.clone())
     }
 
-    /// It does what an accepted joint does, and the pictures hardly bear it out.
-    fn is_a_holding_hand(&self, joint: &Grown) -> bool {
-        !accept::is_found_everywhere(joint)
-            && self.joints.iter().any(|o| accept::follows(joint, o) > MAX_FOLLOWING)
+    /// It does what an accepted joint does, and the pictures hardly bear it out (a holding
+    /// hand) or it is next to nothing beside it (corners that a part's rim makes with what is
+    /// behind it).
+    fn is_an_appendage(&self, joint: &Grown) -> bool {
+        let seen = accept::is_found_everywhere(joint);
+        self.joints.iter().any(|o| {
+            (!seen || joint.gain < MIN_STANDING * o.gain)
+                && accept::follows(joint, o) > MAX_FOLLOWING
+        })
     }
 
     /// Gain in one currency: cost against standing still in the base.
@@ -384,6 +389,8 @@ impl Search<'_> {
 const COVERED: f64 = 0.6;
 /// Share of a configuration that may be a function of another joint's.
 const MAX_FOLLOWING: f64 = 0.95;
+/// Share of another joint's gain from which doing what it does is no dependence.
+const MIN_STANDING: f64 = 0.05;
 /// Hypotheses grown side by side.
 const BATCH: usize = 2;
 /// Share of a chained joint's frames from which a joint of the base explains as much.
