@@ -134,7 +134,7 @@ impl Witness<'_> {
                 _ => 0.0,
             };
         joint.members.len() >= 5
-            && joint.gain >= config.min_gain
+            && joint.gain >= self.least_gain(joint)
             && joint.cost <= max_cost
             && known >= 15
             && joint.coupling >= 0.0
@@ -142,6 +142,12 @@ impl Witness<'_> {
             && travels_enough(joint)
             && joint.through <= config.max_through
             && joint.hidden <= config.max_hidden
+    }
+
+    /// What its tracks must earn: less where the pictures alone would tell it.
+    pub fn least_gain(&self, joint: &Grown) -> f64 {
+        let pictured = is_found_everywhere(joint) && joint.tells >= 0.6;
+        if pictured { 0.5 * self.config.min_gain } else { self.config.min_gain }
     }
 
     /// Good enough to be a stretch of a joint that is accepted.

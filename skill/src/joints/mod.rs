@@ -227,7 +227,7 @@ impl Search<'_> {
     /// Confronts a joint with the depth pictures; takes back configurations that they
     /// contradict.
     fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
-        self.witness.dismiss_strangers(joint, &self.joints);
+        self.dismiss_strangers(view, joint);
         self.witness.examine(joint, &self.joints);
         if !joint.contradicted.is_empty() && joint.through < 0.95 {
             let before = joint.clone();
@@ -236,7 +236,7 @@ impl Search<'_> {
             }
             if joint.known_frames().len() >= 10 {
                 grow::finish(view, joint, candidates, &self.config.joints, 2);
-                self.witness.dismiss_strangers(joint, &self.joints);
+                self.dismiss_strangers(view, joint);
                 self.witness.examine(joint, &self.joints);
             }
             if joint.members.len() < 4 {
@@ -244,6 +244,16 @@ impl Search<'_> {
             }
         }
         joint.coupling = joint.parent.map_or(0.0, |p| accept::coupling(joint, &self.joints[p]));
+    }
+
+    /// Takes out what only held the part, and lets the rest settle: strangers drew the line.
+    fn dismiss_strangers(&self, view: &View, joint: &mut Grown) {
+        let before = joint.members.len();
+        self.witness.dismiss_strangers(joint, &self.joints);
+        if joint.members.len() < before {
+            let own = joint.members.clone();
+            grow::finish(view, joint, &own, &self.config.joints, 2);
+        }
     }
 
     /// The accepted joint of most gain; one of the base is preferred to one of a part that
@@ -265,7 +275,7 @@ impl Search<'_> {
             .iter()
             .filter(|j| !shadowed(j) && !self.is_an_appendage(j))
             .map(|j| (self.gain_over_base(j), *j))
-            .filter(|(gain, _)| *gain > self.config.joints.min_gain)
+            .filter(|(gain, j)| *gain > self.witness.least_gain(j))
             .max_by(|(a, _), (b, _)| a.total_cmp(b))
             .map(|(_, j)| j.clone())
     }
@@ -337,7 +347,7 @@ impl Search<'_> {
         candidates.sort_unstable();
         candidates.dedup();
         let mut merged = merge::merged(view, a, b, &candidates, config)?;
-        self.witness.dismiss_strangers(&mut merged, &self.joints);
+        self.dismiss_strangers(view, &mut merged);
         self.witness.examine(&mut merged, &self.joints);
         merged.coupling = a.coupling;
         let better = merged.gain > a.gain.max(b.gain) + kinship.owed() * a.gain.min(b.gain)
