@@ -128,7 +128,7 @@ impl Witness<'_> {
         // beginning to end.
         let max_cost = config.max_cost
             + match coverage {
-                c if c >= 0.9 && solid && found_everywhere => 2.4,
+                c if c >= 0.9 && solid && found_everywhere => 1.8,
                 c if c >= 0.6 && solid => 1.0,
                 _ if found_everywhere => 0.6,
                 _ => 0.0,
@@ -142,12 +142,43 @@ impl Witness<'_> {
             && travels_enough(joint)
             && joint.through <= config.max_through
             && joint.hidden <= config.max_hidden
+            && joint.unruly <= config.max_unruly
     }
 
-    /// What its tracks must earn: less where the pictures alone would tell it.
+    /// What its tracks must earn: less where the pictures alone would tell it, more where they
+    /// are silent and it was seen for a short while.
     pub fn least_gain(&self, joint: &Grown) -> f64 {
-        let pictured = is_found_everywhere(joint) && joint.tells >= 0.6;
-        if pictured { 0.5 * self.config.min_gain } else { self.config.min_gain }
+        let least = self.config.min_gain;
+        let coverage = joint.known_frames().len() as f64 / joint.known.len() as f64;
+        match joint.tells {
+            t if t >= 0.6 && is_found_everywhere(joint) => 0.5 * least,
+            t if t < 0.1 && coverage < 0.5 => 3.0 * least,
+            _ => least,
+        }
+    }
+
+    /// The pictures show its points where another joint would put them: a hand that rests on a
+    /// part is no part.
+    pub fn is_on(&self, joint: &Grown, index: usize, joints: &[Grown]) -> bool {
+        let other = &joints[index];
+        let both = |f: usize| joint.known[f] && other.known[f];
+        let Some(start) = (0..joint.known.len()).find(|&f| both(f)) else { return false };
+        let base_from_joint =
+            |f: usize| parent_motion(joint, joints, f) * joint.dof.geometry().motion(joint.q[f]);
+        let other_from_joint =
+            base_from_part(joints, index, start).inverse() * base_from_joint(start);
+        let points: Vec<Point3<f64>> = joint.members.iter().map(|&t| joint.points[t]).collect();
+        let (mut own, mut others) = ((0, 0), (0, 0));
+        for (frame, picture) in self.keyframes.iter().filter(|(f, _)| both(*f)) {
+            let camera_from_base = self.base.camera_from_base[frame];
+            let ask = |base_from_points: Pose, count: &mut (usize, usize)| {
+                let (t, a) = probe_points(picture, &points, &(camera_from_base * base_from_points));
+                *count = (count.0 + t, count.1 + a);
+            };
+            ask(base_from_joint(frame), &mut own);
+            ask(base_from_part(joints, index, frame) * other_from_joint, &mut others);
+        }
+        own.1 > 0 && 10 * others.1 >= 9 * own.1 && others.0 <= own.0 + own.1 / 20
     }
 
     /// Good enough to be a stretch of a joint that is accepted.

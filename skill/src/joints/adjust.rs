@@ -10,6 +10,8 @@ use rayon::prelude::*;
 /// Columns of an observation's Jacobian: axis (2), origin (2), configuration.
 const COLUMNS: usize = 5;
 const Q: usize = 4;
+/// Parameters of a line: two of its direction, two of its place.
+const LINE_PARAMETERS: usize = 4;
 
 /// Redescending weight of a squared distance: 1 at none, 0 from the cut on.
 pub fn weight(distance_sq: f64, cut: f64) -> f64 {
@@ -158,12 +160,16 @@ fn assemble(
     tracks: &[usize],
     cut: f64,
 ) -> (DMatrix<f64>, DVector<f64>) {
-    let size = 4 + view.frames;
     let reduced: Vec<Reduced> =
         tracks.par_iter().filter_map(|&t| reduce(joint, view, t, cut)).collect();
+    assembled(&reduced, view.frames)
+}
+
+fn assembled(reduced: &[Reduced], frames: usize) -> (DMatrix<f64>, DVector<f64>) {
+    let size = 4 + frames;
     let mut hessian = DMatrix::zeros(size, size);
     let mut gradient = DVector::zeros(size);
-    for r in &reduced {
+    for r in reduced {
         for a in 0..4 {
             gradient[a] += r.gradient[a];
             for b in 0..4 {
@@ -249,11 +255,19 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
     }
 }
 
-/// Covariance of (axis, origin) in space, configurations and points marginalised; inflated
-/// by the cost an observation, which is 3 where the noise model is right.
+/// Covariance of (axis, origin) in the view's frame, configurations and points marginalised.
+///
+/// A track's errors are one draw, however long it lives: a feature that slides along an edge
+/// is off in all of its frames. So the spread is taken between tracks (the sandwich estimator
+/// of Liang & Zeger 1986, one cluster a track), not from the noise of observations.
 pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMatrix<f64> {
     let zero = DMatrix::zeros(6, 6);
-    let (mut hessian, _) = assemble(joint, view, tracks, cut);
+    let reduced: Vec<Reduced> =
+        tracks.par_iter().filter_map(|&t| reduce(joint, view, t, cut)).collect();
+    if reduced.len() <= LINE_PARAMETERS {
+        return zero;
+    }
+    let (mut hessian, _) = assembled(&reduced, view.frames);
     for k in 0..hessian.nrows() {
         hessian[(k, k)] += 1e-6;
     }
@@ -264,8 +278,18 @@ pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMa
     for k in 0..4 {
         right[(k, k)] = 1.0;
     }
-    let solved = cholesky.solve(&right);
-    let marginal = solved.rows(0, 4).into_owned();
+    let line_of_gradient = cholesky.solve(&right).transpose();
+    let mut between = DMatrix::zeros(4, 4);
+    for r in &reduced {
+        let mut pull =
+            line_of_gradient.columns(0, 4) * DVector::from_column_slice(r.gradient.as_slice());
+        for (&f, g) in r.frames.iter().zip(&r.configuration_gradient) {
+            pull += line_of_gradient.column(4 + f) * *g;
+        }
+        between += &pull * pull.transpose();
+    }
+    let n = reduced.len() as f64;
+    let marginal = between * (n / (n - LINE_PARAMETERS as f64));
     let (u, v) = orthonormal_basis(&joint.dof.axis);
     let mut to_space = DMatrix::zeros(6, 4);
     for r in 0..3 {
@@ -276,7 +300,7 @@ pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMa
             to_space[(r + 3, 3)] = v[r];
         }
     }
-    &to_space * marginal * to_space.transpose() * (joint.cost / 3.0).max(1.0)
+    &to_space * marginal * to_space.transpose()
 }
 
 #[cfg(test)]

@@ -36,6 +36,9 @@ pub struct Grown {
     pub hidden: f64,
     /// Share of q's variance that the parent's q explains; negative: the parent rests.
     pub coupling: f64,
+    /// Share of its members' observations in frames of unknown configuration: what moves on
+    /// where the joint does not explain it is a hand.
+    pub unruly: f64,
     /// Configuration at keyframes from depth alone, NaN elsewhere.
     pub scanned: Vec<f64>,
     /// Index of the parent joint; `None` for the base.
@@ -62,6 +65,7 @@ impl Grown {
             tells: 0.0,
             hidden: 0.0,
             coupling: 0.0,
+            unruly: 0.0,
             scanned: vec![f64::NAN; view.frames],
             parent: None,
             contradicted: Vec::new(),
@@ -115,6 +119,16 @@ impl Grown {
             cost.inliers += usize::from(r < cut);
         }
         cost
+    }
+
+    /// What `unruly` is now.
+    pub fn unruly_share(&self, view: &View) -> f64 {
+        let (mut all, mut unruly) = (0_usize, 0_usize);
+        for (f, _) in self.members.iter().flat_map(|&t| view.life(t)) {
+            all += 1;
+            unruly += usize::from(!self.known[f]);
+        }
+        unruly as f64 / all.max(1) as f64
     }
 
     /// Length that a track's point travels over the frames in which it is seen.

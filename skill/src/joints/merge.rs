@@ -8,7 +8,7 @@ use super::grow::finish;
 use super::grown::Grown;
 use super::overlap;
 use super::view::View;
-use crate::geometry::{distance_to_line, line_angle, median};
+use crate::geometry::{distance_to_line, line_angle, median, nearest_on_line};
 use nalgebra::Point3;
 
 /// Largest angle between the axes of one joint, radians.
@@ -53,19 +53,24 @@ pub fn kinship(a: &Grown, b: &Grown) -> Option<Kinship> {
     [Kinship::Same, Kinship::Possible].into_iter().find(|k| are_akin(a, b, k.slack()))
 }
 
-fn are_akin(a: &Grown, b: &Grown, slack: f64) -> bool {
+/// Same kind and near lines.
+pub fn shares_line(a: &Grown, b: &Grown, slack: f64) -> bool {
     if a.dof.hinge != b.dof.hinge || line_angle(&a.dof.axis, &b.dof.axis) > slack * MAX_ANGLE {
         return false;
     }
-    if a.dof.hinge {
-        let n = b.members.len().max(1) as f64;
-        let centre: nalgebra::Vector3<f64> =
-            b.members.iter().map(|&t| b.points[t].coords).sum::<nalgebra::Vector3<f64>>() / n;
-        let on_b =
-            crate::geometry::nearest_on_line(&b.dof.origin, &b.dof.axis, &Point3::from(centre));
-        if distance_to_line(&a.dof.origin, &a.dof.axis, &on_b) > slack * MAX_DISTANCE {
-            return false;
-        }
+    if !a.dof.hinge {
+        return true;
+    }
+    let n = b.members.len().max(1) as f64;
+    let centre: nalgebra::Vector3<f64> =
+        b.members.iter().map(|&t| b.points[t].coords).sum::<nalgebra::Vector3<f64>>() / n;
+    let on_b = nearest_on_line(&b.dof.origin, &b.dof.axis, &Point3::from(centre));
+    distance_to_line(&a.dof.origin, &a.dof.axis, &on_b) <= slack * MAX_DISTANCE
+}
+
+fn are_akin(a: &Grown, b: &Grown, slack: f64) -> bool {
+    if !shares_line(a, b, slack) {
+        return false;
     }
     let differences = differences(a, b);
     if differences.len() < COMMON_FRAMES {

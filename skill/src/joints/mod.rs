@@ -12,6 +12,7 @@ mod dof;
 mod grow;
 mod grown;
 mod hypothesis;
+mod kinds;
 mod merge;
 mod outcome;
 mod view;
@@ -56,6 +57,12 @@ pub struct JointsConfig {
     pub max_through: f64,
     /// Share of them that may be missing while the configuration is unknown.
     pub max_hidden: f64,
+    /// Factor on covariances, measured so that 95 % ellipses hold 95 % of true axes.
+    pub covariance_inflation: f64,
+    /// Observations of a track that tell as much as one independent one, in telling types.
+    pub correlated_observations: f64,
+    /// Share of its tracks' observations that a joint may leave without a configuration.
+    pub max_unruly: f64,
     /// Joints are also sought in the frames of parts that move.
     pub chains: bool,
     /// Stretches of one joint are merged.
@@ -76,6 +83,9 @@ impl Default for JointsConfig {
             min_gain: 300.0,
             max_through: 0.22,
             max_hidden: 0.6,
+            covariance_inflation: 1.0,
+            correlated_observations: 10.0,
+            max_unruly: 0.3,
             chains: true,
             merge: true,
         }
@@ -195,7 +205,9 @@ impl Search<'_> {
             let sound = self.witness.accepts(g) || g.coupling > accept::MAX_COUPLING;
             match overlap(&h.tracks, &g.members) {
                 shared if shared > COVERED => {
-                    sound || h.is_explained_by(g, view, config.cut, config.max_cost)
+                    sound
+                        || h.is_explained_by(g, view, config.cut, config.max_cost)
+                        || is_found_again(g, grown)
                 }
                 shared => sound && shared > 0.5 * COVERED,
             }
@@ -219,6 +231,7 @@ impl Search<'_> {
             hidden = format!("{:.2}", joint.hidden),
             tells = format!("{:.2}", joint.tells),
             coupling = format!("{:.2}", joint.coupling),
+            unruly = format!("{:.2}", joint.unruly),
             accepted = self.witness.accepts(joint),
             "joint"
         );
@@ -243,6 +256,7 @@ impl Search<'_> {
                 *joint = before;
             }
         }
+        joint.unruly = joint.unruly_share(view);
         joint.coupling = joint.parent.map_or(0.0, |p| accept::coupling(joint, &self.joints[p]));
     }
 
@@ -280,14 +294,19 @@ impl Search<'_> {
             .map(|(_, j)| j.clone())
     }
 
-    /// It does what an accepted joint does, and the pictures hardly bear it out (a holding
-    /// hand) or it is next to nothing beside it (corners that a part's rim makes with what is
-    /// behind it).
+    /// It does what an accepted joint does, and the pictures hardly bear it out: a holding hand.
+    /// Or the pictures show it on that joint's part wherever that goes. Or it is next to nothing
+    /// beside one that it follows, or whose line it turns about: corners that a part's rim makes
+    /// with what is behind it.
     fn is_an_appendage(&self, joint: &Grown) -> bool {
         let seen = accept::is_found_everywhere(joint);
-        self.joints.iter().any(|o| {
-            (!seen || joint.gain < MIN_STANDING * o.gain)
-                && accept::follows(joint, o) > MAX_FOLLOWING
+        self.joints.iter().enumerate().any(|(i, o)| {
+            let little = joint.gain < MIN_STANDING * o.gain;
+            let twin =
+                || joint.dof.hinge && joint.parent == o.parent && merge::shares_line(o, joint, 1.0);
+            (!seen || little) && accept::follows(joint, o) > MAX_FOLLOWING
+                || little && twin()
+                || joint.gain < o.gain && self.witness.is_on(joint, i, &self.joints)
         })
     }
 
@@ -350,6 +369,7 @@ impl Search<'_> {
         self.dismiss_strangers(view, &mut merged);
         self.witness.examine(&mut merged, &self.joints);
         merged.coupling = a.coupling;
+        merged.unruly = merged.unruly_share(view);
         let better = merged.gain > a.gain.max(b.gain) + kinship.owed() * a.gain.min(b.gain)
             && merged.cost < config.max_cost + 0.6
             && merged.through < config.max_through + 0.03;
@@ -397,6 +417,8 @@ impl Search<'_> {
 
 /// Share of a hypothesis's tracks from which it says nothing new.
 const COVERED: f64 = 0.6;
+/// Share of tracks in common from which two growths are the same.
+const SAME: f64 = 0.9;
 /// Share of a configuration that may be a function of another joint's.
 const MAX_FOLLOWING: f64 = 0.95;
 /// Share of another joint's gain from which doing what it does is no dependence.
@@ -405,6 +427,13 @@ const MIN_STANDING: f64 = 0.05;
 const BATCH: usize = 2;
 /// Share of a chained joint's frames from which a joint of the base explains as much.
 const BASE_SUFFICES: f64 = 0.8;
+
+/// Another hypothesis grew to the same already: a person who walks by is suspected in every
+/// window.
+fn is_found_again(joint: &Grown, grown: &[Grown]) -> bool {
+    let same = |a: &[usize], b: &[usize]| overlap(a, b) > SAME && overlap(b, a) > SAME;
+    grown.iter().any(|o| !std::ptr::eq(o, joint) && same(&o.members, &joint.members))
+}
 
 /// Share of `a` that is in `b`.
 fn overlap(a: &[usize], b: &[usize]) -> f64 {

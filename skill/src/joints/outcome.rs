@@ -3,14 +3,18 @@
 
 use super::adjust;
 use super::grown::Grown;
+use super::kinds;
 use super::view::View;
-use crate::articulate::JointKind;
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
 use crate::geometry::Pose;
 use crate::model::{Joint, covariance_rows};
 use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::{TrackSet, Trajectory};
+use nalgebra::{DMatrix, Point3, Vector3};
+
+/// Tracks that a covariance is taken over.
+const COVARIANCE_TRACKS: usize = 300;
 
 /// Part motions in the base since the first frame, by joint and frame.
 pub fn base_from_part(joints: &[Grown], index: usize, frame: usize) -> Pose {
@@ -36,69 +40,100 @@ pub fn to_learned(
         .iter()
         .enumerate()
         .map(|(n, &i)| {
-            let joint = &joints[i];
-            let frames = joint.known_frames();
-            // The object frame is the base at the first frame; a moving parent's line is
-            // carried to where the parent is then.
-            let base_from_parent =
-                joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, 0));
-            let mut geometry = joint.dof.geometry().transformed(&base_from_parent);
-            let first = joint.filled[0];
-            let mut configuration: Vec<f64> = frames.iter().map(|&f| joint.q[f] - first).collect();
-            configuration.insert(0, 0.0);
-            orient(&mut geometry, &mut configuration);
-            configuration.remove(0);
-            let rest = base_from_part(joints, i, 0).inverse();
-            let mut trajectory: Trajectory = vec![None; base.camera_from_base.len()];
-            for &f in &frames {
-                trajectory[f] = Some(base_from_part(joints, i, f) * rest);
-            }
-            let some: Vec<usize> = joint.members.iter().copied().take(300).collect();
-            let parent_view = joint.parent.map(|p| view_of(view, joints, p));
-            let own_view = parent_view.as_ref().unwrap_or(view);
-            let covariance = adjust::covariance(joint, own_view, &some, config.joints.cut);
-            let mut line = geometry;
-            if joint.dof.hinge || joint.members.is_empty() {
-                line.origin = geometry.origin;
-            } else {
-                let mean = joint
-                    .members
-                    .iter()
-                    .map(|&t| joint.points[t].coords)
-                    .sum::<nalgebra::Vector3<f64>>()
-                    / joint.members.len() as f64;
-                line.origin = base_from_parent * nalgebra::Point3::from(mean);
-            }
+            let (mut joint, base_from_part) = learned(set, base, view, joints, i, config);
+            joint.name = format!("joint{}", n + 1);
+            joint.parent = joints[i].parent.map_or(0, number_of);
+            joint.child = n + 1;
             LearnedJoint {
-                joint: Joint {
-                    name: format!("joint{}", n + 1),
-                    parent: joint.parent.map_or(0, number_of),
-                    child: n + 1,
-                    kind: if joint.dof.hinge { JointKind::Revolute } else { JointKind::Prismatic },
-                    axis: line.axis.into_inner().into(),
-                    origin: line.origin.into(),
-                    pitch: 0.0,
-                    range: range_of(&configuration),
-                    covariance: covariance_rows(&covariance),
-                    observations: frames.len(),
-                    bic: -2.0 * joint.gain,
-                    log_likelihood: joint.gain,
-                    position_rmse: position_rmse(joint, own_view),
-                    orientation_rmse: 0.0,
-                    configuration: set.timed(&frames, &configuration),
-                    type_probabilities: Vec::new(),
-                },
-                base_from_part: trajectory,
-                tracks: joint.members.iter().map(|&t| view.track_ids[t]).collect(),
+                joint,
+                base_from_part,
+                tracks: joints[i].members.iter().map(|&t| view.track_ids[t]).collect(),
             }
         })
         .collect()
 }
 
-fn view_of(view: &View, joints: &[Grown], part: usize) -> View {
-    match joints[part].parent {
-        None => view.seen_from(&joints[part]),
-        Some(p) => view_of(view, joints, p).seen_from(&joints[part]),
+/// A joint, not yet numbered, and its part's poses in the base since the first frame.
+fn learned(
+    set: &TrackSet,
+    base: &BaseMotion,
+    view: &View,
+    joints: &[Grown],
+    index: usize,
+    config: &SkillConfig,
+) -> (Joint, Trajectory) {
+    let joint = &joints[index];
+    let frames = joint.known_frames();
+    // The object frame is the base at the first frame; a moving parent's line is carried to
+    // where the parent is then.
+    let base_from_parent =
+        joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, 0));
+    let mut geometry = joint.dof.geometry().transformed(&base_from_parent);
+    let before = geometry.axis;
+    let first = joint.filled[0];
+    let mut configuration: Vec<f64> = frames.iter().map(|&f| joint.q[f] - first).collect();
+    configuration.insert(0, 0.0);
+    orient(&mut geometry, &mut configuration);
+    configuration.remove(0);
+    if !joint.dof.hinge {
+        geometry.origin = base_from_parent * mean_point(joint);
+    }
+    let rest = base_from_part(joints, index, 0).inverse();
+    let mut trajectory: Trajectory = vec![None; base.camera_from_base.len()];
+    for &f in &frames {
+        trajectory[f] = Some(base_from_part(joints, index, f) * rest);
+    }
+    let own_view = view_from(view, joints, joint.parent);
+    let some: Vec<usize> = joint.members.iter().copied().take(COVARIANCE_TRACKS).collect();
+    let covariance = carried(
+        &adjust::covariance(joint, &own_view, &some, config.joints.cut),
+        &base_from_parent,
+        before.dot(&geometry.axis) < 0.0,
+    ) * config.joints.covariance_inflation;
+    let joint = Joint {
+        name: String::new(),
+        parent: 0,
+        child: 0,
+        kind: geometry.kind,
+        axis: geometry.axis.into_inner().into(),
+        origin: geometry.origin.into(),
+        pitch: 0.0,
+        range: range_of(&configuration),
+        covariance: covariance_rows(&covariance),
+        observations: frames.len(),
+        bic: -2.0 * joint.gain,
+        log_likelihood: joint.gain,
+        position_rmse: position_rmse(joint, &own_view),
+        orientation_rmse: 0.0,
+        configuration: set.timed(&frames, &configuration),
+        type_probabilities: kinds::type_probabilities(joint, &own_view, &config.joints),
+    };
+    (joint, trajectory)
+}
+
+/// A covariance of (axis, origin) in a turned frame; `reversed`: of the opposite axis.
+fn carried(covariance: &DMatrix<f64>, other_from_this: &Pose, reversed: bool) -> DMatrix<f64> {
+    let rotation = other_from_this.rotation.to_rotation_matrix().into_inner();
+    let mut turn = DMatrix::zeros(6, 6);
+    for r in 0..3 {
+        for c in 0..3 {
+            turn[(r, c)] = if reversed { -rotation[(r, c)] } else { rotation[(r, c)] };
+            turn[(r + 3, c + 3)] = rotation[(r, c)];
+        }
+    }
+    &turn * covariance * turn.transpose()
+}
+
+fn mean_point(joint: &Grown) -> Point3<f64> {
+    let sum: Vector3<f64> = joint.members.iter().map(|&t| joint.points[t].coords).sum();
+    Point3::from(sum / joint.members.len().max(1) as f64)
+}
+
+/// What the part sees that carries the joint.
+fn view_from(view: &View, joints: &[Grown], parent: Option<usize>) -> View {
+    match parent {
+        None => view.clone(),
+        Some(p) => view_from(view, joints, joints[p].parent).seen_from(&joints[p]),
     }
 }
 
