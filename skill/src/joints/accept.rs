@@ -3,6 +3,7 @@
 use super::JointsConfig;
 use super::grown::Grown;
 use super::outcome::base_from_part;
+use super::view::View;
 use crate::base::BaseMotion;
 use crate::geometry::{Moments, Pose};
 use crate::keyframes::Keyframes;
@@ -241,12 +242,26 @@ pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
     }
     let pairs: Vec<(f64, f64)> = common.iter().map(|&f| (parent.filled[f], joint.q[f])).collect();
     let moments = Moments::of(&pairs);
-    let rest = if parent.dof.hinge { 0.04 } else { 0.02 };
-    if moments.xx.sqrt() < rest {
+    if moments.xx.sqrt() < resting(parent) {
         return -1.0;
     }
     let overall = moments.correlation_sq().unwrap_or(1.0);
     overall.max(mirrored(joint, parent, &common))
+}
+
+/// Spread of a configuration that counts as rest.
+fn resting(joint: &Grown) -> f64 {
+    if joint.dof.hinge { 0.04 } else { 0.02 }
+}
+
+/// Whether a parent moves while some of its view's tracks live.
+pub fn moves_beside(parent: &Grown, view: &View, tracks: &[usize]) -> bool {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (f, _) in tracks.iter().flat_map(|&t| view.life(t)) {
+        low = low.min(parent.filled[f]);
+        high = high.max(parent.filled[f]);
+    }
+    high - low > resting(parent)
 }
 
 /// Share of a joint's configuration that is a smooth function of another's, while nearly all

@@ -33,13 +33,12 @@ pub fn agree(
         .zip(weights)
         .filter_map(|(&t, &w)| Some((&joint.points[t], view.at(t, frame)?, w)))
         .collect();
-    let distance_sq =
-        |q: f64, p: &Point3<f64>, s: &Seen| s.distance_sq(&joint.dof.move_point(q, p));
     let mut best = (-1.0, Agreement { q: guess.unwrap_or(0.0), agreeing: 0 });
     let mut consider = |q: f64| {
         let (mut score, mut agreeing) = (0.0, 0);
+        let moved = joint.dof.mover(q);
         for (p, s, w) in &voters {
-            let r = distance_sq(q, p, s);
+            let r = s.distance_sq(&moved(p));
             if r < cut {
                 score += w * (1.0 - r / cut);
                 agreeing += 1;
@@ -59,8 +58,9 @@ pub fn agree(
     let mut agreement = best.1;
     for _ in 0..3 {
         let (mut numerator, mut denominator) = (0.0, 0.0);
+        let move_point = joint.dof.mover(agreement.q);
         for (p, s, w) in &voters {
-            let moved = joint.dof.move_point(agreement.q, p);
+            let moved = move_point(p);
             let w = w * weight(s.distance_sq(&moved), cut);
             if w > 0.0 {
                 let direction = s.information * joint.dof.velocity(&moved);

@@ -1,7 +1,7 @@
 //! A joint of one degree of freedom, moving points.
 
 use crate::articulate::{JointGeometry, JointKind};
-use nalgebra::{Point3, UnitVector3, Vector3};
+use nalgebra::{Matrix3, Point3, Rotation3, Unit, UnitVector3, Vector3};
 
 /// A slide or a hinge.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +24,17 @@ impl Dof {
     /// Where a point of the part is at configuration `q`.
     pub fn move_point(&self, q: f64, p: &Point3<f64>) -> Point3<f64> {
         if self.hinge { self.origin + self.turn(q, &(p - self.origin)) } else { p + self.axis * q }
+    }
+
+    /// [`Self::move_point`] for many points at one configuration.
+    pub fn mover(&self, q: f64) -> impl Fn(&Point3<f64>) -> Point3<f64> {
+        let (axis, origin, hinge) = (self.axis, self.origin, self.hinge);
+        let rotation = if hinge {
+            Rotation3::from_axis_angle(&Unit::new_unchecked(axis), q).into_inner()
+        } else {
+            Matrix3::identity()
+        };
+        move |p| if hinge { origin + rotation * (p - origin) } else { p + axis * q }
     }
 
     /// The configuration that takes `part_point` closest to `seen`.

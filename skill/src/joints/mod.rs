@@ -166,7 +166,11 @@ impl Search<'_> {
         }
         let seed = self.config.seed.wrapping_add(round as u64);
         let hypotheses = hypothesis::hypotheses(&view, &candidates, config, seed);
-        let mut queue = hypotheses.iter();
+        // While the parent rests, what moves on it and what moves on the base are the same.
+        let tells = |h: &&Hypothesis| {
+            parent.is_none_or(|p| accept::moves_beside(&self.joints[p], &view, &h.tracks))
+        };
+        let mut queue = hypotheses.iter().filter(tells);
         let mut grown = known;
         let mut tried: Vec<&[usize]> = Vec::new();
         loop {

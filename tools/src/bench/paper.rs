@@ -253,6 +253,13 @@ fn print_rest(rows: &[Row]) {
     line("spurious joints", &|r| Some(r.iter().map(|r| r.learn.spurious as f64).sum()), 0);
     let range = |j: &super::score::JointScore| j.range_share.map(|s| 100.0 * (s - 1.0).abs());
     line("range error, mean, %", &|r| mean(joints(r, &range).into_iter()), 1);
+    let inside = |j: &super::score::JointScore| j.inside_95().map(|i| f64::from(u8::from(i)));
+    line("true line in the 95 % ellipsoid, share", &|r| mean(joints(r, &inside).into_iter()), 3);
+    line(
+        "probability of the true type, mean",
+        &|r| mean(joints(r, &|j| j.true_kind_probability).into_iter()),
+        3,
+    );
     let configuration = |unit: &'static str| {
         move |rows: &[&Row]| {
             let errors = rows.iter().flat_map(|r| &r.configuration).filter(|c| c.unit == unit);

@@ -5,9 +5,11 @@
 use super::truth::{TrueJoint, Truth};
 use linkage_skill::ObjectModel;
 use linkage_skill::articulate::JointKind;
-use linkage_skill::geometry::{distance_to_line, line_angle, nearest_on_line, pose_from_array};
+use linkage_skill::geometry::{
+    distance_to_line, line_angle, nearest_on_line, orthonormal_basis, pose_from_array,
+};
 use linkage_skill::model::Joint;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use serde::Serialize;
 
 /// One true joint and what was found of it.
@@ -30,6 +32,20 @@ pub struct JointScore {
     pub range_share: Option<f64>,
     /// Right parent part.
     pub right_tree: bool,
+    /// Probability that the model gives to the true kind, where it gives any.
+    pub true_kind_probability: Option<f64>,
+    /// Squared Mahalanobis distance of the true line from the found one, where the model tells
+    /// its covariance.
+    pub line_distance_sq: Option<f64>,
+}
+
+impl JointScore {
+    /// The true line lies within the ellipsoid that should hold 95 % of all.
+    pub fn inside_95(&self) -> Option<bool> {
+        // Quantiles of chi-squared with two and four degrees of freedom.
+        let limit = if self.true_kind == JointKind::Prismatic { 5.991 } else { 9.488 };
+        self.line_distance_sq.map(|d| d < limit)
+    }
 }
 
 /// A whole recording.
@@ -154,5 +170,40 @@ fn score_joint(
         position_cm: found.map(|f| 100.0 * axis_distance(joint, f, truth)),
         range_share: found.map(|f| (f.range[1] - f.range[0]) / true_span.max(1e-9)),
         right_tree: found.is_some_and(|f| Some(f.parent) == expected_parent),
+        true_kind_probability: found
+            .and_then(|f| f.type_probabilities.iter().find(|(kind, _)| *kind == joint.kind))
+            .map(|(_, probability)| *probability),
+        line_distance_sq: found
+            .filter(|f| f.kind == joint.kind)
+            .and_then(|f| line_distance_sq(joint, f)),
     }
+}
+
+/// Of the true line from the found one, in the found one's covariance: two degrees of freedom
+/// for a slide's direction, two more for where a hinge lies.
+fn line_distance_sq(truth: &TrueJoint, found: &Joint) -> Option<f64> {
+    let axis = Vector3::from(found.axis).normalize();
+    let mut true_axis = Vector3::from(truth.axis).normalize();
+    if true_axis.dot(&axis) < 0.0 {
+        true_axis = -true_axis;
+    }
+    let origin = Vector3::from(found.origin);
+    let true_origin = Vector3::from(truth.origin);
+    // Where the true line meets the plane across the found one.
+    let along = axis.dot(&(origin - true_origin)) / axis.dot(&true_axis);
+    let aside = true_origin + true_axis * along - origin;
+    let (u, v) = orthonormal_basis(&axis);
+    let free = if found.kind == JointKind::Prismatic { 2 } else { 4 };
+    let mut directions = DMatrix::zeros(free, 6);
+    for (row, side) in [u, v, u, v].into_iter().take(free).enumerate() {
+        let first = if row < 2 { 0 } else { 3 };
+        directions.fixed_view_mut::<1, 3>(row, first).copy_from(&side.transpose());
+    }
+    let covariance = DMatrix::from_fn(6, 6, |r, c| found.covariance[r][c]);
+    let mut difference = DVector::zeros(6);
+    difference.rows_mut(0, 3).copy_from(&(true_axis - axis));
+    difference.rows_mut(3, 3).copy_from(&aside);
+    let across = &directions * difference;
+    let spread = &directions * covariance * directions.transpose();
+    Some(across.dot(&spread.cholesky()?.solve(&across)))
 }
