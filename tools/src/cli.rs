@@ -229,8 +229,9 @@ pub struct LearnArgs {
 #[derive(Debug, Args)]
 pub struct BenchArgs {
     /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations
-    /// by the baseline's, the paper's and our way; logs: fit pose logs of known type; tracking:
-    /// play clips forward and back
+    /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
+    /// a folder of recordings; logs: fit pose logs of known type; tracking: play clips forward
+    /// and back
     #[arg(long, default_value = "dir")]
     pub suite: String,
     /// Folder of recordings, logs or clips; for paper: where recordings are rendered to and

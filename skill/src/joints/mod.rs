@@ -67,6 +67,8 @@ pub struct JointsConfig {
     pub chains: bool,
     /// Stretches of one joint are merged.
     pub merge: bool,
+    /// Tracks that the depth pictures contradict one by one are taken out of a joint.
+    pub dismiss_strangers: bool,
 }
 
 impl Default for JointsConfig {
@@ -88,6 +90,7 @@ impl Default for JointsConfig {
             max_unruly: 0.3,
             chains: true,
             merge: true,
+            dismiss_strangers: true,
         }
     }
 }
@@ -266,6 +269,9 @@ impl Search<'_> {
 
     /// Takes out what only held the part, and lets the rest settle: strangers drew the line.
     fn dismiss_strangers(&self, view: &View, joint: &mut Grown) {
+        if !self.config.joints.dismiss_strangers {
+            return;
+        }
         let before = joint.members.len();
         self.witness.dismiss_strangers(joint, &self.joints);
         if joint.members.len() < before {

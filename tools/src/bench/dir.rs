@@ -71,7 +71,8 @@ struct Learned {
     truth: Truth,
 }
 
-fn recordings(dir: &Path) -> anyhow::Result<Vec<(PathBuf, Truth)>> {
+/// Recordings of a folder that have their truth beside them, by name.
+pub fn recordings(dir: &Path) -> anyhow::Result<Vec<(PathBuf, Truth)>> {
     let mut found: Vec<PathBuf> = std::fs::read_dir(dir)
         .with_context(|| dir.display().to_string())?
         .filter_map(|e| Some(e.ok()?.path()))

@@ -1,5 +1,6 @@
 //! `linkage bench`: figures that anyone can run again.
 
+mod ablation;
 mod dir;
 mod logs;
 mod motion;
@@ -14,10 +15,13 @@ use anyhow::anyhow;
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     match args.suite.as_str() {
+        "ablation" => ablation::run(args, common),
         "dir" => dir::run(args, common),
         "logs" => logs::run(args, common),
         "paper" => paper::run(args, common),
         "tracking" => tracking::run(args, common),
-        other => Err(anyhow!("no suite \"{other}\"; known: dir, logs, paper, tracking").into()),
+        other => {
+            Err(anyhow!("no suite \"{other}\"; known: ablation, dir, logs, paper, tracking").into())
+        }
     }
 }
