@@ -183,6 +183,9 @@ pub struct SimulateArgs {
     /// Render an encounter: nobody there, another viewpoint and configuration
     #[arg(long)]
     pub encounter: bool,
+    /// Stick an AprilTag (36h11) on each part and write tags.toml
+    #[arg(long)]
+    pub tags: bool,
 }
 
 #[derive(Debug, Args)]
@@ -224,6 +227,13 @@ pub struct LearnArgs {
     /// Write a page to look at
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
+    /// Learn from nothing that lies on an AprilTag; tags.toml beside the recording says where
+    /// they are
+    #[arg(long)]
+    pub tags: bool,
+    /// With --tags: write each part's poses by its tag
+    #[arg(long, value_name = "FILE.csv", requires = "tags")]
+    pub tag_poses: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -237,6 +247,10 @@ pub struct BenchArgs {
     /// Folder of recordings, logs or clips; for paper: where recordings are rendered to and
     /// kept [default there: out/paper]
     pub dir: Option<PathBuf>,
+    /// dir, paper: score against AprilTags instead of exact truth; tags.toml beside a recording
+    /// says where they are
+    #[arg(long)]
+    pub tags: bool,
     /// Write the figures as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

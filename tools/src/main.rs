@@ -6,6 +6,7 @@ mod commands;
 mod console;
 mod report;
 mod simulate;
+mod tags;
 
 use clap::Parser;
 use std::process::ExitCode;

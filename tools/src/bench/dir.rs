@@ -2,9 +2,10 @@
 //! learned from demonstrations, then looked for in all encounters, known and unknown.
 
 use super::score::{LearnScore, score_model};
+use super::tags::{Watched, watch};
 use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
+use crate::commands::{Outcome, last_frame, remember, skill_config, write_json};
 use anyhow::{Context, anyhow};
 use linkage_skill::SkillConfig;
 use linkage_skill::recognise::Vocabulary;
@@ -56,7 +57,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     let dir = args.dir.as_ref().ok_or_else(|| anyhow!("--suite dir needs a folder"))?;
     let config = skill_config(common)?;
     let recordings = recordings(dir)?;
-    let (demonstrations, learned) = learn_all(&recordings, &config)?;
+    let (demonstrations, learned) = learn_all(&recordings, args.tags, &config)?;
     let encounters = recognise_all(&recordings, learned, &config)?;
     let report = Report { profile: config.profile.clone(), demonstrations, encounters };
     if let Some(path) = &args.json {
@@ -87,6 +88,7 @@ pub fn recordings(dir: &Path) -> anyhow::Result<Vec<(PathBuf, Truth)>> {
 
 fn learn_all(
     recordings: &[(PathBuf, Truth)],
+    by_tags: bool,
     config: &SkillConfig,
 ) -> Outcome<(Vec<LearnRow>, Vec<Learned>)> {
     println!(
@@ -103,12 +105,12 @@ fn learn_all(
         "fps"
     );
     let (mut rows, mut learned) = (Vec::new(), Vec::new());
-    for (recording, truth) in recordings.iter().filter(|(_, t)| !t.encounter) {
+    for (recording, _) in recordings.iter().filter(|(_, t)| !t.encounter) {
         let start = Instant::now();
         let source = recording.display().to_string();
-        let demonstration = demonstrate(&source, &truth.object, config, true)?;
+        let Watched { found: demonstration, truth, .. } = watch(recording, by_tags, config)?;
         let seconds = start.elapsed().as_secs_f64();
-        let score = score_model(&demonstration.model, truth);
+        let score = score_model(&demonstration.model, &truth);
         let row = LearnRow {
             recording: name_of(recording),
             frames_per_second: demonstration.frame_utimes.len() as f64 / seconds,
@@ -125,7 +127,7 @@ fn learn_all(
         rows.push(row);
         if !demonstration.model.joints.is_empty() {
             let stored = remember(None, &demonstration, &source, config)?;
-            learned.push(Learned { stored, truth: truth.clone() });
+            learned.push(Learned { stored, truth });
         }
     }
     let (right, strict) =

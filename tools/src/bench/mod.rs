@@ -6,6 +6,7 @@ mod logs;
 mod motion;
 mod paper;
 mod score;
+mod tags;
 mod tracking;
 pub mod truth;
 

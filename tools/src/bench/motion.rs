@@ -110,6 +110,7 @@ pub fn configuration_errors(
                     let frame = truth.frame_at((t * 1e6).round() as i64)?;
                     Some((along * q, *true_joint.configuration.get(frame)?))
                 })
+                .filter(|(_, truly)| truly.is_finite())
                 .collect();
             let (found_first, true_first) = *pairs.first()?;
             let sum: f64 =

@@ -35,8 +35,8 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let (watched, met) = (out.join("demonstration"), out.join("encounter"));
     say(common, "1/5 simulating a person opening a fridge");
-    film(SCENE, Take::Demonstration, DEMONSTRATION_SEED, &watched, common.quiet)?;
-    film(SCENE, Take::Encounter, ENCOUNTER_SEED, &met, common.quiet)?;
+    film(SCENE, Take::Demonstration, false, DEMONSTRATION_SEED, &watched, common.quiet)?;
+    film(SCENE, Take::Encounter, false, ENCOUNTER_SEED, &met, common.quiet)?;
 
     say(common, "2/5 learning from the demonstration");
     let source = watched.display().to_string();

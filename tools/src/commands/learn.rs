@@ -4,6 +4,7 @@ use super::{Failure, Outcome, now_utime, skill_config, write_json, write_text};
 use crate::cli::{Common, LearnArgs};
 use crate::console::Progress;
 use crate::report;
+use crate::tags::TagLog;
 use anyhow::Context;
 use linkage_skill::encounter::{combine, to_stored};
 use linkage_skill::geometry::pose_to_array;
@@ -17,7 +18,12 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     let mut known: Option<StoredObject> = None;
     let mut first: Option<Demonstration> = None;
     for source in &args.sources {
-        let demonstration = demonstrate(source, &args.object, &config, common.quiet)?;
+        let mut tags = if args.tags { Some(TagLog::of(recording_of(source))?) } else { None };
+        let demonstration =
+            demonstrate_past(tags.as_mut(), source, &args.object, &config, common.quiet)?;
+        if let Some(tags) = &tags {
+            report_tags(tags, args.tag_poses.as_deref())?;
+        }
         let keep = args.store.is_some() || args.report.is_some() || args.sources.len() > 1;
         if keep && !demonstration.model.joints.is_empty() {
             known = Some(remember(known.as_ref(), &demonstration, source, &config)?);
@@ -80,8 +86,43 @@ fn put(path: &Path, object: StoredObject) -> Outcome {
     Ok(())
 }
 
+/// The directory that a source's name stands for.
+pub fn recording_of(source: &str) -> &Path {
+    Path::new(source.strip_prefix("tum:").unwrap_or(source))
+}
+
+/// Says how well tags were seen, and writes their poses.
+fn report_tags(tags: &TagLog, poses: Option<&Path>) -> Outcome {
+    for (place, share) in tags.seen() {
+        tracing::info!(tag = place.id, part = place.part, share, "tag seen");
+        if share == 0.0 {
+            tracing::warn!(tag = place.id, part = place.part, "tag never seen");
+        }
+    }
+    let Some(path) = poses else { return Ok(()) };
+    let mut text = String::from("t,part,x,y,z,qx,qy,qz,qw\n");
+    for (place, _) in tags.seen() {
+        for (utime, pose) in tags.part_poses(&place.part) {
+            let numbers = pose_to_array(&pose).map(|x| format!("{x:.9}")).join(",");
+            let _ = writeln!(text, "{:.6},{},{numbers}", utime as f64 * 1e-6, place.part);
+        }
+    }
+    write_text(path, &text)
+}
+
 /// Learns from one recording, with progress.
 pub fn demonstrate(
+    source: &str,
+    object: &str,
+    config: &SkillConfig,
+    quiet: bool,
+) -> Outcome<Demonstration> {
+    demonstrate_past(None, source, object, config, quiet)
+}
+
+/// The same; with tags, these are noted and nothing is learned from what lies on them.
+pub fn demonstrate_past(
+    mut tags: Option<&mut TagLog>,
     source: &str,
     object: &str,
     config: &SkillConfig,
@@ -91,7 +132,10 @@ pub fn demonstrate(
     let progress = Progress::new("watching", frames.frame_count(), quiet);
     let mut learner = Learner::new(config);
     let mut count = 0;
-    while let Some(frame) = frames.next_frame()? {
+    while let Some(mut frame) = frames.next_frame()? {
+        if let Some(tags) = &mut tags {
+            frame = tags.note(&frame)?;
+        }
         learner.push(&frame).with_context(|| frames.name().to_owned())?;
         progress.step();
         count += 1;

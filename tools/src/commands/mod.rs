@@ -17,7 +17,7 @@ use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
 use std::path::Path;
 
-pub use learn::{demonstrate, remember, summary};
+pub use learn::{demonstrate, demonstrate_past, remember, summary};
 pub use recognise::{describe, last_frame};
 pub use simulate::film;
 

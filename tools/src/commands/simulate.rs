@@ -16,11 +16,18 @@ pub fn run(args: &SimulateArgs, common: &Common) -> Outcome {
     }
     let take = if args.encounter { Take::Encounter } else { Take::Demonstration };
     let out = args.out.as_deref().ok_or_else(|| anyhow!("say where to with --out DIR"))?;
-    film(&args.scene, take, common.seed.unwrap_or(1), out, common.quiet)
+    film(&args.scene, take, args.tags, common.seed.unwrap_or(1), out, common.quiet)
 }
 
 /// Renders a scene with progress.
-pub fn film(name: &str, take: Take, seed: u64, out: &Path, quiet: bool) -> Outcome {
+pub fn film(
+    name: &str,
+    take: Take,
+    with_tags: bool,
+    seed: u64,
+    out: &Path,
+    quiet: bool,
+) -> Outcome {
     let scene = scene(name, seed).ok_or_else(|| {
         let known: Vec<&str> = SCENES.iter().map(|s| s.0).collect();
         anyhow!("no scene \"{name}\"; known: {}", known.join(", "))
@@ -28,7 +35,7 @@ pub fn film(name: &str, take: Take, seed: u64, out: &Path, quiet: bool) -> Outco
     let frames = (scene.duration * 15.0) as usize;
     let total = if take == Take::Demonstration { frames } else { 15 };
     let progress = Progress::new("rendering", Some(total), quiet);
-    record(&scene, take, seed, out, || progress.step())?;
+    record(&scene, take, seed, out, with_tags, || progress.step())?;
     progress.finish(&format!("{total} frames in {}", out.display()));
     Ok(())
 }

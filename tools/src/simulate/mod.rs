@@ -11,6 +11,7 @@ mod record;
 mod render;
 mod scenes;
 mod sensor;
+mod tags;
 mod texture;
 mod world;
 

@@ -3,6 +3,7 @@
 use super::person::Person;
 use super::render::{Light, View, expose};
 use super::sensor;
+use super::tags;
 use super::world::{Scene, Solid};
 use crate::bench::truth::{TrueJoint, TruePart, Truth};
 use anyhow::Context;
@@ -38,10 +39,10 @@ pub enum Take {
 }
 
 /// One take of a scene, ready to be rendered at any time.
-struct Film<'s> {
-    scene: &'s Scene,
+pub(super) struct Film<'s> {
+    pub(super) scene: &'s Scene,
     take: Take,
-    camera: PinholeCamera,
+    pub(super) camera: PinholeCamera,
     start: Vec<f64>,
     person: Person,
     light: Light,
@@ -49,7 +50,8 @@ struct Film<'s> {
     sway: [f64; 6],
 }
 
-/// Renders a scene into `dir`; `progress` is called after each frame.
+/// Renders a scene into `dir`, with AprilTags on its parts on request; `progress` is called
+/// after each frame.
 ///
 /// # Errors
 /// Names the file that cannot be written.
@@ -58,9 +60,12 @@ pub fn record(
     take: Take,
     seed: u64,
     dir: &Path,
+    with_tags: bool,
     progress: impl Fn() + Sync,
 ) -> anyhow::Result<Truth> {
-    let film = Film::new(scene, take, seed);
+    let plain = Film::new(scene, take, seed);
+    let tagged = if with_tags { Some(tags::attach(&plain)?) } else { None };
+    let film = tagged.as_ref().map_or(plain, |(scene, _)| Film::new(scene, take, seed));
     let frames = match take {
         Take::Demonstration => (scene.duration * RATE) as usize,
         Take::Encounter => RATE as usize,
@@ -92,6 +97,9 @@ pub fn record(
     write("rgb.txt", rgb_list)?;
     write("depth.txt", depth_list)?;
     write("camera.toml", toml::to_string(&film.camera)?)?;
+    if let Some((_, places)) = &tagged {
+        write(crate::tags::FILE, toml::to_string(places)?)?;
+    }
     write("truth.json", serde_json::to_string(&truth)?)?;
     Ok(truth)
 }
@@ -135,7 +143,7 @@ impl<'s> Film<'s> {
         }
     }
 
-    fn camera_from_world(&self, t: f64) -> Pose {
+    pub(super) fn camera_from_world(&self, t: f64) -> Pose {
         let [azimuth, elevation, distance] = self.eye;
         let (a, e) = (azimuth.to_radians(), elevation.to_radians());
         let back = Vector3::new(a.sin() * e.cos(), -a.cos() * e.cos(), e.sin());
@@ -156,7 +164,7 @@ impl<'s> Film<'s> {
             .inverse()
     }
 
-    fn configurations(&self, t: f64) -> Vec<f64> {
+    pub(super) fn configurations(&self, t: f64) -> Vec<f64> {
         match self.take {
             Take::Demonstration => self.scene.configurations(t, &self.start),
             Take::Encounter => self.start.clone(),
@@ -164,7 +172,7 @@ impl<'s> Film<'s> {
     }
 
     /// All solids at a time with the poses of their bodies.
-    fn solids_at<'a>(&'a self, t: f64, person: &'a [Solid]) -> Vec<(&'a Solid, Pose)> {
+    pub(super) fn solids_at<'a>(&'a self, t: f64, person: &'a [Solid]) -> Vec<(&'a Solid, Pose)> {
         let poses = self.scene.world_from_part(&self.configurations(t));
         let object = self
             .scene
@@ -176,7 +184,7 @@ impl<'s> Film<'s> {
         object.chain(still.map(|s| (s, Pose::identity()))).collect()
     }
 
-    fn person_at(&self, t: f64) -> Vec<Solid> {
+    pub(super) fn person_at(&self, t: f64) -> Vec<Solid> {
         match self.take {
             Take::Demonstration => self.person.solids(self.scene, t, &self.start),
             Take::Encounter => Vec::new(),

@@ -22,6 +22,10 @@ pub enum Richness {
 /// A repeating surface, linear RGB 0-255.
 pub struct Texture {
     texels: Vec<[f32; 3]>,
+    side: usize,
+    texels_per_metre: f64,
+    /// Surface coordinates of the first texel, metres.
+    corner: f64,
 }
 
 impl Texture {
@@ -42,18 +46,45 @@ impl Texture {
         for _ in 0..marks {
             add_mark(&mut texels, colour, &mut rng);
         }
-        Self { texels }
+        Self { texels, side: SIDE, texels_per_metre: TEXELS_PER_METRE, corner: 0.0 }
+    }
+
+    /// Black and white cells, top row first, on white paper about the origin: `size_m` wide on
+    /// paper of `paper_m`.
+    pub fn pattern(cells: &[Vec<bool>], size_m: f64, paper_m: f64) -> Self {
+        const PER_CELL: usize = 24;
+        let texels_per_metre = (cells.len() * PER_CELL) as f64 / size_m;
+        let side = (paper_m * texels_per_metre) as usize;
+        let rim = 0.5 * (side as f64 - (cells.len() * PER_CELL) as f64);
+        let cell = |texel: usize| ((texel as f64 - rim) / PER_CELL as f64).floor();
+        let mut texels = Vec::with_capacity(side * side);
+        for v in 0..side {
+            for u in 0..side {
+                // Rows run down, the surface's y runs up.
+                let (column, row) = (cell(u), cell(side - 1 - v));
+                let inside = column >= 0.0 && row >= 0.0;
+                let white = !inside
+                    || cells
+                        .get(row as usize)
+                        .and_then(|r| r.get(column as usize))
+                        .copied()
+                        .unwrap_or(true);
+                texels.push([if white { 225.0 } else { 18.0 }; 3]);
+            }
+        }
+        Self { texels, side, texels_per_metre, corner: -0.5 * paper_m }
     }
 
     /// Colour at surface coordinates in metres, bilinear.
     pub fn at(&self, x: f64, y: f64) -> [f32; 3] {
-        let wrap = |v: f64| (v * TEXELS_PER_METRE).rem_euclid(SIDE as f64);
+        let side = self.side;
+        let wrap = |v: f64| ((v - self.corner) * self.texels_per_metre).rem_euclid(side as f64);
         let (u, v) = (wrap(x), wrap(y));
-        let (u0, v0) = (u as usize % SIDE, v as usize % SIDE);
-        let (u1, v1) = ((u0 + 1) % SIDE, (v0 + 1) % SIDE);
+        let (u0, v0) = (u as usize % side, v as usize % side);
+        let (u1, v1) = ((u0 + 1) % side, (v0 + 1) % side);
         let (fu, fv) = ((u - u0 as f64) as f32, (v - v0 as f64) as f32);
-        let (a, b) = (&self.texels[v0 * SIDE + u0], &self.texels[v0 * SIDE + u1]);
-        let (c, d) = (&self.texels[v1 * SIDE + u0], &self.texels[v1 * SIDE + u1]);
+        let (a, b) = (&self.texels[v0 * side + u0], &self.texels[v0 * side + u1]);
+        let (c, d) = (&self.texels[v1 * side + u0], &self.texels[v1 * side + u1]);
         std::array::from_fn(|k| {
             let top = a[k] + fu * (b[k] - a[k]);
             let bottom = c[k] + fu * (d[k] - c[k]);

@@ -30,6 +30,8 @@ pub enum Form {
     Rod(Capsule),
     /// A cylinder along its own y.
     Drum(Cylinder),
+    /// Paper across its own z, printed from its middle.
+    Plate(Cuboid),
 }
 
 /// A solid in the frame of its body.
@@ -98,7 +100,7 @@ impl Solid {
     /// Radius of a ball about its centre that holds it.
     pub fn bounding_radius(&self) -> f64 {
         f64::from(match &self.form {
-            Form::Box(b) => b.half_extents.length(),
+            Form::Box(b) | Form::Plate(b) => b.half_extents.length(),
             Form::Rod(c) => c.half_height() + c.radius,
             Form::Drum(c) => c.half_height.hypot(c.radius),
         })
@@ -115,7 +117,7 @@ impl Solid {
             (end(-1.0), end(1.0))
         };
         match &self.form {
-            Form::Box(b) => {
+            Form::Box(b) | Form::Plate(b) => {
                 let half = [b.half_extents.x, b.half_extents.y, b.half_extents.z].map(f64::from);
                 let centre = moved(&Point3::from(self.body_from_solid.translation.vector));
                 let sides = [0, 1, 2].map(|k| 2.0 * half[k] * stretch[k].abs());
@@ -134,7 +136,7 @@ impl Solid {
 
     /// Corners of a box.
     pub fn corners(&self) -> Option<[Point3<f64>; 8]> {
-        let Form::Box(b) = &self.form else { return None };
+        let (Form::Box(b) | Form::Plate(b)) = &self.form else { return None };
         let half = [b.half_extents.x, b.half_extents.y, b.half_extents.z].map(f64::from);
         Some(std::array::from_fn(|i| {
             let side = |k: usize| if i >> k & 1 == 1 { half[k] } else { -half[k] };
@@ -150,7 +152,7 @@ impl Solid {
         let vector = |v: &Vector3<f64>| PVector::new(v.x as f32, v.y as f32, v.z as f32);
         let ray = Ray::new(vector(origin), vector(direction));
         let hit = match &self.form {
-            Form::Box(b) => b.cast_local_ray_and_get_normal(&ray, limit, true),
+            Form::Box(b) | Form::Plate(b) => b.cast_local_ray_and_get_normal(&ray, limit, true),
             Form::Rod(c) => c.cast_local_ray_and_get_normal(&ray, limit, true),
             Form::Drum(c) => c.cast_local_ray_and_get_normal(&ray, limit, true),
         }?;
@@ -184,6 +186,7 @@ impl Solid {
                     _ => (p.x + shift, p.y),
                 }
             }
+            Form::Plate(_) => (p.x, p.y),
             Form::Drum(_) if hit.normal.y.abs() > 0.9 => (p.x + hit.normal.y, p.z),
             Form::Rod(_) | Form::Drum(_) => (0.06 * p.x.atan2(p.z), p.y),
         }

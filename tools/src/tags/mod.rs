@@ -1,0 +1,128 @@
+//! Part poses from AprilTags (family 36h11), the paper's ground truth (section IV), and the
+//! tags' pixels taken out of what is learned from, as the paper does.
+//!
+//! `tags.toml` beside a recording says which tag sits on which part.
+
+mod detector;
+mod mask;
+
+pub use detector::bit_pattern;
+
+use anyhow::Context;
+use detector::TagDetector;
+use linkage_driver::RgbdFrame;
+use linkage_skill::geometry::Pose;
+use mask::masked;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A tag of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TagPlace {
+    /// Its number in the family.
+    pub id: u32,
+    /// Side of its black border, metres.
+    pub size_m: f64,
+    /// The part that it sits on.
+    pub part: String,
+}
+
+/// `tags.toml`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TagPlaces {
+    /// All tags.
+    pub tag: Vec<TagPlace>,
+}
+
+/// Its name.
+pub const FILE: &str = "tags.toml";
+
+impl TagPlaces {
+    /// Reads a recording's.
+    ///
+    /// # Errors
+    /// Names the file, and what belongs into it where there is none.
+    pub fn read(recording: &Path) -> anyhow::Result<Self> {
+        let path = recording.join(FILE);
+        let text = std::fs::read_to_string(&path).with_context(|| {
+            format!(
+                "{}: say there where the tags are, one [[tag]] each with id, size_m and part",
+                path.display()
+            )
+        })?;
+        let places: Self = toml::from_str(&text).with_context(|| path.display().to_string())?;
+        for tag in &places.tag {
+            anyhow::ensure!(
+                tag.size_m.is_finite() && tag.size_m > 0.0,
+                "{}: tag {} has size_m = {}; give metres above 0",
+                path.display(),
+                tag.id,
+                tag.size_m
+            );
+        }
+        Ok(places)
+    }
+}
+
+/// What the tags told, frame by frame.
+pub struct TagLog {
+    places: TagPlaces,
+    detector: TagDetector,
+    /// `camera_from_tag` by tag, a map a frame.
+    frames: Vec<(i64, BTreeMap<u32, Pose>)>,
+}
+
+impl TagLog {
+    /// A log of the recording's tags, empty yet.
+    ///
+    /// # Errors
+    /// See [`TagPlaces::read`].
+    pub fn of(recording: &Path) -> anyhow::Result<Self> {
+        let places = TagPlaces::read(recording)?;
+        Ok(Self { places, detector: TagDetector::new()?, frames: Vec::new() })
+    }
+
+    /// Notes a frame's tags and gives the frame back without them.
+    ///
+    /// # Errors
+    /// When the vision library fails.
+    pub fn note(&mut self, frame: &RgbdFrame) -> anyhow::Result<RgbdFrame> {
+        let sightings = self.detector.detect(frame)?;
+        let poses = sightings
+            .iter()
+            .filter_map(|s| {
+                let place = self.places.tag.iter().find(|p| p.id == s.id)?;
+                Some((s.id, s.camera_from_tag(frame, place.size_m)?))
+            })
+            .collect();
+        self.frames.push((frame.utime, poses));
+        Ok(masked(frame, &sightings)?)
+    }
+
+    /// A part's poses up to one unknown placement on it, by time; from the tag of the part
+    /// that was seen most often.
+    pub fn part_poses(&self, part: &str) -> Vec<(i64, Pose)> {
+        let of = |id: u32| -> Vec<(i64, Pose)> {
+            self.frames.iter().filter_map(|(t, poses)| Some((*t, *poses.get(&id)?))).collect()
+        };
+        self.places
+            .tag
+            .iter()
+            .filter(|p| p.part == part)
+            .map(|p| of(p.id))
+            .max_by_key(Vec::len)
+            .unwrap_or_default()
+    }
+
+    /// Share of frames in which each tag was seen.
+    pub fn seen(&self) -> Vec<(&TagPlace, f64)> {
+        let share = |id: u32| {
+            let count = self.frames.iter().filter(|(_, poses)| poses.contains_key(&id)).count();
+            count as f64 / self.frames.len().max(1) as f64
+        };
+        self.places.tag.iter().map(|p| (p, share(p.id))).collect()
+    }
+}
