@@ -182,7 +182,8 @@ pub(crate) mod tests {
             position_rmse: 0.0,
             orientation_rmse: 0.0,
             configuration: Vec::new(),
-            type_probabilities: Vec::new(),
+            type_probabilities: Default::default(),
+            undecided: false,
         };
         let model = ObjectModel {
             schema: MODEL_SCHEMA.into(),

@@ -5,6 +5,7 @@ use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_from_array, pose_to_array};
 use nalgebra::{DMatrix, Point3, UnitVector3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Name and version of the JSON form.
 pub const MODEL_SCHEMA: &str = "linkage.model/1";
@@ -56,8 +57,19 @@ pub struct Joint {
     /// `[t, q]`: seconds and configuration, 0 at the reference frame.
     pub configuration: Vec<[f64; 2]>,
     /// Probability of each kind given the observations, where it was computed.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub type_probabilities: Vec<(JointKind, f64)>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub type_probabilities: BTreeMap<JointKind, f64>,
+    /// The motion was too short to tell the type: `kind` is the likeliest, not more.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub undecided: bool,
+}
+
+/// Probability from which a type counts as told.
+pub const DECIDED: f64 = 0.95;
+
+/// True where no kind is likely enough to be called the type.
+pub fn is_undecided(probabilities: &BTreeMap<JointKind, f64>) -> bool {
+    !probabilities.is_empty() && probabilities.values().all(|p| *p < DECIDED)
 }
 
 impl Joint {
@@ -165,7 +177,8 @@ mod tests {
                 position_rmse: 0.0,
                 orientation_rmse: 0.0,
                 configuration: vec![[0.0, 0.0]],
-                type_probabilities: Vec::new(),
+                type_probabilities: BTreeMap::new(),
+                undecided: false,
             }],
             demonstrations: 1,
             profile: "default".into(),

@@ -11,6 +11,7 @@ use super::circle::{fit_circle, principal};
 use super::{ArticulateConfig, JointGeometry, JointKind, PoseSample};
 use crate::geometry::{median, orthonormal_basis, rotation_nearest};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitQuaternion, UnitVector3, Vector3, Vector6};
+use std::collections::BTreeMap;
 
 /// A log that no joint can be fitted to.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -115,7 +116,7 @@ pub fn fit_models(
 }
 
 /// Probability of each kind given the samples, from the BIC of its fit (Kass & Raftery 1995).
-pub fn type_probabilities(fits: &[FittedJoint]) -> Vec<(JointKind, f64)> {
+pub fn type_probabilities(fits: &[FittedJoint]) -> BTreeMap<JointKind, f64> {
     let least = fits.iter().map(|f| f.bic).fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> = fits.iter().map(|f| (-0.5 * (f.bic - least)).exp()).collect();
     let total: f64 = weights.iter().sum();

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Translation3, UnitVector3};
 use serde::{Deserialize, Serialize};
 
 /// Kind of a joint, named as in the JSON contract.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum JointKind {
     /// No motion: the two are one part.

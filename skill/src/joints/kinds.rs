@@ -10,6 +10,7 @@ use crate::articulate::JointKind;
 use crate::geometry::orthonormal_basis;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// Tracks that are explained both ways.
 const TRACKS: usize = 150;
@@ -26,7 +27,7 @@ pub fn type_probabilities(
     joint: &Grown,
     view: &View,
     config: &JointsConfig,
-) -> Vec<(JointKind, f64)> {
+) -> BTreeMap<JointKind, f64> {
     let stride = joint.members.len().div_ceil(TRACKS).max(1);
     let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
     let total =
@@ -47,7 +48,10 @@ pub fn type_probabilities(
     let penalty = MORE_PARAMETERS * (observations as f64 / independent).max(1.0).ln();
     let (slide, hinge) = if joint.dof.hinge { (other, own) } else { (own, other) };
     let hinge_probability = 1.0 / (1.0 + (0.5 * (hinge + penalty - slide)).exp());
-    vec![(JointKind::Prismatic, 1.0 - hinge_probability), (JointKind::Revolute, hinge_probability)]
+    BTreeMap::from([
+        (JointKind::Prismatic, 1.0 - hinge_probability),
+        (JointKind::Revolute, hinge_probability),
+    ])
 }
 
 /// Where the search for the best joint of the other kind starts.
@@ -133,7 +137,7 @@ mod tests {
 
     fn probability_of_a_hinge(angle: f64) -> f64 {
         let (view, joint) = door(angle);
-        type_probabilities(&joint, &view, &JointsConfig::default())[1].1
+        type_probabilities(&joint, &view, &JointsConfig::default())[&JointKind::Revolute]
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::view::View;
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
 use crate::geometry::Pose;
-use crate::model::{Joint, covariance_rows};
+use crate::model::{Joint, covariance_rows, is_undecided};
 use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::{TrackSet, Trajectory};
 use nalgebra::{DMatrix, Point3, Vector3};
@@ -90,6 +90,7 @@ fn learned(
         &base_from_parent,
         before.dot(&geometry.axis) < 0.0,
     ) * config.joints.covariance_inflation;
+    let type_probabilities = kinds::type_probabilities(joint, &own_view, &config.joints);
     let joint = Joint {
         name: String::new(),
         parent: 0,
@@ -106,7 +107,8 @@ fn learned(
         position_rmse: position_rmse(joint, &own_view),
         orientation_rmse: 0.0,
         configuration: set.timed(&frames, &configuration),
-        type_probabilities: kinds::type_probabilities(joint, &own_view, &config.joints),
+        undecided: is_undecided(&type_probabilities),
+        type_probabilities,
     };
     (joint, trajectory)
 }

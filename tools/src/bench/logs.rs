@@ -46,10 +46,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
             log: log.to_owned(),
             expected: expected.to_owned(),
             found: best.geometry.kind.name(),
-            probability: type_probabilities(&fits)
-                .iter()
-                .find(|(kind, _)| *kind == best.geometry.kind)
-                .map_or(0.0, |(_, probability)| *probability),
+            probability: type_probabilities(&fits)[&best.geometry.kind],
             samples: samples.len(),
             rmse_mm: 1e3 * best.position_rmse,
             milliseconds,

@@ -22,6 +22,8 @@ pub struct JointScore {
     /// Index of the found joint in the model.
     #[serde(skip)]
     pub found: Option<usize>,
+    /// The model says that the motion was too short to tell the type.
+    pub undecided: bool,
     /// What was found; `None`: missed.
     pub found_kind: Option<JointKind>,
     /// Angle between the axes, degrees.
@@ -63,12 +65,18 @@ impl LearnScore {
     /// Right number, kinds and tree, each axis within the limits.
     pub fn succeeds(&self, max_deg: f64, max_cm: f64) -> bool {
         self.spurious == 0
-            && self.joints.iter().all(|j| {
-                j.found_kind == Some(j.true_kind)
-                    && j.right_tree
-                    && j.axis_deg.is_some_and(|d| d < max_deg)
-                    && j.position_cm.is_some_and(|d| d < max_cm)
-            })
+            && self.joints.iter().all(|j| j.right_tree)
+            && self.finds_joints(max_deg, max_cm)
+    }
+
+    /// Each true joint found with its kind, the axis within the limits, whatever else was
+    /// found.
+    pub fn finds_joints(&self, max_deg: f64, max_cm: f64) -> bool {
+        self.joints.iter().all(|j| {
+            j.found_kind == Some(j.true_kind)
+                && j.axis_deg.is_some_and(|d| d < max_deg)
+                && j.position_cm.is_some_and(|d| d < max_cm)
+        })
     }
 }
 
@@ -165,14 +173,13 @@ fn score_joint(
         name: joint.name.clone(),
         true_kind: joint.kind,
         found: index,
+        undecided: found.is_some_and(|f| f.undecided),
         found_kind: found.map(|f| f.kind),
         axis_deg: found.map(|f| axis_angle(joint, f).to_degrees()),
         position_cm: found.map(|f| 100.0 * axis_distance(joint, f, truth)),
         range_share: found.map(|f| (f.range[1] - f.range[0]) / true_span.max(1e-9)),
         right_tree: found.is_some_and(|f| Some(f.parent) == expected_parent),
-        true_kind_probability: found
-            .and_then(|f| f.type_probabilities.iter().find(|(kind, _)| *kind == joint.kind))
-            .map(|(_, probability)| *probability),
+        true_kind_probability: found.and_then(|f| f.type_probabilities.get(&joint.kind).copied()),
         line_distance_sq: found
             .filter(|f| f.kind == joint.kind)
             .and_then(|f| line_distance_sq(joint, f)),

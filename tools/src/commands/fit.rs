@@ -6,7 +6,7 @@ use linkage_skill::SkillConfig;
 use linkage_skill::articulate::{
     FittedJoint, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,
 };
-use linkage_skill::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use linkage_skill::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame, is_undecided};
 use linkage_skill::structure::{orient, range_of};
 use std::path::Path;
 
@@ -57,6 +57,7 @@ fn to_model(
     let mut geometry = best.geometry;
     let mut configuration = best.configuration.clone();
     orient(&mut geometry, &mut configuration);
+    let probabilities = type_probabilities(fits);
     let joint = Joint {
         name: "joint1".to_owned(),
         parent: 0,
@@ -73,7 +74,8 @@ fn to_model(
         position_rmse: best.position_rmse,
         orientation_rmse: best.orientation_rmse,
         configuration: samples.iter().zip(&configuration).map(|(s, &q)| [s.t, q]).collect(),
-        type_probabilities: type_probabilities(fits),
+        undecided: is_undecided(&probabilities),
+        type_probabilities: probabilities,
     };
     let part = |id: usize, name: &str| Part { id, name: name.to_owned(), features: 0 };
     ObjectModel {

@@ -158,9 +158,10 @@ pub fn summary(model: &ObjectModel) -> String {
         let [low, high] = j.range;
         let _ = writeln!(
             text,
-            "{} {}: {} of {} on {}, {:.2} to {:.2} {}, axis ({:.3}, {:.3}, {:.3})",
+            "{} {}: {}{} of {} on {}, {:.2} to {:.2} {}, axis ({:.3}, {:.3}, {:.3})",
             model.object,
             j.name,
+            if j.undecided { "undecided, likeliest " } else { "" },
             j.kind.name(),
             model.parts[j.child].name,
             model.parts[j.parent].name,
