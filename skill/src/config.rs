@@ -6,6 +6,7 @@ use crate::articulate::ArticulateConfig;
 use crate::base::BaseConfig;
 use crate::joints::JointsConfig;
 use crate::katz::KatzConfig;
+use crate::planes::PlanesConfig;
 use crate::pose::PoseConfig;
 use crate::recognise::RecogniseConfig;
 use crate::segment::SegmentConfig;
@@ -66,6 +67,8 @@ pub struct SkillConfig {
     pub structure: StructureConfig,
     /// Our way of learning.
     pub joints: JointsConfig,
+    /// Hinges of plain surfaces.
+    pub planes: PlanesConfig,
     /// The baseline's.
     pub katz: KatzConfig,
     /// Appearance models.
@@ -169,6 +172,7 @@ impl Default for SkillConfig {
             articulate: Default::default(),
             structure: Default::default(),
             joints: Default::default(),
+            planes: Default::default(),
             katz: Default::default(),
             appearance: Default::default(),
             recognise: Default::default(),

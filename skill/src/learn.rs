@@ -140,7 +140,15 @@ impl Learner {
                 times.measure("katz", || crate::katz::learn(&set, &base, &config.katz))
             }
             LearningWay::Joints => {
-                times.measure("joints", || crate::joints::search(&set, &base, &keyframes, &config))
+                let joints = times
+                    .measure("joints", || crate::joints::search(&set, &base, &keyframes, &config));
+                if joints.is_empty() && config.planes.enabled {
+                    times.measure("planes", || {
+                        crate::planes::search(&set, &base, &keyframes, &config.planes, config.seed)
+                    })
+                } else {
+                    joints
+                }
             }
         };
         Ok(assemble(object, &config, set, &base, joints, keyframes, times))

@@ -13,6 +13,7 @@ pub mod katz;
 pub mod keyframes;
 pub mod learn;
 pub mod model;
+pub mod planes;
 pub mod pose;
 pub mod predict;
 pub mod recognise;

@@ -1,0 +1,139 @@
+//! Hinges of surfaces without texture: where no track tells of a joint, a flat part is still
+//! seen to turn by its depth. Its plane in each keyframe, and the line that all of them keep
+//! their distance from, are the hinge.
+//!
+//! A slide of a plain surface in its own plane leaves no trace in depth, and one along its
+//! normal could be any of many: only hinges are sought.
+
+mod hinge;
+mod patch;
+
+use crate::articulate::{JointGeometry, JointKind};
+use crate::base::BaseMotion;
+use crate::geometry::Pose;
+use crate::keyframes::Keyframes;
+use crate::model::{Joint, covariance_rows};
+use crate::structure::{LearnedJoint, orient, probe_points, range_of};
+use crate::track::TrackSet;
+use hinge::{Hinge, best_hinge};
+use nalgebra::Point3;
+use patch::moving_patches;
+use serde::{Deserialize, Serialize};
+
+/// Values of the search for plain parts. All ours.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlanesConfig {
+    /// Plain parts are sought where tracks tell of no joint.
+    pub enabled: bool,
+    /// Fewest keyframes that show the part.
+    pub min_keyframes: usize,
+    /// Least turn, radians.
+    pub min_turn_rad: f64,
+    /// Largest root mean square distance of the planes from where the hinge puts them, metres.
+    pub max_rmse_m: f64,
+    /// Largest share of the part's points that may be seen through.
+    pub max_through: f64,
+    /// Least share of them that must be seen through were it turned aside.
+    pub min_tells: f64,
+}
+
+impl Default for PlanesConfig {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            min_keyframes: 8,
+            min_turn_rad: 0.35,
+            max_rmse_m: 0.015,
+            max_through: 0.15,
+            min_tells: 0.5,
+        }
+    }
+}
+
+/// Finds the hinge of a plain part; nothing when no plane turns about a line.
+pub fn search(
+    set: &TrackSet,
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    config: &PlanesConfig,
+    seed: u64,
+) -> Vec<LearnedJoint> {
+    let patches = moving_patches(keyframes, base, seed);
+    let Some(hinge) = best_hinge(&patches) else { return Vec::new() };
+    let (through, tells) = witness(&hinge, base, keyframes);
+    let [low, high] = hinge.range();
+    tracing::debug!(
+        planes = patches.len(),
+        keyframes = hinge.turns.len(),
+        turn = high - low,
+        rmse = hinge.rmse,
+        through,
+        tells,
+        rests = hinge.rests(),
+        axis = ?hinge.axis.as_slice(),
+        "plain hinge"
+    );
+    let stands = hinge.turns.len() >= config.min_keyframes
+        && high - low >= config.min_turn_rad
+        && hinge.rmse <= config.max_rmse_m
+        && hinge.rests()
+        && through <= config.max_through
+        && tells >= config.min_tells;
+    if stands { vec![to_learned(&hinge, set, base)] } else { Vec::new() }
+}
+
+/// Shares of the part's points that keyframes see through: where the hinge puts them, and were
+/// they turned aside by half the range.
+fn witness(hinge: &Hinge, base: &BaseMotion, keyframes: &Keyframes) -> (f64, f64) {
+    let [low, high] = hinge.range();
+    let aside = 0.5 * (high - low);
+    let (mut there, mut elsewhere) = ((0, 0), (0, 0));
+    for (frame, picture) in keyframes.iter() {
+        let Some(&(_, q)) = hinge.turns.iter().find(|(f, _)| *f == frame) else { continue };
+        let probe = |q: f64| {
+            let camera_from_part = base.camera_from_base[frame] * hinge.geometry().motion(q);
+            probe_points(picture, &hinge.points, &camera_from_part)
+        };
+        let (t, a) = probe(q);
+        there = (there.0 + t, there.1 + a);
+        let (t, a) = [q - aside, q + aside]
+            .map(probe)
+            .into_iter()
+            .max_by_key(|(t, _)| *t)
+            .unwrap_or_default();
+        elsewhere = (elsewhere.0 + t, elsewhere.1 + a);
+    }
+    let share = |(t, a): (usize, usize)| t as f64 / (t + a).max(1) as f64;
+    (share(there), share(elsewhere))
+}
+
+fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint {
+    let mut geometry: JointGeometry = hinge.geometry();
+    let (frames, mut configuration): (Vec<usize>, Vec<f64>) = hinge.filled().into_iter().unzip();
+    orient(&mut geometry, &mut configuration);
+    let mut base_from_part = vec![None; base.camera_from_base.len()];
+    for (&frame, &q) in frames.iter().zip(&configuration) {
+        base_from_part[frame] = Some(geometry.motion(q)) as Option<Pose>;
+    }
+    let joint = Joint {
+        name: "joint1".to_owned(),
+        parent: 0,
+        child: 1,
+        kind: JointKind::Revolute,
+        axis: geometry.axis.into_inner().into(),
+        origin: Point3::into(geometry.origin),
+        pitch: 0.0,
+        range: range_of(&configuration),
+        covariance: covariance_rows(&hinge.covariance()),
+        observations: hinge.turns.len(),
+        bic: 0.0,
+        log_likelihood: 0.0,
+        position_rmse: hinge.rmse,
+        orientation_rmse: 0.0,
+        configuration: set.timed(&frames, &configuration),
+        type_probabilities: [(JointKind::Revolute, 1.0)].into(),
+        undecided: false,
+    };
+    LearnedJoint { joint, base_from_part, tracks: Vec::new() }
+}

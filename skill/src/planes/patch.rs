@@ -1,0 +1,137 @@
+//! Flat pieces of what moves, keyframe by keyframe.
+
+use crate::base::{BaseMotion, coarse_sigma};
+use crate::keyframes::Keyframes;
+use linkage_driver::RgbdFrame;
+use linkage_driver::depth::NormalMap;
+use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+/// Pixels between samples.
+const STEP: usize = 8;
+/// Fewest samples of a patch.
+const MIN_SAMPLES: usize = 40;
+/// Patches in one keyframe, at most.
+const MAX_PATCHES: usize = 4;
+/// Planes that are tried for each.
+const TRIES: usize = 40;
+/// Cosine of the largest angle between a sample's normal and its patch's.
+const SAME_NORMAL: f64 = 0.97;
+/// Share of the keyframes that must see through a place for it to count as moving.
+const MOVING_SHARE: f64 = 0.15;
+
+/// A flat piece in the base frame.
+#[derive(Debug, Clone)]
+pub struct PlanePatch {
+    /// Frame number.
+    pub frame: usize,
+    /// Unit normal, towards the camera.
+    pub normal: Vector3<f64>,
+    /// Distance of the plane from the origin along the normal.
+    pub offset: f64,
+    /// Samples on it.
+    pub points: Vec<Point3<f64>>,
+}
+
+#[derive(Clone, Copy)]
+struct Sample {
+    point: Point3<f64>,
+    normal: Vector3<f64>,
+}
+
+/// Flat pieces of surfaces that are elsewhere in other keyframes.
+pub fn moving_patches(keyframes: &Keyframes, base: &BaseMotion, seed: u64) -> Vec<PlanePatch> {
+    let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
+    pictures
+        .par_iter()
+        .flat_map_iter(|&(frame, picture)| {
+            let samples: Vec<Sample> = samples(picture, base, frame)
+                .into_iter()
+                .filter(|s| moves(s, &pictures, base))
+                .collect();
+            patches(samples, frame, seed)
+        })
+        .collect()
+}
+
+fn samples(picture: &RgbdFrame, base: &BaseMotion, frame: usize) -> Vec<Sample> {
+    let normals = NormalMap::new(&picture.depth, &picture.camera);
+    let base_from_camera = base.camera_from_base[frame].inverse();
+    let mut found = Vec::new();
+    for v in (0..picture.depth.height()).step_by(STEP) {
+        for u in (0..picture.depth.width()).step_by(STEP) {
+            let Some(surface) = normals.at(u, v) else { continue };
+            let point = picture.camera.back_project(u as f64, v as f64, surface.z);
+            found.push(Sample {
+                point: base_from_camera * point,
+                normal: base_from_camera * surface.normal,
+            });
+        }
+    }
+    found
+}
+
+/// Enough other keyframes see something behind the place.
+fn moves(sample: &Sample, pictures: &[(usize, &RgbdFrame)], base: &BaseMotion) -> bool {
+    let needed = (MOVING_SHARE * pictures.len() as f64).ceil().max(3.0) as usize;
+    let through = pictures
+        .iter()
+        .filter(|(frame, picture)| {
+            let p = base.camera_from_base[*frame] * sample.point;
+            picture
+                .camera
+                .project(&p)
+                .filter(|px| picture.camera.sees(px, 1.0))
+                .and_then(|px| picture.depth.at_nearest(px.x, px.y))
+                .is_some_and(|z| f64::from(z) > p.z + 0.03 + 2.0 * coarse_sigma(p.z))
+        })
+        .count();
+    through >= needed
+}
+
+/// Takes planes out of the samples, the largest first.
+fn patches(mut samples: Vec<Sample>, frame: usize, seed: u64) -> Vec<PlanePatch> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ ((frame as u64) << 24));
+    let mut found = Vec::new();
+    while found.len() < MAX_PATCHES && samples.len() >= MIN_SAMPLES {
+        let on = |s: &Sample, point: &Point3<f64>, normal: &Vector3<f64>| {
+            normal.dot(&s.normal) > SAME_NORMAL
+                && normal.dot(&(s.point - point)).abs() < 0.01 + coarse_sigma(s.point.coords.norm())
+        };
+        let best = (0..TRIES)
+            .map(|_| samples[rng.random_range(0..samples.len())])
+            .map(|s| (samples.iter().filter(|o| on(o, &s.point, &s.normal)).count(), s))
+            .max_by_key(|(count, _)| *count);
+        let Some((count, seed_sample)) = best else { break };
+        if count < MIN_SAMPLES {
+            break;
+        }
+        let (of_plane, rest): (Vec<Sample>, Vec<Sample>) =
+            samples.into_iter().partition(|s| on(s, &seed_sample.point, &seed_sample.normal));
+        samples = rest;
+        found.push(fitted(frame, &of_plane));
+    }
+    found
+}
+
+fn fitted(frame: usize, samples: &[Sample]) -> PlanePatch {
+    let mean = samples.iter().map(|s| s.point.coords).sum::<Vector3<f64>>() / samples.len() as f64;
+    let mut scatter = Matrix3::zeros();
+    for s in samples {
+        let d = s.point.coords - mean;
+        scatter += d * d.transpose();
+    }
+    let eigen = SymmetricEigen::new(scatter);
+    let mut normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    if normal.dot(&samples[0].normal) < 0.0 {
+        normal = -normal;
+    }
+    PlanePatch {
+        frame,
+        normal,
+        offset: normal.dot(&mean),
+        points: samples.iter().map(|s| s.point).collect(),
+    }
+}
