@@ -6,7 +6,7 @@ use crate::geometry::{median, orthonormal_basis};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 
 /// Turn between two planes that can suggest a hinge, radians.
-const PAIR_TURN: [f64; 2] = [0.25, 2.2];
+const PAIR_TURN: std::ops::Range<f64> = 0.25..2.2;
 /// Largest sine of the angle between hinge and plane.
 const MAX_TILT: f64 = 0.08;
 /// Largest distance of hinge and plane, metres.
@@ -66,7 +66,8 @@ impl Lie {
 
 /// The hinge that most planes turn about.
 pub fn best_hinge(patches: &[PlanePatch]) -> Option<Hinge> {
-    let mut best: Option<(usize, Vec<usize>, Vector3<f64>, Point3<f64>)> = None;
+    let mut most = 0;
+    let mut best = None;
     for (i, a) in patches.iter().enumerate() {
         for b in patches[i + 1..].iter().filter(|b| b.frame != a.frame) {
             let Some((axis, origin)) = line_between(a, b) else { continue };
@@ -76,12 +77,13 @@ pub fn best_hinge(patches: &[PlanePatch]) -> Option<Hinge> {
             }
             let support = supporters(patches, &axis, &origin, &lie);
             let samples: usize = support.iter().map(|&k| patches[k].points.len()).sum();
-            if best.as_ref().is_none_or(|(most, ..)| samples > *most) {
-                best = Some((samples, support, axis, origin));
+            if samples > most {
+                most = samples;
+                best = Some((support, axis, origin));
             }
         }
     }
-    let (_, support, axis, origin) = best?;
+    let (support, axis, origin) = best?;
     refined(patches, &support, &axis, &origin)
 }
 
@@ -90,7 +92,7 @@ fn line_between(a: &PlanePatch, b: &PlanePatch) -> Option<(Vector3<f64>, Point3<
     // A lid shows its other face when it has turned over: the sign of a normal says nothing.
     let cross = a.normal.cross(&b.normal);
     let turn = cross.norm().atan2(a.normal.dot(&b.normal).abs());
-    if turn < PAIR_TURN[0] || turn > PAIR_TURN[1] {
+    if !PAIR_TURN.contains(&turn) {
         return None;
     }
     let axis = cross.normalize();
