@@ -57,8 +57,13 @@ pub struct JointsConfig {
     pub max_through: f64,
     /// Share of them that may be missing while the configuration is unknown.
     pub max_hidden: f64,
-    /// Factor on covariances, measured so that 95 % ellipses hold 95 % of true axes.
+    /// Factor on covariances. With the next two it was measured, so that 95 % ellipsoids hold
+    /// 95 % of true axes.
     pub covariance_inflation: f64,
+    /// What many tracks do not average out, in an axis's direction, radians,
+    pub systematic_rad: f64,
+    /// and in its place, metres: errors that all readings of a depth camera share.
+    pub systematic_m: f64,
     /// Observations of a track that tell as much as one independent one, in telling types.
     pub correlated_observations: f64,
     /// Share of its tracks' observations that a joint may leave without a configuration.
@@ -85,7 +90,9 @@ impl Default for JointsConfig {
             min_gain: 300.0,
             max_through: 0.22,
             max_hidden: 0.6,
-            covariance_inflation: 1.0,
+            covariance_inflation: 4.0,
+            systematic_rad: 0.0025,
+            systematic_m: 0.002,
             correlated_observations: 10.0,
             max_unruly: 0.3,
             chains: true,

@@ -1,6 +1,7 @@
 //! From grown joints to learned ones: numbered parents first, carried into the object frame, the
 //! first frame at configuration 0.
 
+use super::JointsConfig;
 use super::adjust;
 use super::grown::Grown;
 use super::kinds;
@@ -11,7 +12,7 @@ use crate::geometry::Pose;
 use crate::model::{Joint, covariance_rows, is_undecided};
 use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::{TrackSet, Trajectory};
-use nalgebra::{DMatrix, Point3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
 /// Tracks that a covariance is taken over.
 const COVARIANCE_TRACKS: usize = 300;
@@ -85,11 +86,12 @@ fn learned(
     }
     let own_view = view_from(view, joints, joint.parent);
     let some: Vec<usize> = joint.members.iter().copied().take(COVARIANCE_TRACKS).collect();
+    let spread = adjust::covariance(joint, &own_view, &some, config.joints.cut);
     let covariance = carried(
-        &adjust::covariance(joint, &own_view, &some, config.joints.cut),
+        &(spread * config.joints.covariance_inflation + systematic(joint, &config.joints)),
         &base_from_parent,
         before.dot(&geometry.axis) < 0.0,
-    ) * config.joints.covariance_inflation;
+    );
     let type_probabilities = kinds::type_probabilities(joint, &own_view, &config.joints);
     let joint = Joint {
         name: String::new(),
@@ -111,6 +113,17 @@ fn learned(
         type_probabilities,
     };
     (joint, trajectory)
+}
+
+/// Covariance of (axis, origin) from errors that all of a camera's readings share.
+fn systematic(joint: &Grown, config: &JointsConfig) -> DMatrix<f64> {
+    let across = Matrix3::identity() - joint.dof.axis * joint.dof.axis.transpose();
+    let mut covariance = DMatrix::zeros(6, 6);
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * config.systematic_rad.powi(2)));
+    if joint.dof.hinge {
+        covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(across * config.systematic_m.powi(2)));
+    }
+    covariance
 }
 
 /// A covariance of (axis, origin) in a turned frame; `reversed`: of the opposite axis.
