@@ -196,6 +196,15 @@ mod tests {
     }
 
     #[test]
+    fn a_type_is_undecided_where_none_is_likely_enough() {
+        let of = |p: f64| {
+            is_undecided(&[(JointKind::Prismatic, 1.0 - p), (JointKind::Revolute, p)].into())
+        };
+        assert!(of(0.6) && !of(0.97) && !of(0.01));
+        assert!(!is_undecided(&BTreeMap::new()));
+    }
+
+    #[test]
     fn a_half_turn_carries_the_part_to_the_other_side_of_its_hinge() {
         let motions = door().part_motions(&[std::f64::consts::PI]);
         let handle = motions[1] * Point3::new(0.0, 0.2, 1.1);

@@ -107,6 +107,19 @@ fn the_paper_profile_learns_it_too() {
 }
 
 #[test]
+fn a_fridge_without_texture_is_learned_from_its_depth() {
+    let recording = simulated("fridge_2", false, 4315);
+    let out = recording.join("model.json");
+    let arguments = ["learn", &text(&recording), "--object", "fridge", "--quiet"];
+    let output = linkage(&[&arguments[..], &["--json", &text(&out)]].concat());
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let (model, truth) = (json(&out), json(&recording.join("truth.json")));
+    let (joint, expected) = (&model["joints"][0], &truth["joints"][0]);
+    assert_eq!(joint["type"], "revolute");
+    assert!(line_angle(&vector(&joint["axis"]), &vector(&expected["axis"])).to_degrees() < 1.0);
+}
+
+#[test]
 fn a_hand_that_moves_nothing_gives_no_joint_and_status_1() {
     let recording = simulated("hand_only", false, 1);
     let output = linkage(&["learn", &text(&recording), "--object", "thing", "--quiet"]);

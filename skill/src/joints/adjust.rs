@@ -357,11 +357,20 @@ mod tests {
         joint.q = q.iter().map(|q| 0.9 * q).collect();
         joint.known = vec![true; 30];
         let all: Vec<usize> = (0..12).collect();
+        joint.members.clone_from(&all);
         refine(&mut joint, &view, &all, 16.0, 12);
         assert!(line_angle(&joint.dof.axis, &truth.axis).to_degrees() < 0.5);
         let offset =
             crate::geometry::distance_to_line(&joint.dof.origin, &truth.axis, &truth.origin);
         assert!(offset < 0.003, "{offset}");
         assert!((joint.q[29] - joint.q[0] - q[29]).abs() < 0.01);
+        assert_eq!(joint.unruly_share(&view), 0.0);
+        // What goes on where the joint explains nothing is a hand.
+        joint.known[15..].fill(false);
+        assert_eq!(joint.unruly_share(&view), 0.5);
+        joint.known.fill(true);
+        let covariance = covariance(&joint, &view, &all, 16.0);
+        let sd = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt().to_degrees();
+        assert!(sd > 0.01 && sd < 0.5, "{sd}");
     }
 }
