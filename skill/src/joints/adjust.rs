@@ -49,7 +49,9 @@ fn locate(joint: &Grown, view: &View, track: usize, cut: f64) -> Option<Point3<f
     Some(point)
 }
 
-/// The reduced system of one track: contributions to the joint's Hessian and gradient.
+/// One track's contributions to the normal equations of line and configurations, its own point
+/// eliminated: its share of the configurations' block is `own` on the diagonal less
+/// `couplings' * inverse * couplings`.
 struct Reduced {
     /// Hessian over (axis, origin).
     hessian: SMatrix<f64, 4, 4>,
@@ -57,42 +59,61 @@ struct Reduced {
     frames: Vec<usize>,
     /// (axis, origin) against each frame's configuration.
     cross: Vec<SMatrix<f64, 4, 1>>,
-    /// Configurations against one another.
-    configurations: DMatrix<f64>,
+    own: Vec<f64>,
+    couplings: Vec<Vector3<f64>>,
+    inverse: Matrix3<f64>,
     configuration_gradient: Vec<f64>,
 }
 
-fn reduce(joint: &Grown, view: &View, track: usize, cut: f64) -> Option<Reduced> {
+/// A joint's turn at one configuration.
+struct Turn {
+    sin: f64,
+    cos: f64,
+    rotation: Matrix3<f64>,
+}
+
+fn turns(joint: &Grown) -> Vec<Turn> {
+    joint
+        .q
+        .iter()
+        .map(|&q| {
+            let (sin, cos) = q.sin_cos();
+            let unit = [Vector3::x(), Vector3::y(), Vector3::z()];
+            let rotation = match joint.dof.hinge {
+                true => Matrix3::from_columns(&unit.map(|e| joint.dof.turn(q, &e))),
+                false => Matrix3::identity(),
+            };
+            Turn { sin, cos, rotation }
+        })
+        .collect()
+}
+
+fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) -> Option<Reduced> {
     let dof = &joint.dof;
     let (u, v) = orthonormal_basis(&dof.axis);
     let point = joint.points[track];
+    let arm = point - dof.origin;
     let mut point_hessian = Matrix3::zeros();
     let mut point_gradient = Vector3::zeros();
     let mut hessian = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
     let mut gradient = SMatrix::<f64, 4, 1>::zeros();
-    let (mut frames, mut couplings, mut blocks) = (Vec::new(), Vec::new(), Vec::new());
+    let mut line: SMatrix<f64, 3, 4> = SMatrix::zeros();
+    let (mut frames, mut cross, mut own) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut couplings, mut configuration_gradient) = (Vec::new(), Vec::new());
     for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
-        let q = joint.q[f];
-        let moved = dof.move_point(q, &point);
+        let (q, turn) = (joint.q[f], &turns[f]);
+        let moved = if dof.hinge { dof.origin + turn.rotation * arm } else { point + dof.axis * q };
         let w = weight(s.distance_sq(&moved), cut);
         if w <= 0.0 {
             continue;
         }
         let mut jacobian = SMatrix::<f64, 3, COLUMNS>::zeros();
-        let mut rotation = Matrix3::identity();
         if dof.hinge {
-            let arm = point - dof.origin;
-            let (sin, cos) = q.sin_cos();
             for (k, side) in [u, v].into_iter().enumerate() {
-                let turned = side.cross(&arm) * sin
-                    + (side * dof.axis.dot(&arm) + dof.axis * side.dot(&arm)) * (1.0 - cos);
+                let turned = side.cross(&arm) * turn.sin
+                    + (side * dof.axis.dot(&arm) + dof.axis * side.dot(&arm)) * (1.0 - turn.cos);
                 jacobian.set_column(k, &turned);
-                jacobian.set_column(2 + k, &(side - dof.turn(q, &side)));
-            }
-            for k in 0..3 {
-                let mut unit = Vector3::zeros();
-                unit[k] = 1.0;
-                rotation.set_column(k, &dof.turn(q, &unit));
+                jacobian.set_column(2 + k, &(side - turn.rotation * side));
             }
         } else {
             jacobian.set_column(0, &(u * q));
@@ -101,103 +122,132 @@ fn reduce(joint: &Grown, view: &View, track: usize, cut: f64) -> Option<Reduced>
         jacobian.set_column(Q, &dof.velocity(&moved));
         let information = s.information * w;
         let error = moved - s.point;
-        let (ij, ir) = (information * jacobian, information * rotation);
-        point_hessian += rotation.transpose() * ir;
-        point_gradient += rotation.transpose() * (information * error);
+        let ij = information * jacobian;
+        let back = turn.rotation.transpose();
+        point_hessian += back * information * turn.rotation;
+        point_gradient += back * (information * error);
         let full = jacobian.transpose() * ij;
         let full_gradient = jacobian.transpose() * (information * error);
-        for a in 0..4 {
-            gradient[a] += full_gradient[a];
-            for b in 0..4 {
-                hessian[(a, b)] += full[(a, b)];
-            }
-        }
+        gradient += full_gradient.fixed_rows::<4>(0);
+        hessian += full;
+        let coupling = back * ij;
+        line += coupling.fixed_columns::<4>(0);
+        couplings.push(coupling.column(Q).into_owned());
         frames.push(f);
-        couplings.push(rotation.transpose() * ij);
-        blocks.push((full.column(Q).into_owned(), full_gradient[Q]));
+        own.push(full[(Q, Q)]);
+        cross.push(full.fixed_view::<4, 1>(0, Q).into_owned());
+        configuration_gradient.push(full_gradient[Q]);
     }
     if frames.len() < 2 {
         return None;
     }
     point_hessian += Matrix3::identity() * (1e-9 * point_hessian.trace() + 1e-6);
     let inverse = point_hessian.try_inverse()?;
-    let mut line: SMatrix<f64, 3, 4> = SMatrix::zeros();
-    for c in &couplings {
-        line += c.fixed_view::<3, 4>(0, 0);
-    }
     let inverse_line = inverse * line;
     let inverse_gradient = inverse * point_gradient;
-    let n = frames.len();
-    let mut configurations = DMatrix::zeros(n, n);
-    let mut cross = Vec::with_capacity(n);
-    let mut configuration_gradient = Vec::with_capacity(n);
-    for i in 0..n {
-        let ci: Vector3<f64> = couplings[i].column(Q).into_owned();
-        cross.push(blocks[i].0.fixed_view::<4, 1>(0, 0) - inverse_line.transpose() * ci);
-        configuration_gradient.push(blocks[i].1 - ci.dot(&inverse_gradient));
-        let inverse_ci = inverse * ci;
-        for j in 0..=i {
-            let shared = couplings[j].column(Q).dot(&inverse_ci);
-            configurations[(i, j)] = -shared;
-            configurations[(j, i)] = -shared;
-        }
-        configurations[(i, i)] += blocks[i].0[Q];
+    for ((coupling, cross), gradient) in
+        couplings.iter().zip(&mut cross).zip(&mut configuration_gradient)
+    {
+        *cross -= inverse_line.transpose() * coupling;
+        *gradient -= coupling.dot(&inverse_gradient);
     }
     Some(Reduced {
         hessian: hessian.fixed_view::<4, 4>(0, 0) - line.transpose() * inverse_line,
         gradient: gradient - line.transpose() * inverse_gradient,
         frames,
         cross,
-        configurations,
+        own,
+        couplings,
+        inverse,
         configuration_gradient,
     })
 }
 
-/// The system of all tracks over (axis, origin, configurations).
-fn assemble(
-    joint: &Grown,
-    view: &View,
-    tracks: &[usize],
-    cut: f64,
-) -> (DMatrix<f64>, DVector<f64>) {
-    let reduced: Vec<Reduced> =
-        tracks.par_iter().filter_map(|&t| reduce(joint, view, t, cut)).collect();
-    assembled(&reduced, view.frames)
+/// Normal equations over (axis, origin, configurations of the known frames); of the symmetric
+/// matrix the lower triangle alone.
+struct System {
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+    /// Row of each frame's configuration; meaningful for known frames.
+    rows: Vec<usize>,
 }
 
-fn assembled(reduced: &[Reduced], frames: usize) -> (DMatrix<f64>, DVector<f64>) {
-    let size = 4 + frames;
-    let mut hessian = DMatrix::zeros(size, size);
-    let mut gradient = DVector::zeros(size);
-    for r in reduced {
-        for a in 0..4 {
-            gradient[a] += r.gradient[a];
-            for b in 0..4 {
-                hessian[(a, b)] += r.hessian[(a, b)];
+/// Tracks that are summed in one piece: sums do not depend on how work is shared out.
+const PIECE: usize = 24;
+
+impl System {
+    fn of(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> Self {
+        let turns = turns(joint);
+        let mut system = Self::empty(joint);
+        let pieces: Vec<Self> = tracks
+            .par_chunks(PIECE)
+            .map(|piece| {
+                let mut part = Self::empty(joint);
+                for r in piece.iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)) {
+                    part.add(&r);
+                }
+                part
+            })
+            .collect();
+        for part in pieces {
+            system.hessian += part.hessian;
+            system.gradient += part.gradient;
+        }
+        system
+    }
+
+    fn empty(joint: &Grown) -> Self {
+        let mut size = LINE_PARAMETERS;
+        let rows = joint
+            .known
+            .iter()
+            .map(|known| {
+                size += usize::from(*known);
+                size.saturating_sub(1)
+            })
+            .collect();
+        Self { hessian: DMatrix::zeros(size, size), gradient: DVector::zeros(size), rows }
+    }
+
+    fn add(&mut self, r: &Reduced) {
+        for a in 0..LINE_PARAMETERS {
+            self.gradient[a] += r.gradient[a];
+            for b in 0..LINE_PARAMETERS {
+                self.hessian[(a, b)] += r.hessian[(a, b)];
             }
         }
         for (i, &f) in r.frames.iter().enumerate() {
-            gradient[4 + f] += r.configuration_gradient[i];
-            for a in 0..4 {
-                hessian[(a, 4 + f)] += r.cross[i][a];
-                hessian[(4 + f, a)] += r.cross[i][a];
+            let column = self.rows[f];
+            self.gradient[column] += r.configuration_gradient[i];
+            for a in 0..LINE_PARAMETERS {
+                self.hessian[(column, a)] += r.cross[i][a];
             }
-            for (j, &g) in r.frames.iter().enumerate() {
-                hessian[(4 + f, 4 + g)] += r.configurations[(i, j)];
+            self.hessian[(column, column)] += r.own[i];
+            let pulled = r.inverse * r.couplings[i];
+            let mut below = self.hessian.column_mut(column);
+            for (coupling, &g) in r.couplings[i..].iter().zip(&r.frames[i..]) {
+                below[self.rows[g]] -= coupling.dot(&pulled);
             }
         }
     }
-    (hessian, gradient)
+
+    /// The configuration at the anchor stays: q has no zero of its own.
+    fn pin(&mut self, joint: &Grown) {
+        if joint.known[joint.anchor] {
+            let row = self.rows[joint.anchor];
+            self.hessian[(row, row)] += 1e9;
+        }
+    }
 }
 
 /// One damped step; `None` when the system cannot be solved.
 fn step(joint: &Grown, view: &View, tracks: &[usize], cut: f64, damping: f64) -> Option<Grown> {
-    let (mut hessian, gradient) = assemble(joint, view, tracks, cut);
-    for k in 0..hessian.nrows() {
-        hessian[(k, k)] += damping * hessian[(k, k)] + 1e-6;
+    let mut system = System::of(joint, view, tracks, cut);
+    for k in 0..system.hessian.nrows() {
+        system.hessian[(k, k)] += damping * system.hessian[(k, k)] + 1e-6;
     }
-    hessian[(4 + joint.anchor, 4 + joint.anchor)] += 1e9;
-    let delta = hessian.cholesky()?.solve(&(-gradient));
+    system.pin(joint);
+    let delta = system.hessian.cholesky()?.solve(&(-system.gradient));
     if !delta.iter().all(|x| x.is_finite()) {
         return None;
     }
@@ -210,7 +260,7 @@ fn step(joint: &Grown, view: &View, tracks: &[usize], cut: f64, damping: f64) ->
     }
     for f in 0..view.frames {
         if joint.known[f] {
-            next.q[f] += delta[4 + f];
+            next.q[f] += delta[system.rows[f]];
             if next.q[f].abs() > 20.0 {
                 return None;
             }
@@ -262,29 +312,28 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
 /// of Liang & Zeger 1986, one cluster a track), not from the noise of observations.
 pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMatrix<f64> {
     let zero = DMatrix::zeros(6, 6);
+    let turns = turns(joint);
     let reduced: Vec<Reduced> =
-        tracks.par_iter().filter_map(|&t| reduce(joint, view, t, cut)).collect();
+        tracks.par_iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)).collect();
     if reduced.len() <= LINE_PARAMETERS {
         return zero;
     }
-    let (mut hessian, _) = assembled(&reduced, view.frames);
-    for k in 0..hessian.nrows() {
-        hessian[(k, k)] += 1e-6;
-    }
-    hessian[(4 + joint.anchor, 4 + joint.anchor)] += 1e9;
-    let Some(cholesky) = hessian.cholesky() else { return zero };
-    let size = 4 + view.frames;
-    let mut right = DMatrix::zeros(size, 4);
-    for k in 0..4 {
-        right[(k, k)] = 1.0;
-    }
-    let line_of_gradient = cholesky.solve(&right).transpose();
-    let mut between = DMatrix::zeros(4, 4);
+    let mut system = System::empty(joint);
     for r in &reduced {
-        let mut pull =
-            line_of_gradient.columns(0, 4) * DVector::from_column_slice(r.gradient.as_slice());
+        system.add(r);
+    }
+    let size = system.hessian.nrows();
+    for k in 0..size {
+        system.hessian[(k, k)] += 1e-6;
+    }
+    system.pin(joint);
+    let Some(cholesky) = system.hessian.cholesky() else { return zero };
+    let line_of_gradient = cholesky.solve(&DMatrix::identity(size, LINE_PARAMETERS)).transpose();
+    let mut between = DMatrix::zeros(LINE_PARAMETERS, LINE_PARAMETERS);
+    for r in &reduced {
+        let mut pull = line_of_gradient.columns(0, LINE_PARAMETERS) * r.gradient;
         for (&f, g) in r.frames.iter().zip(&r.configuration_gradient) {
-            pull += line_of_gradient.column(4 + f) * *g;
+            pull += line_of_gradient.column(system.rows[f]) * *g;
         }
         between += &pull * pull.transpose();
     }
