@@ -1,6 +1,7 @@
 //! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every
 //! frame and the part points, which are eliminated by Schur complement.
 
+use super::dof::Moved;
 use super::grown::Grown;
 use super::view::View;
 use crate::geometry::{median_point, orthonormal_basis};
@@ -21,8 +22,9 @@ pub fn weight(distance_sq: f64, cut: f64) -> f64 {
 /// Part points of tracks given joint and configurations: robust means of where each
 /// observation says the point is, from their component-wise median.
 pub fn locate_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
+    let motions = joint.motions();
     let located: Vec<Option<Point3<f64>>> =
-        tracks.par_iter().map(|&t| locate(joint, view, t, cut)).collect();
+        tracks.par_iter().map(|&t| locate(joint, &motions, view, t, cut)).collect();
     for (&t, p) in tracks.iter().zip(located) {
         if let Some(p) = p {
             joint.points[t] = p;
@@ -30,15 +32,20 @@ pub fn locate_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64)
     }
 }
 
-fn locate(joint: &Grown, view: &View, track: usize, cut: f64) -> Option<Point3<f64>> {
+fn locate(
+    joint: &Grown,
+    motions: &[Moved],
+    view: &View,
+    track: usize,
+    cut: f64,
+) -> Option<Point3<f64>> {
     let seen: Vec<_> = view.life(track).filter(|(f, _)| joint.known[*f]).collect();
-    let carried: Vec<Point3<f64>> =
-        seen.iter().map(|(f, s)| joint.dof.move_point(-joint.q[*f], &s.point)).collect();
+    let carried: Vec<Point3<f64>> = seen.iter().map(|(f, s)| motions[*f].back(&s.point)).collect();
     let mut point = median_point(&carried)?;
     for _ in 0..2 {
         let (mut sum, mut total) = (Vector3::zeros(), 0.0);
         for ((f, s), c) in seen.iter().zip(&carried) {
-            let w = weight(s.distance_sq(&joint.dof.move_point(joint.q[*f], &point)), cut);
+            let w = weight(s.distance_sq(&motions[*f].forth(&point)), cut);
             sum += w * c.coords;
             total += w;
         }
@@ -282,8 +289,10 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
     let mut damping = 1e-4;
     for i in 0..steps {
         let cut = if i < steps / 2 { 4.0 * cut } else { cut };
-        let total =
-            |j: &Grown| -> f64 { tracks.par_iter().map(|&t| j.cost_of(view, t, cut).sum).sum() };
+        let total = |j: &Grown| -> f64 {
+            let motions = j.motions();
+            tracks.par_iter().map(|&t| j.cost_of(&motions, view, t, cut).sum).sum()
+        };
         let before = total(joint);
         let Some(mut next) = step(joint, view, tracks, cut, damping) else { break };
         locate_points(&mut next, view, tracks, cut);

@@ -36,9 +36,9 @@ pub fn agree(
     let mut best = (-1.0, Agreement { q: guess.unwrap_or(0.0), agreeing: 0 });
     let mut consider = |q: f64| {
         let (mut score, mut agreeing) = (0.0, 0);
-        let moved = joint.dof.mover(q);
+        let at = joint.dof.at(q);
         for (p, s, w) in &voters {
-            let r = s.distance_sq(&moved(p));
+            let r = s.distance_sq(&at.forth(p));
             if r < cut {
                 score += w * (1.0 - r / cut);
                 agreeing += 1;
@@ -58,9 +58,9 @@ pub fn agree(
     let mut agreement = best.1;
     for _ in 0..3 {
         let (mut numerator, mut denominator) = (0.0, 0.0);
-        let move_point = joint.dof.mover(agreement.q);
+        let at = joint.dof.at(agreement.q);
         for (p, s, w) in &voters {
-            let moved = move_point(p);
+            let moved = at.forth(p);
             let w = w * weight(s.distance_sq(&moved), cut);
             if w > 0.0 {
                 let direction = s.information * joint.dof.velocity(&moved);

@@ -14,6 +14,25 @@ pub struct Dof {
     pub origin: Point3<f64>,
 }
 
+/// What a joint does to points at one configuration.
+#[derive(Debug, Clone, Copy)]
+pub struct Moved {
+    rotation: Matrix3<f64>,
+    shift: Vector3<f64>,
+}
+
+impl Moved {
+    /// Where a point of the part is.
+    pub fn forth(&self, p: &Point3<f64>) -> Point3<f64> {
+        Point3::from(self.rotation * p.coords + self.shift)
+    }
+
+    /// The point of the part that is there.
+    pub fn back(&self, p: &Point3<f64>) -> Point3<f64> {
+        Point3::from(self.rotation.tr_mul(&(p.coords - self.shift)))
+    }
+}
+
 impl Dof {
     /// Rodrigues' rotation of a vector about the axis.
     pub fn turn(&self, q: f64, v: &Vector3<f64>) -> Vector3<f64> {
@@ -27,14 +46,13 @@ impl Dof {
     }
 
     /// [`Self::move_point`] for many points at one configuration.
-    pub fn mover(&self, q: f64) -> impl Fn(&Point3<f64>) -> Point3<f64> {
-        let (axis, origin, hinge) = (self.axis, self.origin, self.hinge);
-        let rotation = if hinge {
-            Rotation3::from_axis_angle(&Unit::new_unchecked(axis), q).into_inner()
-        } else {
-            Matrix3::identity()
-        };
-        move |p| if hinge { origin + rotation * (p - origin) } else { p + axis * q }
+    pub fn at(&self, q: f64) -> Moved {
+        if !self.hinge {
+            return Moved { rotation: Matrix3::identity(), shift: self.axis * q };
+        }
+        let axis = Unit::new_unchecked(self.axis);
+        let rotation = Rotation3::from_axis_angle(&axis, q).into_inner();
+        Moved { rotation, shift: self.origin.coords - rotation * self.origin.coords }
     }
 
     /// The configuration that takes `part_point` closest to `seen`.

@@ -114,8 +114,9 @@ fn window_fit(view: &View, dof: Dof, h: &Hypothesis, config: &JointsConfig) -> (
     joint.members = h.tracks.clone();
     refine(&mut joint, view, &h.tracks, config.cut, 6);
     let (mut sum, mut observations) = (0.0, 0);
+    let motions = joint.motions();
     for &t in &h.tracks {
-        let cost = joint.cost_of(view, t, config.cut);
+        let cost = joint.cost_of(&motions, view, t, config.cut);
         sum += cost.sum;
         observations += cost.observations;
     }
@@ -141,9 +142,10 @@ impl Book {
             low: vec![f64::INFINITY; n],
             high: vec![f64::NEG_INFINITY; n],
         };
+        let motions = joint.motions();
         for &t in &joint.members {
             book.known[t] = true;
-            let cost = joint.cost_of(view, t, cut);
+            let cost = joint.cost_of(&motions, view, t, cut);
             book.hits[t] = cost.inliers;
             book.misses[t] = cost.observations - cost.inliers;
             for (f, _) in view.life(t).filter(|(f, _)| joint.known[*f]) {
@@ -327,10 +329,11 @@ fn gather(
     cut: f64,
 ) -> Vec<(usize, f64, f64, usize)> {
     locate_points(joint, view, candidates, 2.0 * cut);
+    let motions = joint.motions();
     candidates
         .iter()
         .filter_map(|&t| {
-            let cost = joint.cost_of(view, t, cut);
+            let cost = joint.cost_of(&motions, view, t, cut);
             let still = view.static_cost(t, &joint.known, cut);
             let follows = cost.observations >= 5
                 && cost.inliers as f64 > 0.7 * cost.observations as f64

@@ -1,6 +1,6 @@
 //! A joint hypothesis with all that it has gathered.
 
-use super::dof::Dof;
+use super::dof::{Dof, Moved};
 use super::view::View;
 use nalgebra::Point3;
 
@@ -109,11 +109,17 @@ impl Grown {
         self.range = [sorted[stray], sorted[last - stray]];
     }
 
-    /// Truncated cost, observations and inliers of a track under the joint.
-    pub fn cost_of(&self, view: &View, track: usize, cut: f64) -> TrackCost {
+    /// What the joint does in each frame; meaningful where `known`.
+    pub fn motions(&self) -> Vec<Moved> {
+        self.q.iter().map(|&q| self.dof.at(q)).collect()
+    }
+
+    /// Truncated cost, observations and inliers of a track under the joint, whose `motions` are
+    /// given.
+    pub fn cost_of(&self, motions: &[Moved], view: &View, track: usize, cut: f64) -> TrackCost {
         let mut cost = TrackCost::default();
         for (f, s) in view.life(track).filter(|(f, _)| self.known[*f]) {
-            let r = s.distance_sq(&self.dof.move_point(self.q[f], &self.points[track]));
+            let r = s.distance_sq(&motions[f].forth(&self.points[track]));
             cost.sum += r.min(cut);
             cost.observations += 1;
             cost.inliers += usize::from(r < cut);

@@ -30,10 +30,12 @@ pub fn type_probabilities(
 ) -> BTreeMap<JointKind, f64> {
     let stride = joint.members.len().div_ceil(TRACKS).max(1);
     let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
-    let total =
-        |j: &Grown| -> f64 { tracks.par_iter().map(|&t| j.cost_of(view, t, config.cut).sum).sum() };
-    let observations: usize =
-        tracks.iter().map(|&t| joint.cost_of(view, t, config.cut).observations).sum();
+    let total = |j: &Grown| -> f64 {
+        let motions = j.motions();
+        tracks.par_iter().map(|&t| j.cost_of(&motions, view, t, config.cut).sum).sum()
+    };
+    let known = |t: usize| view.life(t).filter(|(f, _)| joint.known[*f]).count();
+    let observations: usize = tracks.iter().map(|&t| known(t)).sum();
     let other = others(joint, &tracks)
         .into_iter()
         .map(|mut other| {

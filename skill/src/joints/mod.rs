@@ -334,11 +334,13 @@ impl Search<'_> {
         }
         let cut = self.config.joints.cut;
         let view = self.view_from(joint.parent);
+        let motions = joint.motions();
         let saved: f64 = joint
             .members
             .iter()
             .map(|&t| {
-                self.view.static_cost(t, &joint.known, cut) - joint.cost_of(&view, t, cut).sum
+                self.view.static_cost(t, &joint.known, cut)
+                    - joint.cost_of(&motions, &view, t, cut).sum
             })
             .sum();
         let known = joint.known_frames().len();
@@ -421,10 +423,11 @@ impl Search<'_> {
         let view = self.view_from(joint.parent);
         let mut located = joint.clone();
         adjust::locate_points(&mut located, &view, rest, 4.0 * cut);
+        let motions = located.motions();
         rest.par_iter()
             .copied()
             .filter(|&t| {
-                let cost = located.cost_of(&view, t, 2.0 * cut);
+                let cost = located.cost_of(&motions, &view, t, 2.0 * cut);
                 let life = self.view.life(t).count();
                 cost.observations > 0 && cost.inliers as f64 > 0.8 * life as f64
             })
