@@ -7,6 +7,7 @@ use crate::config::{LearningWay, SkillConfig};
 use crate::geometry::Pose;
 use crate::keyframes::Keyframes;
 use crate::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use crate::planes;
 use crate::structure::{self, LearnedJoint};
 use crate::timing::StageTimes;
 use crate::track::{TrackSet, Tracker, Trajectory};
@@ -142,9 +143,9 @@ impl Learner {
             LearningWay::Joints => {
                 let joints = times
                     .measure("joints", || crate::joints::search(&set, &base, &keyframes, &config));
-                if joints.is_empty() && config.planes.enabled {
+                if config.planes.enabled {
                     times.measure("planes", || {
-                        crate::planes::search(&set, &base, &keyframes, &config.planes, config.seed)
+                        planes::complete(joints, &set, &base, &keyframes, &config)
                     })
                 } else {
                     joints

@@ -34,9 +34,9 @@ pub struct Hinge {
 }
 
 /// Where a patch lies about a line.
-struct Lie {
+pub struct Lie {
     /// Unit vector from the line into the patch, across the line.
-    arm: Vector3<f64>,
+    pub arm: Vector3<f64>,
     /// Distance from the line up to which the patch reaches.
     reach: f64,
     /// Middle along the line.
@@ -44,7 +44,8 @@ struct Lie {
 }
 
 impl Lie {
-    fn of(patch: &PlanePatch, origin: &Point3<f64>, axis: &Vector3<f64>) -> Option<Self> {
+    /// `None` for a patch on both sides of the line.
+    pub fn of(patch: &PlanePatch, origin: &Point3<f64>, axis: &Vector3<f64>) -> Option<Self> {
         let mut arm = axis.cross(&patch.normal).try_normalize(1e-9)?;
         let n = patch.points.len() as f64;
         let mean = patch.points.iter().map(|p| p - origin).sum::<Vector3<f64>>() / n;
@@ -58,7 +59,8 @@ impl Lie {
         (out[out.len() / 20] > -0.15 * reach).then_some(Self { arm, reach, along: axis.dot(&mean) })
     }
 
-    fn alike(&self, other: &Self) -> bool {
+    /// Reaches as far, at the same place along the line.
+    pub fn alike(&self, other: &Self) -> bool {
         let most = MAX_STRETCH * self.reach.max(other.reach);
         (self.reach - other.reach).abs() < most && (self.along - other.along).abs() < most
     }

@@ -5,16 +5,19 @@
 //! A slide of a plain surface in its own plane leaves no trace in depth, and one along its
 //! normal could be any of many: only hinges are sought.
 
+mod extend;
 mod hinge;
 mod patch;
 
 use crate::articulate::{JointGeometry, JointKind};
 use crate::base::BaseMotion;
+use crate::config::SkillConfig;
 use crate::geometry::Pose;
 use crate::keyframes::Keyframes;
 use crate::model::{Joint, covariance_rows};
 use crate::structure::{LearnedJoint, orient, probe_points, range_of};
 use crate::track::TrackSet;
+use extend::extend;
 use hinge::{Hinge, best_hinge};
 use nalgebra::Point3;
 use patch::moving_patches;
@@ -24,7 +27,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanesConfig {
-    /// Plain parts are sought where tracks tell of no joint.
+    /// Plain parts are sought where tracks tell of no joint, and joints are followed by their
+    /// planes where their tracks are lost.
     pub enabled: bool,
     /// Fewest keyframes that show the part.
     pub min_keyframes: usize,
@@ -51,8 +55,24 @@ impl Default for PlanesConfig {
     }
 }
 
+/// What planes add to the joints that tracks told of: a hinge where there is none, and
+/// configurations where tracks were lost.
+pub fn complete(
+    mut joints: Vec<LearnedJoint>,
+    set: &TrackSet,
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    config: &SkillConfig,
+) -> Vec<LearnedJoint> {
+    if joints.is_empty() {
+        return search(set, base, keyframes, &config.planes, config.seed);
+    }
+    extend(&mut joints, set, base, keyframes, config.seed);
+    joints
+}
+
 /// Finds the hinge of a plain part; nothing when no plane turns about a line.
-pub fn search(
+fn search(
     set: &TrackSet,
     base: &BaseMotion,
     keyframes: &Keyframes,
