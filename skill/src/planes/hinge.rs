@@ -29,7 +29,7 @@ pub struct Hinge {
     pub points: Vec<Point3<f64>>,
     /// Root mean square distance of the planes from where the hinge puts them.
     pub rmse: f64,
-    /// Normal equations of the line's place across the axis, and their size in radians.
+    /// Sum over the planes of normal times normal: which places of the line they tell.
     normal_scatter: Matrix3<f64>,
 }
 

@@ -1,6 +1,6 @@
-//! Hinges of surfaces without texture: where no track tells of a joint, a flat part is still
-//! seen to turn by its depth. Its plane in each keyframe, and the line that all of them keep
-//! their distance from, are the hinge.
+//! Hinges by depth alone: where tracks tell nothing, for want of texture or because a lid turns
+//! its other face, a flat part is still seen to turn. Its plane in each keyframe, and the line
+//! that all of them keep their distance from, are the hinge.
 //!
 //! A slide of a plain surface in its own plane leaves no trace in depth, and one along its
 //! normal could be any of many: only hinges are sought.
