@@ -16,6 +16,10 @@ const MAX_SIZE: f64 = 0.2;
 const MIN_SIZE: f64 = 0.03;
 /// Share of a side that a tag with its white rim may take.
 const SHARE: f64 = 0.9;
+/// Sizes that are tried, as shares of the largest that has room.
+const SIZES: [f64; 3] = [1.0, 0.75, 0.5];
+/// Spots along a side of the paper that must all be seen.
+const GRID: usize = 19;
 /// Instants at which its visibility is asked.
 const INSTANTS: usize = 12;
 /// Thickness of the paper.
@@ -68,26 +72,9 @@ fn candidates(scene: &Scene, part: usize) -> Vec<Candidate> {
             if room < MIN_SIZE {
                 continue;
             }
-            let size = room.min(MAX_SIZE);
-            for out in [-1.0, 1.0] {
-                for (dx, dy) in [(0.0, 0.0), (-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)] {
-                    let reach = |k: usize| (half[k] - 0.5 * PAPER * size).max(0.0);
-                    let mut place = Vector3::zeros();
-                    place[side] = out * (half[side] + 0.5 * THICKNESS);
-                    place[x] = 2.0 * dx * reach(x);
-                    place[y] = 2.0 * dy * reach(y);
-                    let (mut right, mut normal) = (Vector3::zeros(), Vector3::zeros());
-                    right[x] = 1.0;
-                    normal[side] = out;
-                    let up = normal.cross(&right);
-                    let turn = Rotation3::from_basis_unchecked(&[right, up, normal]);
-                    let pose =
-                        Pose::from_parts(place.into(), UnitQuaternion::from_rotation_matrix(&turn));
-                    found.push(Candidate {
-                        part,
-                        size,
-                        part_from_tag: solid.body_from_solid * pose,
-                    });
+            for size in SIZES.map(|share| share * room.min(MAX_SIZE)) {
+                if size >= MIN_SIZE {
+                    found.extend(on_side(part, solid, &half, side, size));
                 }
             }
         }
@@ -95,8 +82,31 @@ fn candidates(scene: &Scene, part: usize) -> Vec<Candidate> {
     found
 }
 
+/// Places of one size on both faces across an axis of a box: the middle and the corners.
+fn on_side(part: usize, solid: &Solid, half: &[f64; 3], side: usize, size: f64) -> Vec<Candidate> {
+    let (x, y) = ((side + 1) % 3, (side + 2) % 3);
+    let reach = |k: usize| (half[k] - 0.5 * PAPER * size).max(0.0);
+    let mut found = Vec::new();
+    for out in [-1.0, 1.0] {
+        for (dx, dy) in [(0.0, 0.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            let mut place = Vector3::zeros();
+            place[side] = out * (half[side] + 0.5 * THICKNESS);
+            place[x] = dx * reach(x);
+            place[y] = dy * reach(y);
+            let (mut right, mut normal) = (Vector3::zeros(), Vector3::zeros());
+            right[x] = 1.0;
+            normal[side] = out;
+            let up = normal.cross(&right);
+            let turn = Rotation3::from_basis_unchecked(&[right, up, normal]);
+            let pose = Pose::from_parts(place.into(), UnitQuaternion::from_rotation_matrix(&turn));
+            found.push(Candidate { part, size, part_from_tag: solid.body_from_solid * pose });
+        }
+    }
+    found
+}
+
 /// Pixels that the tag covers, foreshortened, summed over the instants in which nothing stands
-/// before its middle and its corners.
+/// before any of it.
 fn visibility(film: &Film, candidate: &Candidate) -> f64 {
     (0..INSTANTS)
         .map(|i| {
@@ -106,9 +116,11 @@ fn visibility(film: &Film, candidate: &Candidate) -> f64 {
             let camera_from_world = film.camera_from_world(t);
             let part = film.scene.world_from_part(&film.configurations(t))[candidate.part];
             let camera_from_tag = camera_from_world * part * candidate.part_from_tag;
-            let h = 0.5 * candidate.size;
-            let corners = [[0.0, 0.0], [-h, -h], [-h, h], [h, -h], [h, h]]
-                .map(|[x, y]| camera_from_tag * Point3::new(x, y, THICKNESS));
+            let step = PAPER * candidate.size / (GRID - 1) as f64;
+            let spot = |k: usize| (k as f64 - 0.5 * (GRID - 1) as f64) * step;
+            let spots: Vec<Point3<f64>> = (0..GRID * GRID)
+                .map(|i| camera_from_tag * Point3::new(spot(i % GRID), spot(i / GRID), THICKNESS))
+                .collect();
             let clear = |p: &Point3<f64>| {
                 film.camera.project(p).is_some_and(|px| film.camera.sees(&px, 8.0))
                     && solids.iter().all(|(solid, world_from_body)| {
@@ -120,10 +132,10 @@ fn visibility(film: &Film, candidate: &Candidate) -> f64 {
                         solid.cast(&eye, &ray, 1.0 - 0.002 / p.coords.norm() as f32).is_none()
                     })
             };
-            if !corners.iter().all(clear) {
+            if !spots.iter().all(clear) {
                 return 0.0;
             }
-            let middle = corners[0].coords;
+            let middle = camera_from_tag.translation.vector;
             let facing = -(camera_from_tag * Vector3::z()).dot(&middle.normalize());
             let pixels = film.camera.fx * candidate.size / middle.z;
             if facing < 0.3 { 0.0 } else { pixels.min(80.0) * facing }
