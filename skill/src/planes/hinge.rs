@@ -13,6 +13,10 @@ const MAX_TILT: f64 = 0.08;
 const MAX_DISTANCE: f64 = 0.04;
 /// Reach and place along the hinge may differ by this share of the reach.
 const MAX_STRETCH: f64 = 0.25;
+/// What planes do not tell, however many there are: the direction, radians,
+const SYSTEMATIC_RAD: f64 = 0.0025;
+/// and the place, metres: ledges and the part's thickness shift its planes.
+const SYSTEMATIC_M: f64 = 0.005;
 /// Turn of a part that rests, radians.
 const REST: f64 = 0.03;
 
@@ -235,7 +239,7 @@ impl Hinge {
         all
     }
 
-    /// Covariance of (axis, origin) from the residuals.
+    /// Covariance of (axis, origin) from the residuals and what all planes share.
     pub fn covariance(&self) -> DMatrix<f64> {
         let mut covariance = DMatrix::zeros(6, 6);
         let mut reach: Vec<f64> =
@@ -244,11 +248,13 @@ impl Hinge {
         let (u, v) = orthonormal_basis(&self.axis);
         for side in [u, v] {
             let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
-            let spread = side * side.transpose() * (self.rmse * self.rmse / seen);
+            let variance = self.rmse * self.rmse / seen;
+            let direction = variance / (reach * reach) + SYSTEMATIC_RAD * SYSTEMATIC_RAD;
+            let place = variance + SYSTEMATIC_M * SYSTEMATIC_M;
             for r in 0..3 {
                 for c in 0..3 {
-                    covariance[(r, c)] += spread[(r, c)] / (reach * reach);
-                    covariance[(r + 3, c + 3)] += spread[(r, c)];
+                    covariance[(r, c)] += direction * side[r] * side[c];
+                    covariance[(r + 3, c + 3)] += place * side[r] * side[c];
                 }
             }
         }
