@@ -255,6 +255,16 @@ pub fn screw_of(motion: &Pose) -> Option<Screw> {
     Some(Screw { angle, axis, origin: Point3::from(origin) })
 }
 
+/// The plane through points by least squares: their mean, and the unit normal in either sense.
+pub fn plane_through(points: &[Point3<f64>]) -> (Point3<f64>, Vector3<f64>) {
+    let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    let spread: Matrix3<f64> =
+        points.iter().map(|p| p.coords - mean).map(|d| d * d.transpose()).sum();
+    let eigen = spread.symmetric_eigen();
+    let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    (Point3::from(mean), normal)
+}
+
 /// The middle value; `None` of nothing. NaN must not be among the values.
 pub fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() {

@@ -3,11 +3,12 @@
 use super::describe::{FeatureSpread, describe_frame};
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
+use crate::geometry::plane_through;
 use crate::learn::Demonstration;
 use crate::vision::lab_picture;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, depth_sigma};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -377,15 +378,11 @@ fn leads_away(plane: &[Sample], swept: &Occupancy) -> bool {
 
 /// The plane through all samples that lie on a plane.
 fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
-    let on: Vec<Vector3<f64>> =
-        samples.iter().filter(|s| plane.carries(s)).map(|s| s.point.coords).collect();
-    let n = on.len().max(1) as f64;
-    let mean = on.iter().sum::<Vector3<f64>>() / n;
-    let spread: Matrix3<f64> = on.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
-    let eigen = spread.symmetric_eigen();
-    let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    let on: Vec<Point3<f64>> =
+        samples.iter().filter(|s| plane.carries(s)).map(|s| s.point).collect();
+    let (through, normal) = plane_through(&on);
     let facing = normal.dot(&plane.normal).signum();
-    Plane { normal: normal * facing, through: Point3::from(mean) }
+    Plane { normal: normal * facing, through }
 }
 
 /// Part, cell and main direction of the normal: two sides of a board stay apart.

@@ -364,42 +364,18 @@ pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMa
 #[cfg(test)]
 mod tests {
     use super::super::dof::Dof;
+    use super::super::specimen::seen_moving;
     use super::*;
-    use crate::base::{BaseMotion, BasePoint, BaseTrack};
     use crate::geometry::line_angle;
 
     /// A door of 12 points turning by 60 degrees in 30 frames, with 2 mm of noise.
     fn door(hinge: &Dof) -> (View, Vec<f64>) {
         let q: Vec<f64> = (0..30).map(|f| f64::from(f) * 0.035).collect();
-        let mut state = 1_u32;
-        let mut noise = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            0.004 * (f64::from(state >> 8) / f64::from(1 << 24) - 0.5)
-        };
-        let tracks = (0..12)
-            .map(|i| {
-                let i = f64::from(i);
-                let p = Point3::new(0.1 + 0.03 * i, 0.1 * (i * 1.3).sin(), 1.2 + 0.02 * i);
-                BaseTrack {
-                    first_frame: 0,
-                    moves: true,
-                    points: q
-                        .iter()
-                        .map(|&q| {
-                            let n = Vector3::new(noise(), noise(), noise());
-                            Some(BasePoint {
-                                point: hinge.move_point(q, &p) + n,
-                                information: Matrix3::identity() / 0.002_f64.powi(2),
-                                sigma: 0.002,
-                            })
-                        })
-                        .collect(),
-                }
-            })
+        let places: Vec<Point3<f64>> = (0..12)
+            .map(f64::from)
+            .map(|i| Point3::new(0.1 + 0.03 * i, 0.1 * (i * 1.3).sin(), 1.2 + 0.02 * i))
             .collect();
-        let base =
-            BaseMotion { camera_from_base: vec![Default::default(); 30], tracks, static_count: 0 };
-        (View::from_base(&base, (0..12).collect()), q)
+        (seen_moving(hinge, &places, &q), q)
     }
 
     #[test]

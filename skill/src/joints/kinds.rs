@@ -91,43 +91,18 @@ fn others(joint: &Grown, tracks: &[usize]) -> Vec<Grown> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::specimen::seen_moving;
     use super::*;
-    use crate::base::{BaseMotion, BasePoint, BaseTrack};
-    use nalgebra::Matrix3;
 
     /// A door of twelve points that opens by `angle` in thirty frames, seen with 2 mm of noise.
     fn door(angle: f64) -> (View, Grown) {
         let hinge = Dof { hinge: true, axis: Vector3::y(), origin: Point3::new(0.0, 0.0, 1.5) };
-        let mut state = 7_u32;
-        let mut noise = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            0.004 * (f64::from(state >> 8) / f64::from(1 << 24) - 0.5)
-        };
         let q: Vec<f64> = (0..30).map(|f| angle * f64::from(f) / 29.0).collect();
         let places: Vec<Point3<f64>> = (0..12)
             .map(f64::from)
             .map(|i| Point3::new(0.1 + 0.04 * i, 0.2 * (1.3 * i).sin(), 1.5))
             .collect();
-        let tracks = places
-            .iter()
-            .map(|p| BaseTrack {
-                first_frame: 0,
-                moves: true,
-                points: q
-                    .iter()
-                    .map(|&q| {
-                        Some(BasePoint {
-                            point: hinge.move_point(q, p) + Vector3::from_fn(|_, _| noise()),
-                            information: Matrix3::identity() / 0.002_f64.powi(2),
-                            sigma: 0.002,
-                        })
-                    })
-                    .collect(),
-            })
-            .collect();
-        let base =
-            BaseMotion { camera_from_base: vec![Default::default(); 30], tracks, static_count: 0 };
-        let view = View::from_base(&base, (0..12).collect());
+        let view = seen_moving(&hinge, &places, &q);
         let mut joint = Grown::new(hinge, &view, 0);
         joint.q = q;
         joint.known = vec![true; 30];

@@ -15,6 +15,8 @@ mod hypothesis;
 mod kinds;
 mod merge;
 mod outcome;
+#[cfg(test)]
+mod specimen;
 mod view;
 
 use crate::base::BaseMotion;

@@ -1,10 +1,11 @@
 //! Flat pieces of what moves, keyframe by keyframe.
 
 use crate::base::{BaseMotion, coarse_sigma};
+use crate::geometry::plane_through;
 use crate::keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::NormalMap;
-use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -117,21 +118,10 @@ fn patches(mut samples: Vec<Sample>, frame: usize, seed: u64) -> Vec<PlanePatch>
 }
 
 fn fitted(frame: usize, samples: &[Sample]) -> PlanePatch {
-    let mean = samples.iter().map(|s| s.point.coords).sum::<Vector3<f64>>() / samples.len() as f64;
-    let mut scatter = Matrix3::zeros();
-    for s in samples {
-        let d = s.point.coords - mean;
-        scatter += d * d.transpose();
-    }
-    let eigen = SymmetricEigen::new(scatter);
-    let mut normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    let points: Vec<Point3<f64>> = samples.iter().map(|s| s.point).collect();
+    let (mean, mut normal) = plane_through(&points);
     if normal.dot(&samples[0].normal) < 0.0 {
         normal = -normal;
     }
-    PlanePatch {
-        frame,
-        normal,
-        offset: normal.dot(&mean),
-        points: samples.iter().map(|s| s.point).collect(),
-    }
+    PlanePatch { frame, normal, offset: normal.dot(&mean.coords), points }
 }

@@ -1,9 +1,9 @@
 //! Tags in one frame: corners by the vision library, poses by depth.
 
 use linkage_driver::RgbdFrame;
-use linkage_skill::geometry::{Pose, rigid_fit};
+use linkage_skill::geometry::{Pose, plane_through, rigid_fit};
 use linkage_skill::vision::Gray;
-use nalgebra::{Matrix3, Point2, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 use opencv::aruco;
 use opencv::core::{Mat, Point2f, Ptr, Vector};
 use opencv::prelude::*;
@@ -108,20 +108,10 @@ fn plane(points: &[Point3<f64>]) -> Option<(Point3<f64>, Vector3<f64>)> {
         if kept.len() < MIN_READINGS {
             return None;
         }
-        let mean = kept.iter().map(|p| p.coords).sum::<Vector3<f64>>() / kept.len() as f64;
-        let mut scatter = Matrix3::zeros();
-        for p in &kept {
-            let d = p.coords - mean;
-            scatter += d * d.transpose();
-        }
-        let eigen = SymmetricEigen::new(scatter);
-        let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-        kept = points
-            .iter()
-            .copied()
-            .filter(|p| normal.dot(&(p.coords - mean)).abs() < MAX_STRAY)
-            .collect();
-        found = Some((Point3::from(mean), normal));
+        let (mean, normal) = plane_through(&kept);
+        kept =
+            points.iter().copied().filter(|p| normal.dot(&(p - mean)).abs() < MAX_STRAY).collect();
+        found = Some((mean, normal));
     }
     found
 }

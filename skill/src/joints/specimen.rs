@@ -1,0 +1,31 @@
+//! What tests of joints look at: a part of few points, seen to move with 2 mm of noise.
+
+use super::dof::Dof;
+use super::view::View;
+use crate::base::{BaseMotion, BasePoint, BaseTrack};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+/// A track for each place, seen at each configuration.
+pub fn seen_moving(dof: &Dof, places: &[Point3<f64>], q: &[f64]) -> View {
+    let mut state = 1_u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        0.004 * (f64::from(state >> 8) / f64::from(1 << 24) - 0.5)
+    };
+    let mut seen = |place: Point3<f64>| BasePoint {
+        point: place + Vector3::from_fn(|_, _| noise()),
+        information: Matrix3::identity() / 0.002_f64.powi(2),
+        sigma: 0.002,
+    };
+    let tracks = places
+        .iter()
+        .map(|p| BaseTrack {
+            first_frame: 0,
+            moves: true,
+            points: q.iter().map(|&q| Some(seen(dof.move_point(q, p)))).collect(),
+        })
+        .collect();
+    let camera_from_base = vec![Default::default(); q.len()];
+    let base = BaseMotion { camera_from_base, tracks, static_count: 0 };
+    View::from_base(&base, (0..places.len()).collect())
+}
