@@ -35,11 +35,13 @@ pub struct LearnConfig {
     pub way: LearningWay,
     /// Whole frames kept for appearance and free-space tests; bounds memory.
     pub keyframes: usize,
+    /// Frames between searches for joints while frames arrive; 0: only at the end.
+    pub search_every: usize,
 }
 
 impl Default for LearnConfig {
     fn default() -> Self {
-        Self { way: LearningWay::Joints, keyframes: 48 }
+        Self { way: LearningWay::Joints, keyframes: 48, search_every: 60 }
     }
 }
 

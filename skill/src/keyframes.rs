@@ -2,13 +2,14 @@
 //! parts and for asking whether the space that a model claims was free.
 
 use linkage_driver::RgbdFrame;
+use std::sync::Arc;
 
 /// At most `capacity` frames, evenly spread over all that were offered.
 #[derive(Debug, Clone)]
 pub struct Keyframes {
     capacity: usize,
     stride: usize,
-    frames: Vec<(usize, RgbdFrame)>,
+    frames: Vec<(usize, Arc<RgbdFrame>)>,
 }
 
 impl Keyframes {
@@ -30,12 +31,12 @@ impl Keyframes {
                 return;
             }
         }
-        self.frames.push((index, frame.clone()));
+        self.frames.push((index, Arc::new(frame.clone())));
     }
 
     /// Frame numbers and frames, in time order.
     pub fn iter(&self) -> impl Iterator<Item = (usize, &RgbdFrame)> {
-        self.frames.iter().map(|(i, f)| (*i, f))
+        self.frames.iter().map(|(i, f)| (*i, &**f))
     }
 
     /// How many are kept.
@@ -53,7 +54,6 @@ impl Keyframes {
 mod tests {
     use super::*;
     use linkage_driver::{ColorImage, DepthImage, PinholeCamera};
-    use std::sync::Arc;
 
     #[test]
     fn a_long_recording_keeps_a_bounded_even_choice() {

@@ -23,37 +23,53 @@ pub fn weight(distance_sq: f64, cut: f64) -> f64 {
 /// observation says the point is, from their component-wise median.
 pub fn locate_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
-    let located: Vec<Option<Point3<f64>>> =
-        tracks.par_iter().map(|&t| locate(joint, &motions, view, t, cut)).collect();
-    for (&t, p) in tracks.iter().zip(located) {
+    place(joint, tracks, |joint, t| {
+        let known = view.life(t).filter(|(f, _)| joint.known[*f]);
+        let carried: Vec<Point3<f64>> = known.map(|(f, s)| motions[f].back(&s.point)).collect();
+        let middle = median_point(&carried)?;
+        let nearer = settled(joint, &motions, view, t, middle, cut);
+        Some(settled(joint, &motions, view, t, nearer, cut))
+    });
+}
+
+/// The same from where the points are, which is nearly right.
+fn follow_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
+    let motions = joint.motions();
+    place(joint, tracks, |joint, t| Some(settled(joint, &motions, view, t, joint.points[t], cut)));
+}
+
+fn place(
+    joint: &mut Grown,
+    tracks: &[usize],
+    located: impl Fn(&Grown, usize) -> Option<Point3<f64>> + Sync,
+) {
+    let points: Vec<Option<Point3<f64>>> = tracks.par_iter().map(|&t| located(joint, t)).collect();
+    for (&t, p) in tracks.iter().zip(points) {
         if let Some(p) = p {
             joint.points[t] = p;
         }
     }
 }
 
-fn locate(
+/// Mean of where a track's observations say its point is, each weighed by how near it is to
+/// `point`.
+fn settled(
     joint: &Grown,
     motions: &[Moved],
     view: &View,
     track: usize,
+    point: Point3<f64>,
     cut: f64,
-) -> Option<Point3<f64>> {
-    let seen: Vec<_> = view.life(track).filter(|(f, _)| joint.known[*f]).collect();
-    let carried: Vec<Point3<f64>> = seen.iter().map(|(f, s)| motions[*f].back(&s.point)).collect();
-    let mut point = median_point(&carried)?;
-    for _ in 0..2 {
-        let (mut sum, mut total) = (Vector3::zeros(), 0.0);
-        for ((f, s), c) in seen.iter().zip(&carried) {
-            let w = weight(s.distance_sq(&motions[*f].forth(&point)), cut);
-            sum += w * c.coords;
+) -> Point3<f64> {
+    let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+    for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
+        let w = weight(s.distance_sq(&motions[f].forth(&point)), cut);
+        if w > 0.0 {
+            sum += w * motions[f].back(&s.point).coords;
             total += w;
         }
-        if total > 1e-6 {
-            point = Point3::from(sum / total);
-        }
     }
-    Some(point)
+    if total > 1e-6 { Point3::from(sum / total) } else { point }
 }
 
 /// One track's contributions to the normal equations of line and configurations, its own point
@@ -295,7 +311,7 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
         };
         let before = total(joint);
         let Some(mut next) = step(joint, view, tracks, cut, damping) else { break };
-        locate_points(&mut next, view, tracks, cut);
+        follow_points(&mut next, view, tracks, cut);
         if total(&next) > 1.0001 * before {
             damping = f64::max(damping, 1e-3) * 30.0;
             if damping > 1e3 {

@@ -14,6 +14,8 @@ pub struct Agreement {
     pub agreeing: usize,
 }
 
+/// Share of all support from which a guess needs no rivals.
+const SETTLED: f64 = 0.6;
 /// Proposals that are tried, at the most.
 const MAX_PROPOSALS: usize = 60;
 
@@ -33,8 +35,7 @@ pub fn agree(
         .zip(weights)
         .filter_map(|(&t, &w)| Some((&joint.points[t], view.at(t, frame)?, w)))
         .collect();
-    let mut best = (-1.0, Agreement { q: guess.unwrap_or(0.0), agreeing: 0 });
-    let mut consider = |q: f64| {
+    let support = |q: f64| {
         let (mut score, mut agreeing) = (0.0, 0);
         let at = joint.dof.at(q);
         for (p, s, w) in &voters {
@@ -44,16 +45,18 @@ pub fn agree(
                 agreeing += 1;
             }
         }
-        if score > best.0 {
-            best = (score, Agreement { q, agreeing });
-        }
+        (score, Agreement { q, agreeing })
     };
-    if let Some(q) = guess {
-        consider(q);
-    }
-    let stride = (voters.len() / MAX_PROPOSALS).max(1);
-    for (p, s, _) in voters.iter().step_by(stride) {
-        consider(joint.dof.configuration(p, &s.point));
+    let mut best = support(guess.unwrap_or(0.0));
+    let total: f64 = voters.iter().map(|(_, _, w)| w).sum();
+    if guess.is_none() || best.0 < SETTLED * total {
+        let stride = (voters.len() / MAX_PROPOSALS).max(1);
+        for (p, s, _) in voters.iter().step_by(stride) {
+            let proposal = support(joint.dof.configuration(p, &s.point));
+            if proposal.0 > best.0 {
+                best = proposal;
+            }
+        }
     }
     let mut agreement = best.1;
     for _ in 0..3 {

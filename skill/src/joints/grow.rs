@@ -23,8 +23,10 @@ const MIN_SCREW_ANGLE: f64 = 0.03;
 const MAX_LEVER: f64 = 2.0;
 /// Frames without agreement after which growth ends.
 const MAX_LOST: usize = 12;
-/// Frames between refinements while growing.
+/// Frames between refinements while growing,
 const REFINE_EVERY: usize = 8;
+/// and at least this part of those that are known.
+const REFINE_SHARE: usize = 6;
 /// Tracks that a refinement uses while growing.
 const REFINE_TRACKS: usize = 80;
 /// Tracks that the last refinements use.
@@ -193,7 +195,8 @@ impl Book {
     }
 }
 
-fn grow(view: &View, mut joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+/// Carries a joint to all frames, from those in which it is known.
+pub fn grow(view: &View, mut joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
     let known = joint.known_frames();
     let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return joint };
     let mut book = Book::new(view, &joint, config.cut);
@@ -239,8 +242,10 @@ fn sweep(
             return;
         }
         grown += 1;
-        if grown % REFINE_EVERY == 0 {
-            refine_while_growing(view, joint, book, candidates, config, rng);
+        // The more is known, the less a few frames add.
+        if grown >= REFINE_EVERY.max(joint.known_frames().len() / REFINE_SHARE) {
+            grown = 0;
+            refine_while_growing(view, joint, book, candidates, config, rng, f);
             if let Some(near) = joint.known_frames().into_iter().min_by_key(|k| k.abs_diff(f)) {
                 q = joint.q[near];
             }
@@ -305,6 +310,7 @@ fn refine_while_growing(
     candidates: &[usize],
     config: &JointsConfig,
     rng: &mut ChaCha8Rng,
+    frame: usize,
 ) {
     let known: Vec<usize> = candidates.iter().copied().filter(|&t| book.known[t]).collect();
     let mut trusted: Vec<usize> =
@@ -317,7 +323,8 @@ fn refine_while_growing(
         trusted.truncate(REFINE_TRACKS);
     }
     refine(joint, view, &trusted, config.cut, config.growth_steps);
-    locate_points(joint, view, &known, 4.0 * config.cut);
+    let alive: Vec<usize> = known.into_iter().filter(|&t| view.at(t, frame).is_some()).collect();
+    locate_points(joint, view, &alive, 4.0 * config.cut);
 }
 
 /// Tracks that follow the joint: seen often enough, mostly right, better off than standing

@@ -17,6 +17,8 @@ pub struct Grown {
     pub filled: Vec<f64>,
     /// Part point of each track of the view, at configuration 0.
     pub points: Vec<Point3<f64>>,
+    /// Tracks of the hypothesis that it grew from.
+    pub seed: Vec<usize>,
     /// Tracks that follow it.
     pub members: Vec<usize>,
     /// The frame whose configuration is pinned: q has no zero of its own.
@@ -56,6 +58,7 @@ impl Grown {
             known: vec![false; view.frames],
             filled: vec![0.0; view.frames],
             points: vec![Point3::origin(); view.len()],
+            seed: Vec::new(),
             members: Vec::new(),
             anchor,
             gain: f64::NEG_INFINITY,

@@ -5,6 +5,7 @@ use super::JointsConfig;
 use super::grown::Grown;
 use super::view::View;
 use crate::geometry::{Correspondence, Pose, RansacOptions, ransac_rigid};
+use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -28,31 +29,50 @@ pub struct Hypothesis {
 impl Hypothesis {
     /// A joint moves most of its tracks as they were seen to move in its window. Being among
     /// a joint's members does not suffice: a poor joint takes in whatever is near.
-    pub fn is_explained_by(&self, joint: &Grown, view: &View, cut: f64, max_cost: f64) -> bool {
-        let explained = |t: usize| {
-            let (mut sum, mut observations) = (0.0, 0);
-            for f in (self.from..=self.to).filter(|&f| joint.known[f]) {
-                let Some(seen) = view.at(t, f) else { continue };
-                let place = joint.dof.move_point(joint.q[f], &joint.points[t]);
-                sum += seen.distance_sq(&place).min(cut);
-                observations += 1;
-            }
-            observations > 2 && sum < max_cost * f64::from(observations)
-        };
-        let count = self.tracks.iter().filter(|&&t| explained(t)).count();
+    pub fn is_explained_by(&self, joint: &Grown, view: &View, max_share: f64) -> bool {
+        let mut known = (self.from..=self.to).filter(|&f| joint.known[f]);
+        let (Some(first), Some(last)) = (known.next(), known.next_back()) else { return false };
+        let (at_first, at_last) = (joint.dof.at(joint.q[first]), joint.dof.at(joint.q[last]));
+        let carried = |p: &Point3<f64>| at_last.forth(&at_first.back(p));
+        2 * (last - first) >= self.to - self.from
+            && self.most_tracks(|t| {
+                let (Some(a), Some(b)) = (view.at(t, first), view.at(t, last)) else {
+                    return false;
+                };
+                let error = (carried(&a.point) - b.point).norm();
+                error < SAME_PLACE_SIGMAS * b.sigma
+                    && error < max_share * (b.point - a.point).norm()
+            })
+    }
+
+    /// Most of its tracks stand still in a view.
+    pub fn is_still_in(&self, view: &View) -> bool {
+        self.most_tracks(|t| {
+            let (Some(a), Some(b)) = (view.at(t, self.from), view.at(t, self.to)) else {
+                return false;
+            };
+            (a.point - b.point).norm() < SAME_PLACE_SIGMAS * b.sigma
+        })
+    }
+
+    fn most_tracks(&self, is_so: impl Fn(usize) -> bool) -> bool {
+        let count = self.tracks.iter().filter(|&&t| is_so(t)).count();
         10 * count > 6 * self.tracks.len()
     }
 }
 
+/// Standard deviations within which two places are one.
+const SAME_PLACE_SIGMAS: f64 = 3.0;
 /// Windows, in frames.
 const WINDOWS: [usize; 3] = [6, 12, 24];
 /// Motions looked for in one window.
 const MODES: usize = 3;
 
-/// All hypotheses, strongest first.
+/// All hypotheses of windows that end after `since`, strongest first.
 pub fn hypotheses(
     view: &View,
     candidates: &[usize],
+    since: usize,
     config: &JointsConfig,
     seed: u64,
 ) -> Vec<Hypothesis> {
@@ -64,7 +84,7 @@ pub fn hypotheses(
         .flat_map(|&w| {
             (0..view.frames.saturating_sub(w)).step_by((w / 3).max(3)).map(move |a| (a, a + w))
         })
-        .filter(|&(a, b)| view.usable[a] && view.usable[b])
+        .filter(|&(a, b)| b >= since && view.usable[a] && view.usable[b])
         .collect();
     let mut found: Vec<Hypothesis> = windows
         .par_iter()

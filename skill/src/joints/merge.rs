@@ -17,6 +17,8 @@ const MAX_ANGLE: f64 = 0.175;
 const MAX_DISTANCE: f64 = 0.05;
 /// Frames that two stretches must share for their configurations to be compared.
 const COMMON_FRAMES: usize = 8;
+/// Frames that a stretch must add.
+const LEAST_MORE: usize = 5;
 /// Tracks of each stretch that the merged joint is refined on.
 const TRACKS_EACH: usize = 75;
 
@@ -51,6 +53,13 @@ impl Kinship {
 /// common frames.
 pub fn kinship(a: &Grown, b: &Grown) -> Option<Kinship> {
     [Kinship::Same, Kinship::Possible].into_iter().find(|k| are_akin(a, b, k.slack()))
+}
+
+/// The other joint is known where this one is not: its tracks this one would have gathered
+/// itself.
+pub fn adds_frames(joint: &Grown, other: &Grown) -> bool {
+    let beyond = joint.known.iter().zip(&other.known).filter(|(here, there)| !**here && **there);
+    beyond.count() >= LEAST_MORE
 }
 
 /// Same kind and near lines.

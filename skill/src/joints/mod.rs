@@ -13,6 +13,7 @@ mod grow;
 mod grown;
 mod hypothesis;
 mod kinds;
+mod memory;
 mod merge;
 mod outcome;
 #[cfg(test)]
@@ -27,9 +28,13 @@ use crate::track::TrackSet;
 use accept::Witness;
 use grown::Grown;
 use hypothesis::Hypothesis;
+pub use memory::Memory;
+use memory::Standing;
 use merge::Kinship;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use view::View;
 
 /// Values of this way of learning. All ours, measured on rendered recordings.
@@ -40,6 +45,8 @@ pub struct JointsConfig {
     pub cut: f64,
     /// Hypotheses grown in one round and frame of reference.
     pub max_hypotheses: usize,
+    /// Share of the strongest hypothesis's rank below which one is not grown.
+    pub min_rank_share: f64,
     /// Rounds of accepting a joint and searching what it leaves.
     pub rounds: usize,
     /// Refinement steps every few frames of growth.
@@ -83,6 +90,7 @@ impl Default for JointsConfig {
         Self {
             cut: 16.0,
             max_hypotheses: 12,
+            min_rank_share: 0.02,
             rounds: 4,
             growth_steps: 2,
             finish_steps: 5,
@@ -104,64 +112,131 @@ impl Default for JointsConfig {
     }
 }
 
-/// Finds the joints of a demonstration.
-pub fn search(
-    set: &TrackSet,
-    base: &BaseMotion,
-    keyframes: &Keyframes,
-    config: &SkillConfig,
-) -> Vec<LearnedJoint> {
-    let moving: Vec<usize> = (0..base.tracks.len()).filter(|&t| base.tracks[t].moves).collect();
-    let view = View::from_base(base, moving);
-    let witness = Witness { base, keyframes, config: &config.joints };
-    let joints = Search { view: &view, witness, config, joints: Vec::new() }.run();
-    outcome::to_learned(set, base, &view, &joints, config)
+/// The frames of a demonstration, or those of it that there are by now.
+#[derive(Clone, Copy)]
+pub struct Watched<'s> {
+    /// Tracks.
+    pub set: &'s TrackSet,
+    /// The same from the base.
+    pub base: &'s BaseMotion,
+    /// Whole frames.
+    pub keyframes: &'s Keyframes,
+    /// Configuration.
+    pub config: &'s SkillConfig,
+}
+
+impl Watched<'_> {
+    /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
+    pub fn joints(&self, earlier: &Memory) -> Vec<LearnedJoint> {
+        let view = self.view();
+        let nothing = Memory::default();
+        let mut search = Search::new(*self, &view, earlier, None);
+        search.run();
+        if search.joints.is_empty() && earlier.frames > 0 {
+            search = Search::new(*self, &view, &nothing, None);
+            search.run();
+        }
+        outcome::to_learned(self.set, self.base, &view, &search.joints, self.config)
+    }
+
+    /// Searches the first frames of a demonstration, so that the rest is found sooner. When
+    /// `cancelled`, what is found is of no use.
+    pub fn remember(&self, earlier: &Memory, cancelled: &AtomicBool) -> Memory {
+        let view = self.view();
+        let mut search = Search::new(*self, &view, earlier, Some(cancelled));
+        search.run();
+        search.remember()
+    }
+
+    fn view(&self) -> Arc<View> {
+        let tracks = &self.base.tracks;
+        let moving = (0..tracks.len()).filter(|&t| tracks[t].moves).collect();
+        Arc::new(View::from_base(self.base, moving))
+    }
 }
 
 struct Search<'s> {
-    view: &'s View,
+    seen: Watched<'s>,
+    /// The view from the base,
+    view: Arc<View>,
+    /// and that from each joint's part.
+    views: Vec<Arc<View>>,
     witness: Witness<'s>,
     config: &'s SkillConfig,
+    earlier: &'s Memory,
+    cancelled: Option<&'s AtomicBool>,
     joints: Vec<Grown>,
+    /// What was grown and is explained by no joint.
+    suspicions: Vec<Grown>,
+    /// Rank of the strongest hypothesis so far.
+    best_rank: f64,
+    /// Parts in whose frames the earlier search's joints are called back already.
+    recalled: Vec<Option<usize>>,
 }
 
-impl Search<'_> {
-    fn run(mut self) -> Vec<Grown> {
+impl<'s> Search<'s> {
+    fn new(
+        seen: Watched<'s>,
+        view: &Arc<View>,
+        earlier: &'s Memory,
+        cancelled: Option<&'s AtomicBool>,
+    ) -> Self {
+        let witness =
+            Witness { base: seen.base, keyframes: seen.keyframes, config: &seen.config.joints };
+        Self {
+            seen,
+            view: Arc::clone(view),
+            views: Vec::new(),
+            witness,
+            config: seen.config,
+            earlier,
+            cancelled,
+            joints: Vec::new(),
+            suspicions: Vec::new(),
+            best_rank: earlier.best_rank,
+            recalled: Vec::new(),
+        }
+    }
+
+    fn run(&mut self) {
         let config = &self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
-        // What one round grew, the next need not grow again.
-        let mut grown: Vec<Grown> = Vec::new();
         for round in 0..config.rounds {
             let parents = if config.chains { self.joints.len() } else { 0 };
-            let candidates: Vec<Grown> = std::iter::once(None)
-                .chain((0..parents).map(Some))
-                .flat_map(|parent| {
-                    let known = grown.iter().filter(|j| j.parent == parent).cloned().collect();
-                    self.in_frame(parent, &rest, round, known)
-                })
-                .collect();
-            let Some(best) = self.best_of(&candidates) else { break };
+            // What one round grew, the next need not grow again.
+            let grown = std::mem::take(&mut self.suspicions);
+            let mut candidates: Vec<Grown> = Vec::new();
+            for parent in std::iter::once(None).chain((0..parents).map(Some)) {
+                let known = grown.iter().filter(|j| j.parent == parent).cloned().collect();
+                candidates.extend(self.in_frame(parent, &rest, round, known));
+            }
+            let best = self.best_of(&candidates);
+            let Some(best) = best.filter(|_| !self.is_cancelled()) else {
+                self.suspicions = candidates;
+                return;
+            };
             let best = self.merged_with_its_stretches(best, &candidates, &rest);
             let explained = self.explained(&best, &rest);
             let adopted = self.adopt(best, &rest);
             rest.retain(|t| !explained.contains(t));
-            grown = candidates;
-            grown.retain(|j| overlap(&j.members, &explained) < 0.3 && j.parent != Some(adopted));
+            candidates
+                .retain(|j| overlap(&j.members, &explained) < 0.3 && j.parent != Some(adopted));
+            self.suspicions = candidates;
         }
-        self.joints
     }
 
-    /// The view from a part, through all of its parents.
-    fn view_from(&self, parent: Option<usize>) -> View {
-        match parent {
-            None => self.view.clone(),
-            Some(p) => self.view_from(self.joints[p].parent).seen_from(&self.joints[p]),
-        }
+    fn is_cancelled(&self) -> bool {
+        self.cancelled.is_some_and(|c| c.load(Ordering::Relaxed))
+    }
+
+    /// The view from a part.
+    fn view_from(&self, parent: Option<usize>) -> Arc<View> {
+        parent.map_or_else(|| Arc::clone(&self.view), |p| Arc::clone(&self.views[p]))
     }
 
     /// Joints in the frame of a part: those that are `known` and what else can be grown.
     fn in_frame(
-        &self,
+        &mut self,
         parent: Option<usize>,
         rest: &[usize],
         round: usize,
@@ -177,26 +252,44 @@ impl Search<'_> {
             return Vec::new();
         }
         let seed = self.config.seed.wrapping_add(round as u64);
-        let hypotheses = hypothesis::hypotheses(&view, &candidates, config, seed);
-        // While the parent rests, what moves on it and what moves on the base are the same.
-        let tells = |h: &&Hypothesis| {
-            parent.is_none_or(|p| accept::moves_beside(&self.joints[p], &view, &h.tracks))
-        };
-        let mut queue = hypotheses.iter().filter(tells);
         let mut grown = known;
+        let since = match self.former(parent) {
+            None => 0,
+            Some(former) if self.recalled.contains(&parent) => self.earlier.since(former),
+            Some(former) => {
+                self.recalled.push(parent);
+                let (recalled, stand) = self.recall(former, parent, &view, &candidates);
+                grown.extend(recalled);
+                if stand { self.earlier.since(former) } else { 0 }
+            }
+        };
+        let hypotheses = hypothesis::hypotheses(&view, &candidates, since, config, seed);
+        self.best_rank = hypotheses.first().map_or(0.0, |h| h.rank).max(self.best_rank);
+        let least_rank = config.min_rank_share * self.best_rank;
+        // While the parent rests, what moves on it and what moves on the base are the same. What
+        // stands still beside the parent mirrors its joint.
+        let beside = parent.map(|p| (p, self.view_from(self.joints[p].parent)));
+        let tells = |h: &&Hypothesis| {
+            beside.as_ref().is_none_or(|(p, beside)| {
+                !h.is_still_in(beside) && accept::moves_beside(&self.joints[*p], &view, &h.tracks)
+            })
+        };
+        let mut queue = hypotheses.iter().take_while(|h| h.rank >= least_rank).filter(tells);
         let mut tried: Vec<&[usize]> = Vec::new();
+        let adopted: Vec<&Grown> = self.joints.iter().filter(|j| j.parent == parent).collect();
         loop {
             let mut batch: Vec<&Hypothesis> = Vec::new();
             while batch.len() < BATCH && tried.len() < config.max_hypotheses {
                 let Some(h) = queue.next() else { break };
                 if self.is_new(h, &view, &grown)
+                    && !adopted.iter().any(|j| h.is_explained_by(j, &view, SOUND_SHARE))
                     && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
                 {
                     tried.push(&h.tracks);
                     batch.push(h);
                 }
             }
-            if batch.is_empty() {
+            if batch.is_empty() || self.is_cancelled() {
                 return grown;
             }
             let more: Vec<Option<Grown>> = batch
@@ -204,8 +297,9 @@ impl Search<'_> {
                 .map(|h| {
                     let mut joint = grow::grow_hypothesis(&view, h, &candidates, config)?;
                     joint.parent = parent;
+                    joint.seed.clone_from(&h.tracks);
                     self.question(&view, &mut joint, &candidates);
-                    self.report(round, h, &joint);
+                    self.report("grown", &joint);
                     Some(joint)
                 })
                 .collect();
@@ -213,29 +307,81 @@ impl Search<'_> {
         }
     }
 
+    /// What a part was in the earlier search; `None`: not known to it.
+    fn former(&self, parent: Option<usize>) -> Option<Option<usize>> {
+        match parent {
+            None => (self.earlier.frames > 0).then_some(None),
+            Some(p) => {
+                self.earlier.counterpart(&self.joints[p], &self.view, self.seen.set).map(Some)
+            }
+        }
+    }
+
+    /// What the earlier search grew in the frame of a part, carried on to the present where it
+    /// may yet be a joint; and whether all that were joints then are joints still.
+    fn recall(
+        &self,
+        former: Option<usize>,
+        parent: Option<usize>,
+        view: &View,
+        candidates: &[usize],
+    ) -> (Vec<Grown>, bool) {
+        let mut recalled = self.earlier.recalled(former, view, self.seen.set);
+        recalled.par_iter_mut().for_each(|(joint, standing)| {
+            joint.parent = parent;
+            if *standing != Standing::Dismissed {
+                *joint = grow::grow(view, joint.clone(), candidates, &self.config.joints);
+                self.question(view, joint, candidates);
+            }
+            self.report("recalled", joint);
+        });
+        let stand = recalled
+            .iter()
+            .all(|(j, standing)| *standing != Standing::Adopted || self.witness.accepts(j));
+        (recalled.into_iter().map(|(j, _)| j).collect(), stand)
+    }
+
+    fn standing(&self, joint: &Grown) -> Standing {
+        let config = &self.config.joints;
+        let nearly = joint.cost < config.max_cost + NEARLY && joint.gain > 0.5 * config.min_gain;
+        if nearly || self.witness.accepts(joint) {
+            Standing::Promising
+        } else {
+            Standing::Dismissed
+        }
+    }
+
+    fn remember(&self) -> Memory {
+        let suspicions: Vec<(Grown, Standing)> =
+            self.suspicions.iter().map(|j| (j.clone(), self.standing(j))).collect();
+        Memory::of(
+            self.seen.set,
+            |parent| self.view_from(parent),
+            &self.joints,
+            &suspicions,
+            self.best_rank,
+            &self.config.joints,
+        )
+    }
+
     /// None of the grown joints tells already what a hypothesis would grow to.
     fn is_new(&self, h: &Hypothesis, view: &View, grown: &[Grown]) -> bool {
-        let config = &self.config.joints;
         !grown.iter().any(|g| {
             // What a hypothesis shares with a sound joint would draw it there again.
             let sound = self.witness.accepts(g) || g.coupling > accept::MAX_COUPLING;
-            match overlap(&h.tracks, &g.members) {
-                shared if shared > COVERED => {
-                    sound
-                        || h.is_explained_by(g, view, config.cut, config.max_cost)
-                        || is_found_again(g, grown)
-                }
-                shared => sound && shared > 0.5 * COVERED,
-            }
+            let shared = overlap(&h.tracks, &g.members);
+            shared > COVERED && (sound || is_found_again(g, grown))
+                || sound && shared > 0.5 * COVERED
+                || overlap(&h.tracks, &g.seed) > COVERED
+                || h.is_explained_by(g, view, if sound { SOUND_SHARE } else { POOR_SHARE })
         })
     }
 
-    fn report(&self, round: usize, h: &Hypothesis, joint: &Grown) {
+    fn report(&self, how: &str, joint: &Grown) {
         tracing::debug!(
-            round,
+            how,
             parent = joint.parent.map_or(0, |p| p + 1),
             kind = joint.dof.geometry().kind.name(),
-            window = ?(h.from, h.to),
             axis = format!("{:.2?}", joint.dof.axis.as_slice()),
             origin = format!("{:.2?}", joint.dof.origin.coords.as_slice()),
             gain = joint.gain as i64,
@@ -365,6 +511,9 @@ impl Search<'_> {
         others.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let view = self.view_from(best.parent);
         for other in others {
+            if !merge::adds_frames(&best, other) {
+                continue;
+            }
             let Some(kinship) = merge::kinship(&best, other) else { continue };
             if overlap(&other.members, &best.members) < 0.7 {
                 best = self.try_merge(&view, &best, other, kinship, rest).unwrap_or(best);
@@ -408,6 +557,7 @@ impl Search<'_> {
         for &(i, kinship) in kin.iter().filter(|(i, _)| self.joints[*i].parent == joint.parent) {
             if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, kinship, rest) {
                 self.joints[i] = merged;
+                self.look_from(i);
                 return i;
             }
         }
@@ -416,7 +566,17 @@ impl Search<'_> {
             return *i;
         }
         self.joints.push(joint);
+        self.look_from(self.joints.len() - 1);
         self.joints.len() - 1
+    }
+
+    /// Renews the views from a joint's part and from what may hang on it: parents come first.
+    fn look_from(&mut self, joint: usize) {
+        self.views.truncate(joint);
+        for j in joint..self.joints.len() {
+            let view = self.view_from(self.joints[j].parent).seen_from(&self.joints[j]);
+            self.views.push(Arc::new(view));
+        }
     }
 
     /// Tracks that a joint explains, short ones too: they drop out.
@@ -437,6 +597,12 @@ impl Search<'_> {
     }
 }
 
+/// Share of its motion that a sound joint may leave of a hypothesis that it explains,
+const SOUND_SHARE: f64 = 0.5;
+/// and one that is not believed.
+const POOR_SHARE: f64 = 0.25;
+/// Cost beyond the limit at which a joint may yet come to be believed.
+const NEARLY: f64 = 1.0;
 /// Share of a hypothesis's tracks from which it says nothing new.
 const COVERED: f64 = 0.6;
 /// Share of tracks in common from which two growths are the same.

@@ -2,7 +2,7 @@
 
 use super::grown::Grown;
 use crate::base::{BaseMotion, BaseTrack, path_moves, rest_length};
-use crate::geometry::median_point;
+use crate::geometry::{Pose, median_point};
 use nalgebra::{Matrix3, Point3};
 
 /// One observation.
@@ -24,6 +24,15 @@ impl Seen {
     }
 }
 
+/// Where a track's observations are.
+#[derive(Clone, Copy)]
+struct Life {
+    first: usize,
+    end: usize,
+    /// Index of the first one.
+    start: usize,
+}
+
 /// Tracks by frames.
 #[derive(Clone)]
 pub struct View {
@@ -31,9 +40,9 @@ pub struct View {
     pub frames: usize,
     /// Numbers of the tracks in the track set.
     pub track_ids: Vec<usize>,
+    /// The lives of all tracks, one after the other.
     seen: Vec<Option<Seen>>,
-    /// First and last frame (exclusive) of each track.
-    lives: Vec<(usize, usize)>,
+    lives: Vec<Life>,
     /// False where the part that is looked from is itself not known.
     pub usable: Vec<bool>,
 }
@@ -42,15 +51,16 @@ impl View {
     /// The given tracks from the base.
     pub fn from_base(base: &BaseMotion, track_ids: Vec<usize>) -> Self {
         let frames = base.camera_from_base.len();
-        let mut seen = vec![None; track_ids.len() * frames];
+        let mut seen = Vec::new();
         let mut lives = Vec::with_capacity(track_ids.len());
-        for (row, &id) in track_ids.iter().enumerate() {
+        for &id in &track_ids {
             let track: &BaseTrack = &base.tracks[id];
-            lives.push((track.first_frame, track.end_frame()));
-            for (frame, p) in track.seen() {
-                seen[row * frames + frame] =
-                    Some(Seen { point: p.point, information: p.information, sigma: p.sigma });
-            }
+            let (first, end) = (track.first_frame, track.end_frame());
+            lives.push(Life { first, end, start: seen.len() });
+            seen.extend((first..end).map(|f| {
+                let p = track.at(f)?;
+                Some(Seen { point: p.point, information: p.information, sigma: p.sigma })
+            }));
         }
         Self { frames, track_ids, seen, lives, usable: vec![true; frames] }
     }
@@ -58,15 +68,18 @@ impl View {
     /// The same tracks from a part that moves in this view.
     pub fn seen_from(&self, part: &Grown) -> Self {
         let mut view = self.clone();
-        for frame in 0..self.frames {
-            view.usable[frame] = self.usable[frame] && part.known[frame];
-            let q = part.filled[frame];
-            let part_from_view = part.dof.geometry().motion(-q);
-            let rotation = part_from_view.rotation.to_rotation_matrix().into_inner();
-            for row in 0..self.track_ids.len() {
-                if let Some(s) = &mut view.seen[row * self.frames + frame] {
-                    s.point = part_from_view * s.point;
-                    s.information = rotation * s.information * rotation.transpose();
+        for (usable, known) in view.usable.iter_mut().zip(&part.known) {
+            *usable &= known;
+        }
+        let geometry = part.dof.geometry();
+        let part_from_view: Vec<Pose> = part.filled.iter().map(|&q| geometry.motion(-q)).collect();
+        let rotations: Vec<Matrix3<f64>> =
+            part_from_view.iter().map(|p| p.rotation.to_rotation_matrix().into_inner()).collect();
+        for life in &self.lives {
+            for f in life.first..life.end {
+                if let Some(s) = &mut view.seen[life.start + f - life.first] {
+                    s.point = part_from_view[f] * s.point;
+                    s.information = rotations[f] * s.information * rotations[f].transpose();
                 }
             }
         }
@@ -80,13 +93,19 @@ impl View {
 
     /// A track in a frame.
     pub fn at(&self, track: usize, frame: usize) -> Option<&Seen> {
-        self.seen[track * self.frames + frame].as_ref()
+        let life = self.lives[track];
+        let alive = life.first <= frame && frame < life.end;
+        if alive { self.seen[life.start + frame - life.first].as_ref() } else { None }
     }
 
     /// A track's observations in usable frames.
     pub fn life(&self, track: usize) -> impl Iterator<Item = (usize, &Seen)> + '_ {
-        let (first, end) = self.lives[track];
-        (first..end).filter(|&f| self.usable[f]).filter_map(move |f| Some((f, self.at(track, f)?)))
+        let life = self.lives[track];
+        let seen = &self.seen[life.start..life.start + life.end - life.first];
+        seen.iter()
+            .enumerate()
+            .filter_map(move |(i, s)| Some((life.first + i, s.as_ref()?)))
+            .filter(|(f, _)| self.usable[*f])
     }
 
     /// True when the median-smoothed path is longer than noise explains.

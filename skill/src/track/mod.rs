@@ -90,6 +90,8 @@ pub struct Observation {
 /// A feature followed through consecutive frames.
 #[derive(Debug, Clone)]
 pub struct Track {
+    /// Number in order of birth; stays when other tracks are dropped.
+    pub id: usize,
     /// Index of its first frame.
     pub first_frame: usize,
     /// One observation a frame from there on.
@@ -105,6 +107,11 @@ impl Track {
     /// Frame after the last.
     pub fn end_frame(&self) -> usize {
         self.first_frame + self.observations.len()
+    }
+
+    /// Lifted in at least `min_length` frames.
+    pub fn is_long(&self, min_length: usize) -> bool {
+        self.lifted().nth(min_length.saturating_sub(1)).is_some()
     }
 
     /// Frames in which the track has a place in 3-D.
@@ -142,7 +149,7 @@ impl TrackSet {
 
     /// Keeps tracks that were lifted in at least `min_length` frames.
     pub fn retain_long(&mut self, min_length: usize) {
-        self.tracks.retain(|t| t.lifted().count() >= min_length);
+        self.tracks.retain(|t| t.is_long(min_length));
     }
 }
 

@@ -61,6 +61,15 @@ impl Tracker {
         self.live.iter().map(|f| (f.track, f.pixel))
     }
 
+    /// Tracks that are long enough to learn from already.
+    pub fn snapshot(&self) -> TrackSet {
+        let long = |t: &&Track| t.is_long(self.config.min_length);
+        TrackSet {
+            frame_utimes: self.set.frame_utimes.clone(),
+            tracks: self.set.tracks.iter().filter(long).cloned().collect(),
+        }
+    }
+
     /// All tracks that are long enough to learn from.
     pub fn finish(mut self) -> TrackSet {
         self.set.retain_long(self.config.min_length);
@@ -139,12 +148,9 @@ impl Tracker {
         let descriptions = describe(self.config.descriptor, gray, &corners)?;
         let first_frame = self.set.frames() - 1;
         for (i, pixel) in corners.into_iter().enumerate() {
-            self.live.push(Feature {
-                track: self.set.tracks.len(),
-                pixel,
-                description: descriptions.get(i).to_vec(),
-            });
-            self.set.tracks.push(Track { first_frame, observations: Vec::new() });
+            let id = self.set.tracks.len();
+            self.live.push(Feature { track: id, pixel, description: descriptions.get(i).to_vec() });
+            self.set.tracks.push(Track { id, first_frame, observations: Vec::new() });
         }
         Ok(())
     }

@@ -1,16 +1,20 @@
 //! Learning from a demonstration: the paper's training phase (its Fig. 3), as one type that
 //! takes frames as they come and one function that finishes.
 
+mod ahead;
+
 use crate::articulate::JointKind;
 use crate::base::{BaseMotion, find_base};
 use crate::config::{LearningWay, SkillConfig};
 use crate::geometry::Pose;
+use crate::joints::Watched;
 use crate::keyframes::Keyframes;
 use crate::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use crate::planes;
 use crate::structure::{self, LearnedJoint};
 use crate::timing::StageTimes;
 use crate::track::{TrackSet, Tracker, Trajectory};
+use ahead::SearchAhead;
 use linkage_driver::RgbdFrame;
 
 /// A demonstration that nothing can be learned from, or not any more.
@@ -77,6 +81,7 @@ pub struct Learner {
     config: SkillConfig,
     tracker: Tracker,
     keyframes: Keyframes,
+    ahead: SearchAhead,
     last_utime: Option<i64>,
     times: StageTimes,
 }
@@ -87,6 +92,10 @@ impl Learner {
         Self {
             tracker: Tracker::new(config.track.clone()),
             keyframes: Keyframes::new(config.learn.keyframes),
+            ahead: SearchAhead::new(match config.learn.way {
+                LearningWay::Joints => config.learn.search_every,
+                LearningWay::Clusters | LearningWay::Katz => 0,
+            }),
             config: config.clone(),
             last_utime: None,
             times: StageTimes::default(),
@@ -110,6 +119,10 @@ impl Learner {
         self.last_utime = Some(frame.utime);
         self.times.measure("track", || self.tracker.push(frame))?;
         self.keyframes.offer(index, frame);
+        let (tracker, keyframes) = (&self.tracker, &self.keyframes);
+        self.times.measure("ahead", || {
+            self.ahead.offer(index + 1, &self.config, || (tracker.snapshot(), keyframes.clone()));
+        });
         Ok(())
     }
 
@@ -124,7 +137,7 @@ impl Learner {
     /// [`LearnError::TooShort`], [`LearnError::NoDepth`]. A demonstration in which nothing
     /// articulated moves is no error: its model has no joints.
     pub fn finish(self, object: &str) -> Result<Demonstration, LearnError> {
-        let Self { config, tracker, keyframes, mut times, .. } = self;
+        let Self { config, tracker, keyframes, ahead, mut times, .. } = self;
         if tracker.frames() < MIN_FRAMES {
             return Err(LearnError::TooShort { found: tracker.frames(), needed: MIN_FRAMES });
         }
@@ -141,8 +154,10 @@ impl Learner {
                 times.measure("katz", || crate::katz::learn(&set, &base, &config.katz))
             }
             LearningWay::Joints => {
-                let joints = times
-                    .measure("joints", || crate::joints::search(&set, &base, &keyframes, &config));
+                let watched =
+                    Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
+                let earlier = times.measure("settle", || ahead.settle(set.frames()));
+                let joints = times.measure("joints", || watched.joints(&earlier));
                 if config.planes.enabled {
                     times.measure("planes", || {
                         planes::complete(joints, &set, &base, &keyframes, &config)
