@@ -41,7 +41,7 @@ pub struct LearnConfig {
 
 impl Default for LearnConfig {
     fn default() -> Self {
-        Self { way: LearningWay::Joints, keyframes: 48, search_every: 60 }
+        Self { way: LearningWay::Joints, keyframes: 48, search_every: 40 }
     }
 }
 

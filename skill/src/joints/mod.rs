@@ -29,7 +29,6 @@ use accept::Witness;
 use grown::Grown;
 use hypothesis::Hypothesis;
 pub use memory::Memory;
-use memory::Standing;
 use merge::Kinship;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -326,34 +325,25 @@ impl<'s> Search<'s> {
         view: &View,
         candidates: &[usize],
     ) -> (Vec<Grown>, bool) {
-        let mut recalled = self.earlier.recalled(former, view, self.seen.set);
-        recalled.par_iter_mut().for_each(|(joint, standing)| {
+        let [mut joints, mut suspicions] = self.earlier.recalled(former, view, self.seen.set);
+        joints.par_iter_mut().chain(&mut suspicions).for_each(|joint| {
             joint.parent = parent;
-            if *standing != Standing::Dismissed {
-                *joint = grow::grow(view, joint.clone(), candidates, &self.config.joints);
-                self.question(view, joint, candidates);
-            }
+            *joint = grow::grow(view, joint.clone(), candidates, &self.config.joints);
+            self.question(view, joint, candidates);
             self.report("recalled", joint);
         });
-        let stand = recalled
-            .iter()
-            .all(|(j, standing)| *standing != Standing::Adopted || self.witness.accepts(j));
-        (recalled.into_iter().map(|(j, _)| j).collect(), stand)
-    }
-
-    fn standing(&self, joint: &Grown) -> Standing {
-        let config = &self.config.joints;
-        let nearly = joint.cost < config.max_cost + NEARLY && joint.gain > 0.5 * config.min_gain;
-        if nearly || self.witness.accepts(joint) {
-            Standing::Promising
-        } else {
-            Standing::Dismissed
-        }
+        let stand = joints.iter().all(|j| self.witness.accepts(j));
+        joints.append(&mut suspicions);
+        (joints, stand)
     }
 
     fn remember(&self) -> Memory {
-        let suspicions: Vec<(Grown, Standing)> =
-            self.suspicions.iter().map(|j| (j.clone(), self.standing(j))).collect();
+        let mut suspicions: Vec<&Grown> = Vec::new();
+        for joint in self.suspicions.iter().filter(|j| self.witness.tolerates(j)) {
+            if !suspicions.iter().any(|o| same_tracks(o, joint)) {
+                suspicions.push(joint);
+            }
+        }
         Memory::of(
             self.seen.set,
             |parent| self.view_from(parent),
@@ -601,8 +591,6 @@ impl<'s> Search<'s> {
 const SOUND_SHARE: f64 = 0.5;
 /// and one that is not believed.
 const POOR_SHARE: f64 = 0.25;
-/// Cost beyond the limit at which a joint may yet come to be believed.
-const NEARLY: f64 = 1.0;
 /// Share of a hypothesis's tracks from which it says nothing new.
 const COVERED: f64 = 0.6;
 /// Share of tracks in common from which two growths are the same.
@@ -619,8 +607,11 @@ const BASE_SUFFICES: f64 = 0.8;
 /// Another hypothesis grew to the same already: a person who walks by is suspected in every
 /// window.
 fn is_found_again(joint: &Grown, grown: &[Grown]) -> bool {
-    let same = |a: &[usize], b: &[usize]| overlap(a, b) > SAME && overlap(b, a) > SAME;
-    grown.iter().any(|o| !std::ptr::eq(o, joint) && same(&o.members, &joint.members))
+    grown.iter().any(|o| !std::ptr::eq(o, joint) && same_tracks(o, joint))
+}
+
+fn same_tracks(a: &Grown, b: &Grown) -> bool {
+    overlap(&a.members, &b.members) > SAME && overlap(&b.members, &a.members) > SAME
 }
 
 /// Share of `a` that is in `b`.

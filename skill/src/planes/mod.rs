@@ -12,7 +12,7 @@ mod patch;
 use crate::articulate::{JointGeometry, JointKind};
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, line_angle};
 use crate::keyframes::Keyframes;
 use crate::model::{Joint, covariance_rows};
 use crate::structure::{LearnedJoint, orient, probe_points, range_of};
@@ -30,6 +30,8 @@ pub struct PlanesConfig {
     /// Plain parts are sought where tracks tell of no joint, and joints are followed by their
     /// planes where their tracks are lost.
     pub enabled: bool,
+    /// Gain up to which joints that tracks told of give way to a plain part's hinge.
+    pub meagre_gain: f64,
     /// Fewest keyframes that show the part.
     pub min_keyframes: usize,
     /// Least turn, radians.
@@ -46,6 +48,7 @@ impl Default for PlanesConfig {
     fn default() -> Self {
         Self {
             enabled: true,
+            meagre_gain: 1000.0,
             min_keyframes: 8,
             min_turn_rad: 0.35,
             max_rmse_m: 0.015,
@@ -54,6 +57,9 @@ impl Default for PlanesConfig {
         }
     }
 }
+
+/// Angle within which a plain part's hinge is the one that tracks told of, radians.
+const SAME_DIRECTION: f64 = 0.2;
 
 /// What planes add to the joints that tracks told of: a hinge where there is none, and
 /// configurations where tracks were lost.
@@ -64,11 +70,21 @@ pub fn complete(
     keyframes: &Keyframes,
     config: &SkillConfig,
 ) -> Vec<LearnedJoint> {
-    if joints.is_empty() {
-        return search(set, base, keyframes, &config.planes, config.seed);
+    let meagre = |j: &LearnedJoint| j.joint.log_likelihood < config.planes.meagre_gain;
+    if joints.iter().all(meagre) {
+        let plain = search(set, base, keyframes, &config.planes, config.seed);
+        let told = |p: &LearnedJoint| joints.iter().any(|j| shares_direction(&j.joint, &p.joint));
+        if joints.is_empty() || !plain.iter().all(told) {
+            return plain;
+        }
     }
     extend(&mut joints, set, base, keyframes, config.seed);
     joints
+}
+
+/// Both are hinges about much the same direction.
+fn shares_direction(a: &Joint, b: &Joint) -> bool {
+    a.kind == b.kind && line_angle(&a.axis.into(), &b.axis.into()) < SAME_DIRECTION
 }
 
 /// Finds the hinge of a plain part; nothing when no plane turns about a line.
