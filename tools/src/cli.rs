@@ -240,12 +240,13 @@ pub struct LearnArgs {
 pub struct BenchArgs {
     /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations
     /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
-    /// a folder of recordings; logs: fit pose logs of known type; tracking: play clips forward
+    /// a folder of recordings; recognise: look for learned things in stills, known ones and
+    /// look-alikes, and in libraries of up to 100 000; logs: fit pose logs of known type; tracking: play clips forward
     /// and back
     #[arg(long, default_value = "dir")]
     pub suite: String,
-    /// Folder of recordings, logs or clips; for paper: where recordings are rendered to and
-    /// kept [default there: out/paper]
+    /// Folder of recordings, logs or clips; for paper and recognise: where recordings
+    /// are rendered to and kept [default there: out/paper, out/recognise]
     pub dir: Option<PathBuf>,
     /// dir, paper: score against AprilTags instead of exact truth; tags.toml beside a recording
     /// says where they are

@@ -169,6 +169,8 @@ struct Search<'s> {
     suspicions: Vec<Grown>,
     /// Rank of the strongest hypothesis so far.
     best_rank: f64,
+    /// What is left is sought in all windows, those of the earlier search too.
+    looks_back: bool,
     /// Parts in whose frames the earlier search's joints are called back already.
     recalled: Vec<Option<usize>>,
 }
@@ -193,6 +195,7 @@ impl<'s> Search<'s> {
             joints: Vec::new(),
             suspicions: Vec::new(),
             best_rank: earlier.best_rank,
+            looks_back: earlier.frames == 0,
             recalled: Vec::new(),
         }
     }
@@ -209,7 +212,12 @@ impl<'s> Search<'s> {
                 let known = grown.iter().filter(|j| j.parent == parent).cloned().collect();
                 candidates.extend(self.in_frame(parent, &rest, round, known));
             }
-            let best = self.best_of(&candidates);
+            let mut best = self.best_of(&candidates);
+            if best.is_none() && !self.looks_back && self.cancelled.is_none() {
+                self.looks_back = true;
+                candidates = self.in_frame(None, &rest, round, candidates);
+                best = self.best_of(&candidates);
+            }
             let Some(best) = best.filter(|_| !self.is_cancelled()) else {
                 self.suspicions = candidates;
                 return;
@@ -253,6 +261,7 @@ impl<'s> Search<'s> {
         let seed = self.config.seed.wrapping_add(round as u64);
         let mut grown = known;
         let since = match self.former(parent) {
+            _ if self.looks_back => 0,
             None => 0,
             Some(former) if self.recalled.contains(&parent) => self.earlier.since(former),
             Some(former) => {
@@ -275,10 +284,12 @@ impl<'s> Search<'s> {
         };
         let mut queue = hypotheses.iter().take_while(|h| h.rank >= least_rank).filter(tells);
         let mut tried: Vec<&[usize]> = Vec::new();
+        let again = self.looks_back && self.earlier.frames > 0;
+        let limit = if again { LOOKS_BACK } else { config.max_hypotheses };
         let adopted: Vec<&Grown> = self.joints.iter().filter(|j| j.parent == parent).collect();
         loop {
             let mut batch: Vec<&Hypothesis> = Vec::new();
-            while batch.len() < BATCH && tried.len() < config.max_hypotheses {
+            while batch.len() < BATCH && tried.len() < limit {
                 let Some(h) = queue.next() else { break };
                 if self.is_new(h, &view, &grown)
                     && !adopted.iter().any(|j| h.is_explained_by(j, &view, SOUND_SHARE))
@@ -587,6 +598,8 @@ impl<'s> Search<'s> {
     }
 }
 
+/// Hypotheses grown when the end looks back.
+const LOOKS_BACK: usize = 4;
 /// Share of its motion that a sound joint may leave of a hypothesis that it explains,
 const SOUND_SHARE: f64 = 0.5;
 /// and one that is not believed.

@@ -38,12 +38,21 @@ struct EncounterRow {
 }
 
 #[derive(Serialize)]
-struct ConfigurationScore {
+pub struct ConfigurationScore {
     joint: String,
     /// Degrees or centimetres.
-    error: Option<f64>,
-    axis_deg: f64,
-    unit: &'static str,
+    pub error: Option<f64>,
+    /// Angle between the found and the true axis, degrees.
+    pub axis_deg: f64,
+    /// The error's unit.
+    pub unit: &'static str,
+}
+
+impl ConfigurationScore {
+    /// Within 5 degrees or 2 cm.
+    pub fn is_right(&self) -> bool {
+        self.error.is_some_and(|e| e < if self.unit == "°" { 5.0 } else { 2.0 })
+    }
 }
 
 #[derive(Serialize)]
@@ -228,12 +237,9 @@ fn encounter_row(
         _ => Vec::new(),
     };
     let found = best.map(|m| m.object.clone());
-    let good = |j: &ConfigurationScore| {
-        j.error.is_some_and(|e| e < if j.unit == "°" { 5.0 } else { 2.0 })
-    };
     EncounterRow {
         recording: name_of(recording),
-        right: found == expected && joints.iter().all(good),
+        right: found == expected && joints.iter().all(ConfigurationScore::is_right),
         expected,
         found,
         score: best.map_or(0.0, |m| m.score),
@@ -244,7 +250,7 @@ fn encounter_row(
 
 /// Configurations are compared as differences from the demonstration's first frame, the sign
 /// following the predicted axis.
-fn configuration_scores(
+pub fn configuration_scores(
     found: &Recognised,
     truth: &Truth,
     demonstrated: &Truth,

@@ -5,6 +5,7 @@ mod dir;
 mod logs;
 mod motion;
 mod paper;
+mod recognise;
 mod score;
 mod tags;
 mod tracking;
@@ -20,9 +21,11 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         "dir" => dir::run(args, common),
         "logs" => logs::run(args, common),
         "paper" => paper::run(args, common),
+        "recognise" => recognise::run(args, common),
         "tracking" => tracking::run(args, common),
-        other => {
-            Err(anyhow!("no suite \"{other}\"; known: ablation, dir, logs, paper, tracking").into())
-        }
+        other => Err(anyhow!(
+            "no suite \"{other}\"; known: ablation, dir, logs, paper, recognise, tracking"
+        )
+        .into()),
     }
 }

@@ -127,7 +127,11 @@ fn learn(
         configuration: configuration_errors(&found, &truth, &score),
         segmentation_share: segmentation_share(&found, &truth, &score, recording)?,
         frames_per_second: found.frame_utimes.len() as f64 / seconds,
-        finish_seconds: stage_seconds.iter().filter(|(s, _)| *s != "track").map(|s| s.1).sum(),
+        finish_seconds: stage_seconds
+            .iter()
+            .filter(|(s, _)| *s != "track" && *s != "ahead")
+            .map(|s| s.1)
+            .sum(),
         stage_seconds,
         learn: score,
         poses,

@@ -32,8 +32,7 @@ pub fn film(
         let known: Vec<&str> = SCENES.iter().map(|s| s.0).collect();
         anyhow!("no scene \"{name}\"; known: {}", known.join(", "))
     })?;
-    let frames = (scene.duration * 15.0) as usize;
-    let total = if take == Take::Demonstration { frames } else { 15 };
+    let total = take.frames(&scene);
     let progress = Progress::new("rendering", Some(total), quiet);
     record(&scene, take, seed, out, with_tags, || progress.step())?;
     progress.finish(&format!("{total} frames in {}", out.display()));

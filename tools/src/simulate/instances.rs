@@ -89,7 +89,7 @@ fn reshape(scene: &mut Scene, rng: &mut ChaCha8Rng) {
 }
 
 /// Stretches the object along the world's axes; a negative x mirrors it.
-fn stretch_about_its_stand(scene: &mut Scene, stretch: &Vector3<f64>) {
+pub fn stretch_about_its_stand(scene: &mut Scene, stretch: &Vector3<f64>) {
     let about = Point3::new(0.0, 0.0, stand_of(scene).unwrap_or(0.0));
     let moved = |p: &Point3<f64>| about + (p - about).component_mul(stretch);
     let mirrored = stretch.x.signum();

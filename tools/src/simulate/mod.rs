@@ -15,5 +15,6 @@ mod tags;
 mod texture;
 mod world;
 
-pub use record::{Take, record};
-pub use scenes::{SCENES, scene};
+pub use record::{Shot, Take, record};
+pub use scenes::{SCENES, add_common_clutter, repainted, reproportioned, scene};
+pub use world::Scene;

@@ -2,8 +2,10 @@
 
 use super::person::Person;
 use super::render::{Light, View, expose};
+use super::scenes::{GREY, Look, Palette};
 use super::sensor;
 use super::tags;
+use super::texture::Richness;
 use super::world::{Scene, Solid};
 use crate::bench::truth::{TrueJoint, TruePart, Truth};
 use anyhow::Context;
@@ -36,6 +38,38 @@ pub enum Take {
     Demonstration,
     /// Nobody is there: one second, another viewpoint, another configuration.
     Encounter,
+    /// Nobody is there: one frame from a chosen viewpoint, in a chosen configuration.
+    Still(Shot),
+}
+
+/// Viewpoint, as it differs from the demonstration's, and state of a still.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shot {
+    /// Turn about the vertical through what is looked at, degrees.
+    pub turn_deg: f64,
+    /// The same upwards.
+    pub lift_deg: f64,
+    /// Turn about the line of sight.
+    pub roll_deg: f64,
+    /// Factor on the distance.
+    pub distance: f64,
+    /// Factor on the light.
+    pub light: f64,
+    /// Share of what the demonstration showed that each joint is open.
+    pub open: f64,
+    /// Something stands between.
+    pub occluded: bool,
+}
+
+impl Take {
+    /// Frames of a scene's take.
+    pub fn frames(self, scene: &Scene) -> usize {
+        match self {
+            Self::Demonstration => (scene.duration * RATE) as usize,
+            Self::Encounter => RATE as usize,
+            Self::Still(_) => 1,
+        }
+    }
 }
 
 /// One take of a scene, ready to be rendered at any time.
@@ -47,7 +81,9 @@ pub(super) struct Film<'s> {
     person: Person,
     light: Light,
     eye: [f64; 3],
+    roll: f64,
     sway: [f64; 6],
+    occluder: Option<Solid>,
 }
 
 /// Renders a scene into `dir`, with AprilTags on its parts on request; `progress` is called
@@ -66,10 +102,7 @@ pub fn record(
     let plain = Film::new(scene, take, seed);
     let tagged = if with_tags { Some(tags::attach(&plain)?) } else { None };
     let film = tagged.as_ref().map_or(plain, |(scene, _)| Film::new(scene, take, seed));
-    let frames = match take {
-        Take::Demonstration => (scene.duration * RATE) as usize,
-        Take::Encounter => RATE as usize,
-    };
+    let frames = take.frames(scene);
     for folder in ["rgb", "depth", "labels"] {
         let path = dir.join(folder);
         std::fs::create_dir_all(&path).with_context(|| path.display().to_string())?;
@@ -104,6 +137,16 @@ pub fn record(
     Ok(truth)
 }
 
+/// The configuration farthest from 0 that a demonstration shows of a joint.
+fn farthest(scene: &Scene, joint: &str) -> f64 {
+    scene
+        .actions
+        .iter()
+        .filter(|a| scene.joints[a.joint].name == joint)
+        .map(|a| a.to)
+        .fold(0.0, |far: f64, to| if to.abs() > far.abs() { to } else { far })
+}
+
 impl<'s> Film<'s> {
     fn new(scene: &'s Scene, take: Take, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xf11a);
@@ -111,23 +154,31 @@ impl<'s> Film<'s> {
         let [mut azimuth, mut elevation, mut distance] = scene.view;
         azimuth += rng.random_range(-4.0..4.0);
         elevation += rng.random_range(-2.0..2.0);
-        if take == Take::Encounter {
-            let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
-            azimuth += side * rng.random_range(20.0..32.0);
-            elevation += rng.random_range(0.0..8.0);
-            distance *= rng.random_range(0.95..1.1);
-            for (q, joint) in start.iter_mut().zip(&scene.joints) {
-                // Within what the demonstration showed.
-                let end = scene
-                    .actions
-                    .iter()
-                    .filter(|a| scene.joints[a.joint].name == joint.name)
-                    .map(|a| a.to)
-                    .fold(0.0, |far: f64, to| if to.abs() > far.abs() { to } else { far });
-                *q = end * rng.random_range(0.2..0.8);
+        let mut gain = 1.0;
+        let mut roll = 0.0;
+        // Within what the demonstration showed.
+        let ends: Vec<f64> = scene.joints.iter().map(|j| farthest(scene, j.name)).collect();
+        match take {
+            Take::Demonstration => {}
+            Take::Encounter => {
+                let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+                azimuth += side * rng.random_range(20.0..32.0);
+                elevation += rng.random_range(0.0..8.0);
+                distance *= rng.random_range(0.95..1.1);
+                for (q, end) in start.iter_mut().zip(&ends) {
+                    *q = end * rng.random_range(0.2..0.8);
+                }
+            }
+            Take::Still(shot) => {
+                azimuth += shot.turn_deg;
+                elevation += shot.lift_deg;
+                distance *= shot.distance;
+                roll = shot.roll_deg.to_radians();
+                gain = shot.light;
+                start = ends.iter().map(|end| end * shot.open).collect();
             }
         }
-        Self {
+        let mut film = Self {
             scene,
             take,
             camera: PinholeCamera::kinect(),
@@ -136,11 +187,27 @@ impl<'s> Film<'s> {
             light: Light {
                 lamp: Point3::new(rng.random_range(-1.5..1.5), rng.random_range(-2.5..-1.0), 2.6),
                 ambient: rng.random_range(0.40..0.55),
-                gain: rng.random_range(0.95..1.15),
+                gain: gain * rng.random_range(0.95..1.15),
             },
             eye: [azimuth, elevation, distance],
+            roll,
             sway: std::array::from_fn(|_| rng.random_range(0.0..std::f64::consts::TAU)),
+            occluder: None,
+        };
+        if matches!(take, Take::Still(shot) if shot.occluded) {
+            film.occluder = Some(film.post());
         }
+        film
+    }
+
+    /// A post before a side of what is looked at.
+    fn post(&self) -> Solid {
+        let eye = self.camera_from_world(0.0).inverse() * Point3::origin();
+        let aside = (self.scene.target - eye).cross(&Vector3::z()).normalize();
+        let foot = nalgebra::center(&eye, &self.scene.target) + 0.06 * aside;
+        let paint = Palette::new(Look { name: "post", richness: Richness::Medium }).paint(GREY);
+        let low = Point3::new(foot.x, foot.y, 0.0);
+        Solid::rod(low, low + 2.5 * Vector3::z(), 0.04, &paint, 0)
     }
 
     pub(super) fn camera_from_world(&self, t: f64) -> Pose {
@@ -157,7 +224,8 @@ impl<'s> Film<'s> {
             target += Vector3::new(0.02 * wave(3, 0.19), 0.0, 0.02 * wave(4, 0.23));
         }
         let forward = (target - eye).normalize();
-        let right = forward.cross(&Vector3::z()).normalize();
+        let level = forward.cross(&Vector3::z()).normalize();
+        let right = Rotation3::from_scaled_axis(forward * self.roll) * level;
         let down = forward.cross(&right);
         let rotation = Rotation3::from_basis_unchecked(&[right, down, forward]);
         Pose::from_parts(eye.coords.into(), UnitQuaternion::from_rotation_matrix(&rotation))
@@ -167,7 +235,7 @@ impl<'s> Film<'s> {
     pub(super) fn configurations(&self, t: f64) -> Vec<f64> {
         match self.take {
             Take::Demonstration => self.scene.configurations(t, &self.start),
-            Take::Encounter => self.start.clone(),
+            Take::Encounter | Take::Still(_) => self.start.clone(),
         }
     }
 
@@ -180,14 +248,14 @@ impl<'s> Film<'s> {
             .iter()
             .zip(poses)
             .flat_map(|(part, pose)| part.solids.iter().map(move |s| (s, pose)));
-        let still = self.scene.surroundings.iter().chain(person);
+        let still = self.scene.surroundings.iter().chain(&self.occluder).chain(person);
         object.chain(still.map(|s| (s, Pose::identity()))).collect()
     }
 
     pub(super) fn person_at(&self, t: f64) -> Vec<Solid> {
         match self.take {
             Take::Demonstration => self.person.solids(self.scene, t, &self.start),
-            Take::Encounter => Vec::new(),
+            Take::Encounter | Take::Still(_) => Vec::new(),
         }
     }
 
@@ -257,7 +325,7 @@ impl<'s> Film<'s> {
             .collect();
         let joints = (0..self.scene.joints.len())
             .map(|j| self.true_joint(j, last, &configurations))
-            .filter(|j| j.moved || self.take == Take::Encounter)
+            .filter(|j| j.moved || self.take != Take::Demonstration)
             .collect();
         Truth {
             object: self.scene.name.clone(),
@@ -265,7 +333,7 @@ impl<'s> Film<'s> {
             texture: "rich".to_owned(),
             hand: self.take == Take::Demonstration,
             moving_camera: self.scene.moving_camera,
-            encounter: self.take == Take::Encounter,
+            encounter: self.take != Take::Demonstration,
             unknown: false,
             frames: times.iter().map(|t| START + t).collect(),
             world_from_camera: times

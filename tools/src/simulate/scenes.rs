@@ -154,11 +154,33 @@ fn shell(centre: [f64; 3], size: [f64; 3], wall: f64, m: &Material, label: u8) -
 
 /// Builds a scene in the room of a seed; `None` for an unknown name.
 pub fn scene(name: &str, seed: u64) -> Option<Scene> {
+    let Some(mut scene) = thing(name, name) else { return instances::demonstration(name) };
+    furnish(&mut scene, seed);
+    Some(scene)
+}
+
+/// A thing of the same shape with another surface; `None` for an unknown name.
+pub fn repainted(name: &str, seed: u64) -> Option<Scene> {
+    let mut scene = thing(name, &format!("another {name}"))?;
+    furnish(&mut scene, seed);
+    Some(scene)
+}
+
+/// A thing of the same surface with another shape; `None` for an unknown name.
+pub fn reproportioned(name: &str, seed: u64) -> Option<Scene> {
+    let mut scene = thing(name, name)?;
+    instances::stretch_about_its_stand(&mut scene, &Vector3::new(1.35, 1.1, 0.75));
+    furnish(&mut scene, seed);
+    Some(scene)
+}
+
+/// The thing that a scene is about, painted after a name; no room yet.
+fn thing(name: &str, painted_after: &str) -> Option<Scene> {
     let richness = match name {
         "cabinet" | "lid_box" => Richness::Medium,
         _ => Richness::Rich,
     };
-    let look = Look { name, richness };
+    let look = Look { name: painted_after, richness };
     let mut scene = match name {
         "door" => door(look),
         "drawer" => drawers(look, 1),
@@ -177,11 +199,26 @@ pub fn scene(name: &str, seed: u64) -> Option<Scene> {
         "screen" => devices::screen(look),
         "monitor" => devices::monitor(look),
         "bicycle" => devices::bicycle(look),
-        _ => return instances::demonstration(name),
+        _ => return None,
     };
     scene.name = name.to_owned();
-    furnish(&mut scene, seed);
     Some(scene)
+}
+
+/// Things that are in every room of a household, each time elsewhere.
+pub fn add_common_clutter(scene: &mut Scene, seed: u64) {
+    let mut place = ChaCha8Rng::seed_from_u64(seed ^ 0x6e11);
+    let top = stand_of(scene).unwrap_or(0.0);
+    for (number, size) in
+        [[0.22, 0.10, 0.28], [0.12, 0.12, 0.20], [0.28, 0.18, 0.09]].into_iter().enumerate()
+    {
+        let name = format!("clutter {number}");
+        let paint = Palette::new(Look { name: &name, richness: Richness::Rich }).paint(WHITE);
+        let side = if place.random_bool(0.5) { 1.0 } else { -1.0 };
+        let x = side * place.random_range(0.6..1.0);
+        let y = place.random_range(-0.15..0.3);
+        scene.surroundings.push(cuboid([x, y, top + 0.5 * size[2]], size, &paint, 0));
+    }
 }
 
 pub fn door(look: Look) -> Scene {

@@ -1,0 +1,124 @@
+//! What a search over the first frames of a recording found, for the search over more of them:
+//! so that little is left to do after the last frame.
+
+use super::grown::Grown;
+use super::view::View;
+use super::{JointsConfig, kinds};
+use crate::geometry::line_angle;
+use crate::track::TrackSet;
+use nalgebra::Point3;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+/// Probability of a joint's type from which it need not be asked again.
+const CERTAIN: f64 = 0.99;
+/// Share of a joint's tracks that its counterpart of an earlier search has.
+const SAME_JOINT: f64 = 0.5;
+/// Angle between their axes, radians.
+const SAME_AXIS: f64 = 0.2;
+
+/// Joints and suspicions of an earlier search.
+#[derive(Debug, Clone, Default)]
+pub struct Memory {
+    /// Frames that were searched.
+    pub frames: usize,
+    /// Rank of the strongest hypothesis.
+    pub best_rank: f64,
+    joints: Vec<Remembered>,
+    suspicions: Vec<Remembered>,
+    /// Parts in whose frames all windows are to be searched again.
+    open: Vec<Option<usize>>,
+}
+
+/// A grown joint without the rows of its view.
+#[derive(Debug, Clone)]
+struct Remembered {
+    joint: Grown,
+    /// Its tracks by their numbers in the track set, with their points on the part.
+    members: Vec<(usize, Point3<f64>)>,
+    seed: Vec<usize>,
+}
+
+impl Remembered {
+    fn new(joint: &Grown, view: &View, set: &TrackSet) -> Self {
+        let id = |t: usize| set.tracks[view.track_ids[t]].id;
+        let members = joint.members.iter().map(|&t| (id(t), joint.points[t])).collect();
+        let seed = joint.seed.iter().map(|&t| id(t)).collect();
+        let bare = Grown { points: Vec::new(), members: Vec::new(), ..joint.clone() };
+        Self { joint: bare, members, seed }
+    }
+
+    fn in_view(&self, view: &View, rows: &HashMap<usize, usize>) -> Grown {
+        let mut joint = self.joint.clone();
+        joint.points = vec![Point3::origin(); view.len()];
+        for (id, point) in &self.members {
+            if let Some(&row) = rows.get(id) {
+                joint.points[row] = *point;
+                joint.members.push(row);
+            }
+        }
+        joint.seed = self.seed.iter().filter_map(|id| rows.get(id).copied()).collect();
+        joint.q.resize(view.frames, 0.0);
+        joint.known.resize(view.frames, false);
+        joint.filled.resize(view.frames, 0.0);
+        joint.scanned.resize(view.frames, f64::NAN);
+        joint
+    }
+}
+
+impl Memory {
+    /// What a search found. Joints of a type not yet certain are to be found anew: a short
+    /// motion may have been told wrong.
+    pub fn of(
+        set: &TrackSet,
+        view_from: impl Fn(Option<usize>) -> Arc<View>,
+        joints: &[Grown],
+        suspicions: &[&Grown],
+        best_rank: f64,
+        config: &JointsConfig,
+    ) -> Self {
+        let view = view_from(None);
+        let uncertain = |j: &&Grown| {
+            let of_types = kinds::type_probabilities(j, &view_from(j.parent), config);
+            of_types.values().all(|p| *p < CERTAIN)
+        };
+        Self {
+            frames: view.frames,
+            best_rank,
+            open: joints.iter().filter(uncertain).map(|j| j.parent).collect(),
+            joints: joints.iter().map(|j| Remembered::new(j, &view, set)).collect(),
+            suspicions: suspicions.iter().map(|j| Remembered::new(j, &view, set)).collect(),
+        }
+    }
+
+    /// The first frame whose windows are new in the frame of a part.
+    pub fn since(&self, parent: Option<usize>) -> usize {
+        if self.open.contains(&parent) { 0 } else { self.frames }
+    }
+
+    /// Joints in the frame of a part, which was number `parent` of the earlier search, and then
+    /// suspicions, in a view of more frames.
+    pub fn recalled(&self, parent: Option<usize>, view: &View, set: &TrackSet) -> [Vec<Grown>; 2] {
+        let rows: HashMap<usize, usize> =
+            view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect();
+        [&self.joints, &self.suspicions].map(|remembered| {
+            remembered
+                .iter()
+                .filter(|r| r.joint.parent == parent)
+                .map(|r| r.in_view(view, &rows))
+                .collect()
+        })
+    }
+
+    /// The joint of the earlier search that a joint was.
+    pub fn counterpart(&self, joint: &Grown, view: &View, set: &TrackSet) -> Option<usize> {
+        let ids: HashSet<usize> =
+            joint.members.iter().map(|&t| set.tracks[view.track_ids[t]].id).collect();
+        self.joints.iter().position(|r| {
+            let shared = r.members.iter().filter(|(id, _)| ids.contains(id)).count();
+            shared as f64 > SAME_JOINT * r.members.len() as f64
+                && r.joint.dof.hinge == joint.dof.hinge
+                && line_angle(&r.joint.dof.axis, &joint.dof.axis) < SAME_AXIS
+        })
+    }
+}

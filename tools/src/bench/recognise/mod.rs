@@ -1,0 +1,294 @@
+//! `--suite recognise`: does recognition err? Things are learned from one demonstration each;
+//! every one of them is looked for in every still, and each score is kept: those of right pairs
+//! and those of wrong ones.
+
+mod stills;
+
+use super::dir::{ConfigurationScore, configuration_scores};
+use super::truth::Truth;
+use crate::cli::{BenchArgs, Common};
+use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
+use linkage_skill::SkillConfig;
+use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
+use linkage_skill::recognise::{Recognised, Scene, Vocabulary, find};
+use linkage_skill::store::{Library, StoredObject};
+use nalgebra::{Point3, Vector3};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use stills::{Shows, Still, THINGS};
+
+/// Where recordings are kept when no folder is named.
+const DEFAULT_DIR: &str = "out/recognise";
+/// Bands of viewpoints by the turn's upper end, degrees.
+const BANDS: [f64; 4] = [15.0, 30.0, 45.0, 60.0];
+
+/// One still with what was found in it.
+#[derive(Serialize)]
+struct Row {
+    still: String,
+    shows: Shows,
+    turn_deg: f64,
+    roll_deg: f64,
+    occluded: bool,
+    /// Score of the right object; `None`: there is none, or too few matches agree.
+    own: Option<f64>,
+    /// Best score of a wrong object, and which.
+    wrong: Option<(String, f64)>,
+    /// What the library reports, best first.
+    reported: Vec<String>,
+    right: bool,
+    precision: Option<Precision>,
+    milliseconds: f64,
+}
+
+/// How far the right object's report is from the truth.
+#[derive(Serialize)]
+struct Precision {
+    base_deg: f64,
+    base_cm: f64,
+    joints: Vec<ConfigurationScore>,
+    axis_cm: Vec<f64>,
+}
+
+#[derive(Serialize)]
+struct Report {
+    threshold: f64,
+    rows: Vec<Row>,
+    wrong_scores: Vec<f64>,
+}
+
+/// A learned thing.
+struct Learned {
+    stored: StoredObject,
+    truth: Truth,
+}
+
+pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
+    let dir = args.dir.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DIR));
+    let config = skill_config(common)?;
+    let learned: Vec<Learned> = THINGS
+        .iter()
+        .map(|thing| learn(thing, &dir.join(thing), &config, common.quiet))
+        .collect::<Outcome<Vec<Option<Learned>>>>()?
+        .into_iter()
+        .flatten()
+        .collect();
+    println!("{} of {} things learned", learned.len(), THINGS.len());
+    let library = library_of(&learned);
+    let mut report = Report {
+        threshold: config.recognise.min_score,
+        rows: Vec::new(),
+        wrong_scores: Vec::new(),
+    };
+    for still in stills::all() {
+        let recording = dir.join(&still.name);
+        still.render(&recording, common.quiet)?;
+        let row = look(&still, &recording, &library, &learned, &config, &mut report.wrong_scores)?;
+        print_row(&row);
+        report.rows.push(row);
+    }
+    print_bands(&report);
+    print_wrong(&report);
+    print_precision(&report);
+    if let Some(path) = &args.json {
+        write_json(path, &report)?;
+    }
+    Ok(())
+}
+
+fn learn(
+    thing: &str,
+    recording: &Path,
+    config: &SkillConfig,
+    quiet: bool,
+) -> Outcome<Option<Learned>> {
+    stills::demonstration(thing, recording, quiet)?;
+    let source = recording.display().to_string();
+    let demonstration = demonstrate(&source, thing, config, quiet)?;
+    if demonstration.model.joints.is_empty() {
+        println!("{thing}: nothing learned");
+        return Ok(None);
+    }
+    let stored = remember(None, &demonstration, &source, config)?;
+    Ok(Some(Learned { stored, truth: Truth::read(recording)? }))
+}
+
+fn library_of(learned: &[Learned]) -> Library {
+    let objects: Vec<StoredObject> = learned.iter().map(|l| l.stored.clone()).collect();
+    let vocabulary = Vocabulary::train(objects.iter().map(|o| &o.appearance));
+    Library::new(objects, vocabulary)
+}
+
+fn look(
+    still: &Still,
+    recording: &Path,
+    library: &Library,
+    learned: &[Learned],
+    config: &SkillConfig,
+    wrong_scores: &mut Vec<f64>,
+) -> Outcome<Row> {
+    let truth = Truth::read(recording)?;
+    let frame = last_frame(&recording.display().to_string())?;
+    let start = Instant::now();
+    let scene = Scene::new(&frame)?;
+    let recognition = library.recognise(&scene, &config.recognise, config.seed);
+    let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+    let (mut own, mut wrong): (Option<Recognised>, Option<(String, f64)>) = (None, None);
+    for object in library.objects() {
+        let name = &object.model.object;
+        let found = find(&scene, object, &config.recognise, config.seed);
+        if still.shows == Shows::Known && *name == still.thing {
+            own = found;
+            continue;
+        }
+        let score = found.map_or(0.0, |f| f.score);
+        wrong_scores.push(score);
+        if wrong.as_ref().is_none_or(|(_, s)| score > *s) {
+            wrong = Some((name.clone(), score));
+        }
+    }
+    let reported: Vec<String> = recognition.matches.iter().map(|m| m.object.clone()).collect();
+    let demonstrated = learned.iter().find(|l| l.stored.model.object == still.thing);
+    let precision = match (recognition.matches.first(), demonstrated) {
+        (Some(m), Some(l)) if still.shows == Shows::Known && m.object == still.thing => {
+            precision(m, &truth, &l.truth)
+        }
+        _ => None,
+    };
+    let right = if still.shows == Shows::Known {
+        reported == [still.thing.clone()]
+            && precision.as_ref().is_some_and(|p| p.base_deg < 5.0 && p.base_cm < 5.0)
+    } else {
+        reported.is_empty()
+    };
+    Ok(Row {
+        still: still.name.clone(),
+        shows: still.shows,
+        turn_deg: still.shot.turn_deg.abs(),
+        roll_deg: still.shot.roll_deg,
+        occluded: still.shot.occluded,
+        own: own.map(|o| o.score),
+        wrong,
+        reported,
+        right,
+        precision,
+        milliseconds,
+    })
+}
+
+/// Things stand where they were demonstrated: the demonstration's first camera is the object
+/// frame.
+fn precision(found: &Recognised, truth: &Truth, demonstrated: &Truth) -> Option<Precision> {
+    let world_from_camera = pose_from_array(truth.world_from_camera.last()?)?;
+    let world_from_object = pose_from_array(demonstrated.world_from_camera.first()?)?;
+    let off = (world_from_camera.inverse() * world_from_object).inverse()
+        * pose_from_array(&found.camera_from_object)?;
+    let axis_cm = found
+        .joints
+        .iter()
+        .filter(|j| j.kind == linkage_skill::articulate::JointKind::Revolute)
+        .filter_map(|j| {
+            let place = Point3::from(j.origin);
+            truth
+                .joints
+                .iter()
+                .map(|t| {
+                    let (o, a) = (Point3::from(t.origin_last), Vector3::from(t.axis_last));
+                    100.0 * distance_to_line(&o, &a, &place)
+                })
+                .min_by(f64::total_cmp)
+        })
+        .collect();
+    Some(Precision {
+        base_deg: off.rotation.angle().to_degrees(),
+        base_cm: 100.0 * off.translation.vector.norm(),
+        joints: configuration_scores(found, truth, demonstrated),
+        axis_cm,
+    })
+}
+
+fn print_row(row: &Row) {
+    let number = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2}"));
+    println!(
+        "{:32} turn {:>3.0} roll {:>4.0}{} own {:>5} wrong {:>5} {:>6.0} ms {} {}",
+        row.still,
+        row.turn_deg,
+        row.roll_deg,
+        if row.occluded { " behind" } else { "       " },
+        number(row.own),
+        number(row.wrong.as_ref().map(|w| w.1)),
+        row.milliseconds,
+        if row.right { "right" } else { "WRONG" },
+        row.reported.join(", "),
+    );
+}
+
+fn print_bands(report: &Report) {
+    println!("\nknown things by viewpoint");
+    let mut low = 0.0;
+    for high in BANDS {
+        let rows: Vec<&Row> = report
+            .rows
+            .iter()
+            .filter(|r| r.shows == Shows::Known && r.turn_deg > low && r.turn_deg <= high)
+            .collect();
+        let right = rows.iter().filter(|r| r.right).count();
+        println!("{low:>3.0}-{high:.0}° {right:>3} of {} right", rows.len());
+        low = high;
+    }
+    for shows in [Shows::Repainted, Shows::Reproportioned, Shows::Other] {
+        let rows: Vec<&Row> = report.rows.iter().filter(|r| r.shows == shows).collect();
+        let taken = rows.iter().filter(|r| !r.reported.is_empty()).count();
+        println!("{shows:?}: something reported in {taken} of {}", rows.len());
+    }
+    let mut times: Vec<f64> = report.rows.iter().map(|r| r.milliseconds).collect();
+    println!("median {:.0} ms a frame", median(&mut times).unwrap_or(0.0));
+}
+
+fn print_wrong(report: &Report) {
+    let mut wrong = report.wrong_scores.clone();
+    wrong.sort_by(f64::total_cmp);
+    let above = wrong.iter().filter(|s| **s >= report.threshold).count();
+    println!(
+        "\n{} wrong pairs, {above} at or above the threshold {}",
+        wrong.len(),
+        report.threshold
+    );
+    let own: Vec<f64> = report.rows.iter().filter_map(|r| r.own).collect();
+    println!("score      wrong  right");
+    for tenth in 0..10 {
+        let (low, high) = (0.1 * f64::from(tenth), 0.1 * f64::from(tenth + 1));
+        let within = |scores: &[f64]| {
+            scores.iter().filter(|s| **s >= low && (**s < high || tenth == 9)).count()
+        };
+        println!("{low:.1}-{high:.1} {:>9} {:>6}", within(&wrong), within(&own));
+    }
+    println!("highest wrong score {:.2}", wrong.last().copied().unwrap_or(0.0));
+}
+
+fn print_precision(report: &Report) {
+    let all: Vec<&Precision> = report.rows.iter().filter_map(|r| r.precision.as_ref()).collect();
+    let middle = |values: Vec<f64>| median(&mut values.clone()).unwrap_or(f64::NAN);
+    let of_unit = |unit: &str| -> Vec<f64> {
+        all.iter()
+            .flat_map(|p| &p.joints)
+            .filter(|j| j.unit == unit)
+            .filter_map(|j| j.error)
+            .collect()
+    };
+    println!(
+        "\nbase {:.2}° {:.2} cm; configuration {:.2}° {:.2} cm; axis {:.2}° {:.2} cm (medians of {})",
+        middle(all.iter().map(|p| p.base_deg).collect()),
+        middle(all.iter().map(|p| p.base_cm).collect()),
+        middle(of_unit("°")),
+        middle(of_unit("cm")),
+        middle(all.iter().flat_map(|p| &p.joints).map(|j| j.axis_deg).collect()),
+        middle(all.iter().flat_map(|p| p.axis_cm.clone()).collect()),
+        all.len(),
+    );
+    let joints: Vec<&ConfigurationScore> = all.iter().flat_map(|p| &p.joints).collect();
+    let told = joints.iter().filter(|j| j.error.is_some()).count();
+    let right = joints.iter().filter(|j| j.is_right()).count();
+    println!("configurations: {told} of {} told, {right} right (5°, 2 cm)", joints.len());
+}
