@@ -1,7 +1,7 @@
 //! The narrow bridge to OpenCV: pictures in, pictures out.
 
 use linkage_driver::ColorImage;
-use opencv::core::{self, CV_8U, DataType, Mat, Size, Vec2f, Vec3b, Vec3f, Vector};
+use opencv::core::{self, CV_8U, DataType, Mat, Size, Vec2f, Vec3b, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
 
@@ -80,25 +80,24 @@ pub fn median_blur_flow(flow: &Mat) -> opencv::Result<Mat> {
 /// A picture in CIE L*a*b*, slightly blurred, L* from 0 to 100.
 pub struct LabPicture {
     width: usize,
-    values: Vec<Vec3f>,
+    values: Vec<Vec3b>,
 }
 
 impl LabPicture {
     /// The colour at a pixel inside the picture.
     pub fn at(&self, u: usize, v: usize) -> [f32; 3] {
-        self.values[v * self.width + u].0
+        let [l, a, b] = self.values[v * self.width + u].0.map(f32::from);
+        [l * (100.0 / 255.0), a - 128.0, b - 128.0]
     }
 }
 
 /// Converts a colour picture.
 pub fn lab_picture(color: &ColorImage) -> opencv::Result<LabPicture> {
-    let pixels: Vec<Vec3b> =
-        color.as_rgb().chunks_exact(3).map(|p| Vec3b::from([p[0], p[1], p[2]])).collect();
-    let rgb = Mat::new_rows_cols_with_data(color.height() as i32, color.width() as i32, &pixels)?;
-    let (mut float, mut lab, mut blurred) = (Mat::default(), Mat::default(), Mat::default());
-    rgb.convert_to(&mut float, core::CV_32F, 1.0 / 255.0, 0.0)?;
-    imgproc::cvt_color(&float, &mut lab, imgproc::COLOR_RGB2Lab, 0)?;
+    let rgb = Mat::from_slice(color.as_rgb())?;
+    let rgb = rgb.reshape(3, color.height() as i32)?;
+    let (mut lab, mut blurred) = (Mat::default(), Mat::default());
     let kernel = Size::new(0, 0);
-    imgproc::gaussian_blur(&lab, &mut blurred, kernel, 1.2, 1.2, core::BORDER_DEFAULT)?;
-    Ok(LabPicture { width: color.width(), values: blurred.data_typed::<Vec3f>()?.to_vec() })
+    imgproc::gaussian_blur(&rgb, &mut blurred, kernel, 1.2, 1.2, core::BORDER_DEFAULT)?;
+    imgproc::cvt_color(&blurred, &mut lab, imgproc::COLOR_RGB2Lab, 0)?;
+    Ok(LabPicture { width: color.width(), values: lab.data_typed::<Vec3b>()?.to_vec() })
 }

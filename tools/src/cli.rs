@@ -49,6 +49,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Render a recording with exact truth
     Simulate(SimulateArgs),
+    /// Make the vocabulary again that stores are indexed with (for those who change features)
+    Vocabulary(VocabularyArgs),
     /// Score recordings with truth beside them
     Bench(BenchArgs),
     /// Check what this machine has: vision library, LCM, store
@@ -186,6 +188,16 @@ pub struct SimulateArgs {
     /// Stick an AprilTag (36h11) on each part and write tags.toml
     #[arg(long)]
     pub tags: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct VocabularyArgs {
+    /// File to write; built in from skill/assets/vocabulary-1.bin
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Where its pictures are rendered to and kept
+    #[arg(long, default_value = "out/vocabulary", value_name = "DIR")]
+    pub work: PathBuf,
 }
 
 #[derive(Debug, Args)]

@@ -1,6 +1,7 @@
 //! Builds an object's appearance from its demonstration.
 
 use super::describe::{FeatureSpread, describe_frame};
+use super::descriptor::{product, quantise, similarity};
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
 use crate::geometry::plane_through;
@@ -433,7 +434,7 @@ impl Builder {
                 point: at_rest.coords.map(|x| x as f32).into(),
                 normal: normal.map(|x| x as f32).into(),
                 size_m: feature.size as f32,
-                descriptor: quantise(&feature.descriptor),
+                descriptor: quantise(&feature.descriptor).to_vec(),
             };
             self.features.push((kept, keyframe));
         }
@@ -553,21 +554,6 @@ fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<ModelFea
 fn alike(a: &ModelFeature, b: &ModelFeature) -> bool {
     let apart = Vector3::from(a.point) - Vector3::from(b.point);
     let size = (a.size_m / b.size_m).ln().abs();
-    let dot: i32 =
-        a.descriptor.iter().zip(&b.descriptor).map(|(x, y)| i32::from(*x) * i32::from(*y)).sum();
-    // Unit vectors quantised to 255 at a half: |a - b|² = 2 - 2 a·b.
-    let distance_sq = 2.0 - 2.0 * f64::from(dot) / (QUANTUM * QUANTUM);
+    let distance_sq = 2.0 - 2.0 * similarity(product(&a.descriptor, &b.descriptor));
     a.kind == b.kind && f64::from(apart.norm()) < MERGE_M && size < 0.3 && distance_sq < 0.2
-}
-
-/// Bytes in a unit: components of a RootSIFT hardly exceed a half.
-const QUANTUM: f64 = 510.0;
-
-fn quantise(descriptor: &[f32]) -> Vec<u8> {
-    descriptor.iter().map(|x| (f64::from(*x) * QUANTUM).round().min(255.0) as u8).collect()
-}
-
-/// The unit vector that was quantised.
-pub fn dequantise(bytes: &[u8]) -> impl Iterator<Item = f32> + '_ {
-    bytes.iter().map(|b| f32::from(*b) / QUANTUM as f32)
 }

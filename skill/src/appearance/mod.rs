@@ -5,13 +5,15 @@
 
 mod builder;
 mod describe;
+mod descriptor;
 mod labels;
 
-pub use builder::{build, dequantise};
+pub use builder::build;
 pub use describe::{
     DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, describe_frame,
 };
 
+pub use descriptor::{Descriptor, bytes_of, product, quantise, similarity};
 use serde::{Deserialize, Serialize};
 
 /// A described feature of a part.

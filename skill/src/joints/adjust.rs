@@ -311,7 +311,11 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
         };
         let before = total(joint);
         let Some(mut next) = step(joint, view, tracks, cut, damping) else { break };
-        follow_points(&mut next, view, tracks, cut);
+        if i < steps / 2 {
+            locate_points(&mut next, view, tracks, cut);
+        } else {
+            follow_points(&mut next, view, tracks, cut);
+        }
         if total(&next) > 1.0001 * before {
             damping = f64::max(damping, 1e-3) * 30.0;
             if damping > 1e3 {

@@ -122,3 +122,57 @@ impl Memory {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::dof::Dof;
+    use super::super::specimen::seen_moving;
+    use super::*;
+    use crate::track::Track;
+    use nalgebra::Vector3;
+
+    const HINGE: Dof =
+        Dof { hinge: true, axis: Vector3::new(0.0, 1.0, 0.0), origin: Point3::new(0.0, 0.0, 1.5) };
+
+    fn view(frames: usize) -> Arc<View> {
+        let q: Vec<f64> = (0..frames).map(|f| 0.03 * f as f64).collect();
+        let places: Vec<Point3<f64>> =
+            (0..8).map(|i| Point3::new(0.1 + 0.05 * f64::from(i), 0.1, 1.5)).collect();
+        Arc::new(seen_moving(&HINGE, &places, &q))
+    }
+
+    /// The tracks of the view.
+    fn tracks() -> TrackSet {
+        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        TrackSet { frame_utimes: Vec::new(), tracks: (0..8).map(track).collect() }
+    }
+
+    #[test]
+    fn a_joint_is_called_back_with_its_tracks_when_more_frames_have_come() {
+        let early = view(20);
+        let mut door = Grown::new(HINGE, &early, 0);
+        door.members = vec![1, 4, 6];
+        door.points[4] = Point3::new(0.3, 0.1, 1.5);
+        door.known = vec![true; 20];
+        let config = JointsConfig::default();
+        let memory = Memory::of(&tracks(), |_| Arc::clone(&early), &[door], &[], 7.0, &config);
+        let [joints, suspicions] = memory.recalled(None, &view(30), &tracks());
+        assert!(suspicions.is_empty());
+        assert_eq!(joints[0].members, [1, 4, 6]);
+        assert_eq!(joints[0].points[4], Point3::new(0.3, 0.1, 1.5));
+        assert_eq!(joints[0].known_frames(), (0..20).collect::<Vec<_>>());
+        assert_eq!(joints[0].q.len(), 30);
+    }
+
+    #[test]
+    fn windows_are_searched_again_where_the_type_is_not_certain() {
+        let early = view(20);
+        let still = Grown::new(HINGE, &early, 0);
+        let of = |joints: &[Grown]| {
+            let config = JointsConfig::default();
+            Memory::of(&tracks(), |_| Arc::clone(&early), joints, &[], 7.0, &config)
+        };
+        assert_eq!(of(&[still]).since(None), 0);
+        assert_eq!(of(&[]).since(None), 20);
+    }
+}

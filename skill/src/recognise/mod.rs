@@ -16,17 +16,20 @@ mod retrieval;
 mod scene;
 mod verify;
 
-pub use retrieval::{Index, Vocabulary};
+pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub use scene::Scene;
 
 use crate::appearance::Appearance;
+pub use crate::appearance::Descriptor;
 use crate::articulate::JointKind;
 use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
 use articulated::{Articulated, State};
 use matching::{FeatureTable, Match, match_features};
+use rayon::prelude::*;
 use refine::Refiner;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use verify::{Cloud, Verdict};
 
 /// Name and version of the JSON form.
@@ -46,7 +49,7 @@ pub struct RecogniseConfig {
     pub min_inliers: usize,
     /// Pose hypotheses that are refined and verified.
     pub hypotheses: usize,
-    /// Objects compared in full; more are shortlisted by the bag of words.
+    /// Objects compared in full; more are shortlisted by their words.
     pub shortlist: usize,
 }
 
@@ -69,12 +72,14 @@ pub struct KnownObject {
     pub model: ObjectModel,
     table: FeatureTable,
     cloud: Cloud,
+    coarse: Cloud,
 }
 
 impl KnownObject {
     /// Prepares an object.
     pub fn new(model: ObjectModel, appearance: &Appearance) -> Self {
-        Self { model, table: FeatureTable::new(appearance), cloud: Cloud::new(appearance) }
+        let cloud = Cloud::new(appearance);
+        Self { model, table: FeatureTable::new(appearance), coarse: cloud.thinned(), cloud }
     }
 }
 
@@ -131,12 +136,12 @@ impl Recognition {
 /// Looks for every object in the scene; those above the threshold, best first.
 pub fn recognise(
     scene: &Scene,
-    objects: &[&KnownObject],
+    objects: &[Arc<KnownObject>],
     config: &RecogniseConfig,
     seed: u64,
 ) -> Recognition {
     let matches = objects
-        .iter()
+        .par_iter()
         .filter_map(|object| find(scene, object, config, seed))
         .filter(|m| m.score >= config.min_score)
         .collect();
@@ -209,7 +214,8 @@ fn with_depth(
         "hypotheses"
     );
     hypotheses.retain(|h| h.support >= config.min_inliers.min(4));
-    let refiner = Refiner { scene, articulated, cloud: &object.cloud, matches };
+    let (cloud, coarse) = (&object.cloud, &object.coarse);
+    let refiner = Refiner { scene, articulated, cloud, coarse, matches };
     let mut tried: Vec<(usize, Pose)> = Vec::new();
     let mut best: Option<Found> = None;
     for h in &hypotheses {
@@ -228,7 +234,7 @@ fn with_depth(
         tried.push((h.part, h.camera_from_part));
         let state = refiner.settle(h);
         let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
-        let verdict = verify::verify(scene, articulated, &object.cloud, &state);
+        let verdict = verify::verify(scene, articulated, cloud, &state);
         let score = verdict.score(inliers);
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
         let seen = seen_parts(articulated, matches, &state, &verdict);
@@ -239,7 +245,7 @@ fn with_depth(
         }
     }
     let mut best = best.filter(|b| b.inliers >= config.min_inliers)?;
-    eliminate(scene, articulated, &object.cloud, matches, &mut best);
+    eliminate(scene, articulated, cloud, matches, &mut best);
     Some(best)
 }
 

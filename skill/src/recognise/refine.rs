@@ -15,6 +15,8 @@ const WEAK: usize = 6;
 const FEATURE_WORTH: f64 = 8.0;
 /// Scanned configurations that are followed to their end.
 const FOLLOWED: usize = 3;
+/// Surfels below which a surface aligns nothing.
+const LEAST_SURFACE: usize = 20;
 /// How much better a scanned configuration must fit to replace a refined one.
 const SCAN_ADVANTAGE: f64 = 1.02;
 
@@ -26,6 +28,8 @@ pub struct Refiner<'r> {
     pub articulated: &'r Articulated,
     /// Its surface.
     pub cloud: &'r Cloud,
+    /// Some of it, to compare configurations by.
+    pub coarse: &'r Cloud,
     /// Its matches.
     pub matches: &'r [Match],
 }
@@ -46,18 +50,21 @@ impl Refiner<'_> {
                 let aligned = self.align(scanned);
                 // Alignment may pull a small part into the surface behind it: look again.
                 let again = self.scan(part, &aligned, &weak, 41, 1).swap_remove(0);
-                let better = self.fit(&again) > SCAN_ADVANTAGE * self.fit(&aligned);
+                let better =
+                    self.fit(self.cloud, &again) > SCAN_ADVANTAGE * self.fit(self.cloud, &aligned);
                 if better { again } else { aligned }
             })
-            .map(|state| (self.fit(&state), state))
+            .map(|state| (self.fit(self.cloud, &state), state))
             .max_by(|a, b| a.0.total_cmp(&b.0));
         settled.map_or_else(|| hypothesis.state.clone(), |(_, state)| state)
     }
 
     /// Agreement of surface and features; a feature weighs as much as some surface.
-    fn fit(&self, state: &State) -> f64 {
+    fn fit(&self, cloud: &Cloud, state: &State) -> f64 {
         let features = unique_inliers(self.articulated, self.matches, state, None) as f64;
-        verify(self.scene, self.articulated, self.cloud, state).fit() + FEATURE_WORTH * features
+        let surface = verify(self.scene, self.articulated, cloud, state).fit();
+        surface * self.cloud.surfels.len() as f64 / cloud.surfels.len().max(1) as f64
+            + FEATURE_WORTH * features
     }
 
     /// Joints with few inliers on one of their sides.
@@ -99,7 +106,7 @@ impl Refiner<'_> {
                     moved[joint] = q;
                     self.articulated.state_with(part, &camera_from_part, moved)
                 })
-                .map(|s| (self.fit(&s), s))
+                .map(|s| (self.fit(self.coarse, &s), s))
                 .collect();
             tried.sort_by(|a, b| b.0.total_cmp(&a.0));
             best = Vec::new();
@@ -151,16 +158,17 @@ impl Refiner<'_> {
         const STEPS: usize = 10;
         for i in 0..STEPS {
             let closing = (i as f64 / (0.6 * STEPS as f64)).min(1.0);
+            let cloud = if closing < 1.0 { self.coarse } else { self.cloud };
             let gate = 0.04 + (0.012 - 0.04) * closing;
             let mut system = System::new(6 + self.articulated.joints.len());
-            if self.add_surface(&mut system, &state, gate) < 30 {
+            if self.add_surface(&mut system, cloud, &state, gate) < LEAST_SURFACE {
                 break;
             }
             self.add_features(&mut system, &state, 1.2, 0.5);
             let Some(step) = system.solve(10.0) else { break };
             let done = step.amax() < 2e-4;
             state = self.articulated.stepped(&state, &step);
-            if done {
+            if done && closing >= 1.0 {
                 break;
             }
         }
@@ -168,10 +176,10 @@ impl Refiner<'_> {
     }
 
     /// Distances of visible surfels to the planes seen at their pixels, nearer than `gate`.
-    fn add_surface(&self, system: &mut System, state: &State, gate: f64) -> usize {
+    fn add_surface(&self, system: &mut System, cloud: &Cloud, state: &State, gate: f64) -> usize {
         let poses = self.articulated.poses(state);
         let mut planes = Vec::new();
-        for p in visible(self.scene, self.cloud, &poses) {
+        for p in visible(self.scene, cloud, &poses) {
             let Some(surface) = self.scene.surface(p.pixel.0, p.pixel.1) else { continue };
             let (u, v) = (p.pixel.0 as f64, p.pixel.1 as f64);
             let seen = self.scene.frame.camera.back_project(u, v, surface.z);

@@ -14,6 +14,16 @@ pub struct Cloud {
     pub surfels: Vec<CloudPoint>,
 }
 
+impl Cloud {
+    /// Every few surfels of each part: enough to compare configurations by.
+    pub fn thinned(&self) -> Self {
+        Self { surfels: self.surfels.iter().copied().step_by(THINNING).collect() }
+    }
+}
+
+/// Surfels for which one stands in a thinned cloud.
+const THINNING: usize = 3;
+
 /// One surfel.
 #[derive(Clone, Copy)]
 pub struct CloudPoint {

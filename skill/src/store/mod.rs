@@ -1,16 +1,16 @@
-//! The store: one SQLite file with models, appearance, vocabulary and provenance. Every
+//! The store: one SQLite file with models, appearance, words and provenance. Every
 //! change is one transaction, so a kill at any moment leaves what was there before.
 
+mod library;
 mod schema;
 
 use crate::appearance::Appearance;
 use crate::model::ObjectModel;
-use crate::recognise::{
-    Index, KnownObject, RecogniseConfig, Recognition, Scene, Vocabulary, recognise,
-};
+use crate::recognise::Words;
 use rusqlite::{Connection, OptionalExtension, params};
 use std::path::{Path, PathBuf};
 
+pub use library::Library;
 pub use schema::SCHEMA_VERSION;
 
 /// A store that cannot be used.
@@ -175,9 +175,6 @@ impl Store {
         for object in objects {
             write_object(&transaction, object).map_err(explain)?;
         }
-        // The words of what is new are not in the old vocabulary: it is trained anew when
-        // it is next needed.
-        transaction.execute("DELETE FROM vocabulary", []).map_err(explain)?;
         transaction.commit().map_err(explain)
     }
 
@@ -191,37 +188,29 @@ impl Store {
         if removed == 0 { Err(self.unknown(name)?) } else { Ok(()) }
     }
 
-    /// Everything, prepared for recognition.
+    /// Everything, to be recognised. Objects themselves are read when they are first needed.
     ///
     /// # Errors
-    /// As [`Self::get`].
+    /// As [`Self::get`], for objects whose words were not kept.
     pub fn load(&self) -> Result<Library, StoreError> {
-        let objects = self.names()?.iter().map(|n| self.get(n)).collect::<Result<Vec<_>, _>>()?;
-        let vocabulary = self.vocabulary(&objects)?;
-        Ok(Library::new(objects, vocabulary))
+        let mut words = Vec::new();
+        for name in self.names()? {
+            words.push((self.words(&name)?, name));
+        }
+        Ok(Library::lazy(Self::open(&self.path)?, words))
     }
 
-    /// The vocabulary of all objects, trained if there is none.
-    fn vocabulary(&self, objects: &[StoredObject]) -> Result<Vocabulary, StoreError> {
+    /// An object's words; made now where they were not kept.
+    fn words(&self, name: &str) -> Result<Words, StoreError> {
         let kept: Option<Vec<u8>> = self.sql(
             self.connection
-                .query_row("SELECT tree FROM vocabulary", [], |row| row.get(0))
+                .query_row("SELECT words FROM words WHERE object = ?1", [name], |row| row.get(0))
                 .optional(),
         )?;
-        if let Some(vocabulary) = kept.and_then(|b| postcard::from_bytes(&b).ok()) {
-            return Ok(vocabulary);
+        match kept.and_then(|bytes| postcard::from_bytes(&bytes).ok()) {
+            Some(words) => Ok(words),
+            None => Ok(Words::of(&self.get(name)?.appearance)),
         }
-        let vocabulary = Vocabulary::train(objects.iter().map(|o| &o.appearance));
-        if let Ok(bytes) = postcard::to_stdvec(&vocabulary) {
-            // A store that cannot be written can still be read.
-            let kept = self
-                .connection
-                .execute("INSERT OR REPLACE INTO vocabulary (id, tree) VALUES (1, ?1)", [bytes]);
-            if let Err(error) = kept {
-                tracing::debug!(%error, "the vocabulary was not kept");
-            }
-        }
-        Ok(vocabulary)
     }
 
     fn provenance(&self, name: &str) -> Result<Vec<Provenance>, StoreError> {
@@ -262,6 +251,10 @@ fn write_object(
         "INSERT INTO object (name, model, appearance) VALUES (?1, ?2, ?3)",
         params![name, model, appearance],
     )?;
+    let words =
+        postcard::to_stdvec(&Words::of(&object.appearance)).map_err(|e| encoding(e.into()))?;
+    transaction
+        .execute("INSERT INTO words (object, words) VALUES (?1, ?2)", params![name, words])?;
     for p in &object.provenance {
         transaction.execute(
             "INSERT INTO demonstration (object, source, learned_utime) VALUES (?1, ?2, ?3)",
@@ -269,43 +262,6 @@ fn write_object(
         )?;
     }
     Ok(())
-}
-
-/// All objects of a store in memory, with their index.
-pub struct Library {
-    objects: Vec<KnownObject>,
-    index: Index,
-}
-
-impl Library {
-    /// Prepares objects for recognition.
-    pub fn new(objects: Vec<StoredObject>, vocabulary: Vocabulary) -> Self {
-        let index = Index::new(vocabulary, objects.iter().map(|o| &o.appearance));
-        let objects =
-            objects.into_iter().map(|o| KnownObject::new(o.model, &o.appearance)).collect();
-        Self { objects, index }
-    }
-
-    /// What of it is in the scene, best first.
-    pub fn recognise(&self, scene: &Scene, config: &RecogniseConfig, seed: u64) -> Recognition {
-        let shortlist: Vec<&KnownObject> = if self.objects.len() <= config.shortlist {
-            self.objects.iter().collect()
-        } else {
-            let seen = scene
-                .features
-                .iter()
-                .filter(|f| f.kind == crate::appearance::FeatureKind::Picture)
-                .map(|f| f.descriptor);
-            let ranked = self.index.rank(seen);
-            ranked.iter().take(config.shortlist).map(|(i, _)| &self.objects[*i]).collect()
-        };
-        recognise(scene, &shortlist, config, seed)
-    }
-
-    /// The objects.
-    pub fn objects(&self) -> &[KnownObject] {
-        &self.objects
-    }
 }
 
 #[cfg(test)]

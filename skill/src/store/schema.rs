@@ -5,7 +5,7 @@ use rusqlite::Connection;
 use std::path::Path;
 
 /// The newest schema that this version knows.
-pub const SCHEMA_VERSION: i64 = 1;
+pub const SCHEMA_VERSION: i64 = 2;
 
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
@@ -24,9 +24,24 @@ CREATE TABLE demonstration (
     learned_utime INTEGER NOT NULL
 );
 CREATE INDEX demonstration_of_object ON demonstration (object);
-CREATE TABLE vocabulary (id INTEGER PRIMARY KEY CHECK (id = 1), tree BLOB NOT NULL);
+CREATE TABLE words (
+    object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
+    words BLOB NOT NULL
+);
 PRAGMA application_id = 1280199495;
-PRAGMA user_version = 1;
+PRAGMA user_version = 2;
+COMMIT;
+";
+
+/// From version 1, which trained a vocabulary of its own for every store.
+const UPGRADE: &str = "
+BEGIN IMMEDIATE;
+DROP TABLE IF EXISTS vocabulary;
+CREATE TABLE IF NOT EXISTS words (
+    object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
+    words BLOB NOT NULL
+);
+PRAGMA user_version = 2;
 COMMIT;
 ";
 
@@ -52,6 +67,8 @@ pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
             found: version,
             known: SCHEMA_VERSION,
         });
+    } else if version < SCHEMA_VERSION {
+        connection.execute_batch(UPGRADE).map_err(sql)?;
     }
     connection.pragma_update(None, "foreign_keys", true).map_err(sql)?;
     connection.pragma_update(None, "synchronous", "FULL").map_err(sql)

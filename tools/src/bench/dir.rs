@@ -8,7 +8,7 @@ use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, last_frame, remember, skill_config, write_json};
 use anyhow::{Context, anyhow};
 use linkage_skill::SkillConfig;
-use linkage_skill::recognise::Vocabulary;
+use linkage_skill::geometry::median;
 use linkage_skill::recognise::{Recognised, Scene};
 use linkage_skill::store::{Library, StoredObject};
 use serde::Serialize;
@@ -156,6 +156,20 @@ fn print_stage_times(rows: &[LearnRow]) {
     }
     let parts: Vec<String> = stages.iter().map(|(s, t)| format!("{s} {t:.2}")).collect();
     println!("mean seconds a demonstration: {}", parts.join(", "));
+    let mut rates: Vec<f64> = rows.iter().map(|r| r.frames_per_second).collect();
+    let mut after: Vec<f64> = rows.iter().map(|r| after_last_frame(&r.stage_seconds)).collect();
+    println!(
+        "medians: {:.1} frames a second, {:.2} s after the last frame",
+        median(&mut rates).unwrap_or(0.0),
+        median(&mut after).unwrap_or(0.0)
+    );
+}
+
+/// Seconds of the stages that run when all frames have come.
+pub fn after_last_frame(stage_seconds: &BTreeMap<String, f64>) -> f64 {
+    const WHILE_FRAMES_COME: [&str; 2] = ["track", "ahead"];
+    let after = stage_seconds.iter().filter(|(s, _)| !WHILE_FRAMES_COME.contains(&s.as_str()));
+    after.map(|(_, seconds)| seconds).sum()
 }
 
 fn print_learn_row(row: &LearnRow) {
@@ -201,8 +215,7 @@ fn recognise_all(
     let truths: Vec<(String, Truth)> =
         learned.iter().map(|l| (l.stored.model.object.clone(), l.truth.clone())).collect();
     let objects: Vec<StoredObject> = learned.into_iter().map(|l| l.stored).collect();
-    let vocabulary = Vocabulary::train(objects.iter().map(|o| &o.appearance));
-    let library = Library::new(objects, vocabulary);
+    let library = Library::new(objects);
     println!(
         "\n{:20} {:14} {:14} {:>6} {:>24} {:>7} verdict",
         "encounter", "expected", "found", "score", "configuration error", "ms"
@@ -211,7 +224,8 @@ fn recognise_all(
     for (recording, truth) in encounters {
         let frame = last_frame(&recording.display().to_string())?;
         let start = Instant::now();
-        let recognition = library.recognise(&Scene::new(&frame)?, &config.recognise, config.seed);
+        let recognition =
+            library.recognise(&Scene::new(&frame)?, &config.recognise, config.seed)?;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let known = truths.iter().find(|(name, _)| *name == truth.object && !truth.unknown);
         let best = recognition.matches.first();

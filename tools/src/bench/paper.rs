@@ -3,6 +3,7 @@
 //! the paper's two tables are printed, with a third for what they leave out. Truth is the
 //! simulator's own; with `--tags`, AprilTags on the parts as in the paper.
 
+use super::dir::after_last_frame;
 use super::motion::{
     ConfigurationError, PoseScore, configuration_errors, pose_scores, segmentation_share,
 };
@@ -127,11 +128,7 @@ fn learn(
         configuration: configuration_errors(&found, &truth, &score),
         segmentation_share: segmentation_share(&found, &truth, &score, recording)?,
         frames_per_second: found.frame_utimes.len() as f64 / seconds,
-        finish_seconds: stage_seconds
-            .iter()
-            .filter(|(s, _)| *s != "track" && *s != "ahead")
-            .map(|s| s.1)
-            .sum(),
+        finish_seconds: after_last_frame(&stage_seconds),
         stage_seconds,
         learn: score,
         poses,

@@ -10,6 +10,7 @@ mod predict;
 mod recognise;
 mod simulate;
 mod store;
+mod vocabulary;
 
 use crate::cli::{Cli, Command, Common};
 use anyhow::{Context, anyhow};
@@ -66,6 +67,7 @@ pub fn run(cli: Cli) -> Outcome {
         Command::Store(args) => store::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Simulate(args) => simulate::run(&args, common),
+        Command::Vocabulary(args) => vocabulary::run(&args, common),
         Command::Bench(args) => crate::bench::run(&args, common),
         Command::Doctor(args) => doctor::run(&args),
         Command::Config(args) => config::run(&args, common),

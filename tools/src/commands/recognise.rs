@@ -38,7 +38,7 @@ pub fn recognise_frame(
     config: &SkillConfig,
 ) -> Outcome<Recognition> {
     warn_without_depth(frame, source);
-    Ok(library.recognise(&Scene::new(frame)?, &config.recognise, config.seed))
+    Ok(library.recognise(&Scene::new(frame)?, &config.recognise, config.seed)?)
 }
 
 /// The last frame of a recording.

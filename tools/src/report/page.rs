@@ -92,7 +92,7 @@ pub fn recognition_page(
         body,
         "<p>{} of {} known objects recognised.</p>",
         recognition.matches.len(),
-        library.objects().len()
+        library.len()
     );
     for m in &recognition.matches {
         let _ = writeln!(body, "<p>{}</p>", escape(&crate::commands::describe(m)));

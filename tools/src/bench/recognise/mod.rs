@@ -10,7 +10,7 @@ use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
 use linkage_skill::SkillConfig;
 use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
-use linkage_skill::recognise::{Recognised, Scene, Vocabulary, find};
+use linkage_skill::recognise::{Recognised, Scene, find};
 use linkage_skill::store::{Library, StoredObject};
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
@@ -75,7 +75,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         .flatten()
         .collect();
     println!("{} of {} things learned", learned.len(), THINGS.len());
-    let library = library_of(&learned);
+    let library = Library::new(learned.iter().map(|l| l.stored.clone()).collect());
     let mut report = Report {
         threshold: config.recognise.min_score,
         rows: Vec::new(),
@@ -114,12 +114,6 @@ fn learn(
     Ok(Some(Learned { stored, truth: Truth::read(recording)? }))
 }
 
-fn library_of(learned: &[Learned]) -> Library {
-    let objects: Vec<StoredObject> = learned.iter().map(|l| l.stored.clone()).collect();
-    let vocabulary = Vocabulary::train(objects.iter().map(|o| &o.appearance));
-    Library::new(objects, vocabulary)
-}
-
 fn look(
     still: &Still,
     recording: &Path,
@@ -132,12 +126,13 @@ fn look(
     let frame = last_frame(&recording.display().to_string())?;
     let start = Instant::now();
     let scene = Scene::new(&frame)?;
-    let recognition = library.recognise(&scene, &config.recognise, config.seed);
+    let recognition = library.recognise(&scene, &config.recognise, config.seed)?;
     let milliseconds = start.elapsed().as_secs_f64() * 1e3;
     let (mut own, mut wrong): (Option<Recognised>, Option<(String, f64)>) = (None, None);
-    for object in library.objects() {
+    for number in 0..library.len() {
+        let object = library.object(number)?;
         let name = &object.model.object;
-        let found = find(&scene, object, &config.recognise, config.seed);
+        let found = find(&scene, &object, &config.recognise, config.seed);
         if still.shows == Shows::Known && *name == still.thing {
             own = found;
             continue;

@@ -1,0 +1,242 @@
+//! Which of many objects may be in a picture: the paper's bag of words (section III-E) with
+//! what depth adds. A feature votes for the objects that have its word, in its metric size and
+//! with a like code; votes count together where they lie together in space.
+
+mod vocabulary;
+
+pub use vocabulary::{NotAVocabulary, Vocabulary};
+
+use crate::appearance::{
+    Appearance, DescribedFeature, FeatureKind, ModelFeature, bytes_of, quantise,
+};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use vocabulary::{Coded, WORDS};
+
+/// Bits in which codes of one surface point may differ.
+const MAX_BITS: u32 = 20;
+/// Standard deviation of that difference, in the weight of a vote.
+const SIGMA_BITS: f64 = 12.0;
+/// Steps of size in an octave.
+const SIZE_STEPS: f32 = 4.0;
+/// Side of a region whose votes count together, metres.
+const REGION_M: f64 = 0.35;
+
+/// An object's features as the index needs them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Words(Vec<Word>);
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Word {
+    word: u16,
+    code: u64,
+    kind: FeatureKind,
+    size: i8,
+}
+
+impl Words {
+    /// Of an object's features.
+    pub fn of(appearance: &Appearance) -> Self {
+        let vocabulary = Vocabulary::standard();
+        let word_of = |f: &ModelFeature| {
+            let Coded { word, code } = vocabulary.words(&bytes_of(&f.descriptor))[0];
+            Word { word, code, kind: f.kind, size: size_step(f.size_m) }
+        };
+        Self(appearance.features.par_iter().map(word_of).collect())
+    }
+}
+
+/// A feature of an object under its word.
+#[derive(Debug, Clone, Copy)]
+struct Posting {
+    code: u64,
+    object: u32,
+    kind: FeatureKind,
+    size: i8,
+}
+
+/// The inverted index of many objects.
+pub struct Index {
+    vocabulary: &'static Vocabulary,
+    postings: Vec<Vec<Posting>>,
+    objects: usize,
+    features: usize,
+}
+
+impl Index {
+    /// Of no objects yet.
+    pub fn new() -> Self {
+        Self {
+            vocabulary: Vocabulary::standard(),
+            postings: vec![Vec::new(); WORDS],
+            objects: 0,
+            features: 0,
+        }
+    }
+
+    /// Adds an object; objects are numbered in the order in which they are added.
+    pub fn insert(&mut self, words: &Words) {
+        let object = self.objects as u32;
+        for &Word { word, code, kind, size } in &words.0 {
+            // A damaged word falls under another.
+            let list = usize::from(word) % WORDS;
+            self.postings[list].push(Posting { code, object, kind, size });
+        }
+        self.features += words.0.len();
+        self.objects += 1;
+    }
+
+    /// Number of objects.
+    pub fn len(&self) -> usize {
+        self.objects
+    }
+
+    /// True before the first object.
+    pub fn is_empty(&self) -> bool {
+        self.objects == 0
+    }
+
+    /// Bytes that the postings take.
+    pub fn bytes(&self) -> usize {
+        self.features * size_of::<Posting>()
+    }
+
+    /// Objects by their votes, most first; those without any are left out.
+    pub fn rank(&self, seen: &[DescribedFeature]) -> Vec<(usize, f64)> {
+        let votes: Vec<(u32, [i32; 3], f64)> =
+            seen.par_iter().flat_map_iter(|f| self.votes_of(f)).collect();
+        let mut by_region: HashMap<(u32, [i32; 3]), f64> = HashMap::new();
+        for (object, [x, y, z], weight) in votes {
+            // A region counts what lies in it and beside it: cells overlap by half.
+            for dx in 0..2 {
+                for dy in 0..2 {
+                    for dz in 0..2 {
+                        *by_region.entry((object, [x + dx, y + dy, z + dz])).or_default() += weight;
+                    }
+                }
+            }
+        }
+        let mut best: HashMap<u32, f64> = HashMap::new();
+        for ((object, _), weight) in by_region {
+            let most = best.entry(object).or_default();
+            *most = most.max(weight);
+        }
+        let mut ranked: Vec<(usize, f64)> =
+            best.into_iter().map(|(o, w)| (o as usize, w)).collect();
+        ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        ranked
+    }
+
+    /// Objects that a feature votes for, each once, with its region and weight.
+    fn votes_of(&self, feature: &DescribedFeature) -> Vec<(u32, [i32; 3], f64)> {
+        let cell = feature
+            .point
+            .map_or([0; 3], |p| [p.x, p.y, p.z].map(|x| (x / (0.5 * REGION_M)).floor() as i32));
+        let size = size_step(feature.size as f32);
+        let slack = match feature.kind {
+            FeatureKind::Rectified => 0,
+            FeatureKind::Picture => 2,
+        };
+        let mut votes: Vec<(u32, u32)> = Vec::new();
+        for coded in self.vocabulary.words(&quantise(&feature.descriptor)) {
+            for p in &self.postings[usize::from(coded.word)] {
+                let bits = (p.code ^ coded.code).count_ones();
+                let fits = bits <= MAX_BITS
+                    && p.kind == feature.kind
+                    && (feature.point.is_none() || (p.size - size).abs() <= slack);
+                if fits {
+                    votes.push((p.object, bits));
+                }
+            }
+        }
+        votes.sort_unstable();
+        votes.dedup_by_key(|v| v.0);
+        // What many objects have tells little.
+        let rarity = (self.objects as f64 / votes.len().max(1) as f64).ln() + 1.0;
+        votes
+            .into_iter()
+            .map(|(object, bits)| {
+                (object, cell, rarity * (-(f64::from(bits) / SIGMA_BITS).powi(2)).exp())
+            })
+            .collect()
+    }
+}
+
+impl Default for Index {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn size_step(size_m: f32) -> i8 {
+    (SIZE_STEPS * (size_m.max(1e-6) / 0.004).log2()).round().clamp(-100.0, 100.0) as i8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::appearance::DESCRIPTOR_LENGTH;
+    use nalgebra::{Point3, Vector3};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn descriptor(rng: &mut ChaCha8Rng) -> [f32; DESCRIPTOR_LENGTH] {
+        let raw: [f32; DESCRIPTOR_LENGTH] = std::array::from_fn(|_| rng.random::<f32>().powi(4));
+        let norm = raw.iter().map(|x| x * x).sum::<f32>().sqrt();
+        raw.map(|x| x / norm)
+    }
+
+    fn object(seed: u64) -> Appearance {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let features = (0..200)
+            .map(|_| ModelFeature {
+                part: 0,
+                kind: FeatureKind::Rectified,
+                point: [0.0; 3],
+                normal: [0.0; 3],
+                size_m: 0.016,
+                descriptor: quantise(&descriptor(&mut rng)).to_vec(),
+            })
+            .collect();
+        Appearance { features, surfels: Vec::new() }
+    }
+
+    /// Every third feature of an object, `size` times as large as it is.
+    fn seen(seed: u64, size: f64) -> Vec<DescribedFeature> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        (0..200)
+            .map(|_| descriptor(&mut rng))
+            .step_by(3)
+            .map(|descriptor| DescribedFeature {
+                kind: FeatureKind::Rectified,
+                pixel: [0.0; 2],
+                point: Some(Point3::new(0.1, 0.1, 1.0)),
+                normal: Vector3::zeros(),
+                size: 0.016 * size,
+                descriptor,
+            })
+            .collect()
+    }
+
+    fn twenty_objects() -> Index {
+        let mut index = Index::new();
+        (0..20).for_each(|seed| index.insert(&Words::of(&object(seed))));
+        index
+    }
+
+    #[test]
+    fn the_object_whose_features_are_seen_ranks_first() {
+        let ranked = twenty_objects().rank(&seen(13, 1.0));
+        assert_eq!(ranked[0].0, 13);
+        assert!(ranked.get(1).is_none_or(|second| ranked[0].1 > 3.0 * second.1), "{ranked:?}");
+    }
+
+    #[test]
+    fn what_has_another_size_is_another_thing() {
+        let index = twenty_objects();
+        let votes =
+            |size| index.rank(&seen(13, size)).iter().find(|r| r.0 == 13).map_or(0.0, |r| r.1);
+        assert!(votes(2.0) < 0.1 * votes(1.0));
+    }
+}
