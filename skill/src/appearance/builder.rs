@@ -1,6 +1,6 @@
 //! Builds an object's appearance from its demonstration.
 
-use super::describe::{FeatureSpread, describe_frame};
+use super::describe::{FeatureSpread, Keypoints};
 use super::descriptor::{product, quantise, similarity};
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
@@ -417,9 +417,9 @@ impl Builder {
     ) -> opencv::Result<()> {
         let frame = posed.frame;
         let normals = NormalMap::new(&frame.depth, &frame.camera);
-        let described =
-            describe_frame(frame, &normals, FeatureSpread::Model, |u, v| grid.at(u, v).is_some())?;
-        for feature in described {
+        let on_a_part = |u, v| grid.at(u, v).is_some();
+        let keypoints = Keypoints::new(frame, FeatureSpread::Model, on_a_part)?;
+        for feature in keypoints.describe(frame, &normals)? {
             let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
             let (Some(part), Some(point)) = (grid.at(u, v), feature.point) else { continue };
             let Some(pose) = posed.camera_from_part[usize::from(part)] else { continue };

@@ -6,18 +6,18 @@ use crate::vision::Gray;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::NormalMap;
 use nalgebra::{Point3, Vector3};
-use opencv::core::{CV_8U, KeyPoint, KeyPointTrait, KeyPointTraitConst, Mat, Size, Vec2f, Vector};
+use opencv::core::{CV_8U, KeyPoint, KeyPointTraitConst, Mat, Size, Vec2f, Vector};
 use opencv::features2d::SIFT;
 use opencv::imgproc;
 use opencv::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 /// Values in a descriptor.
 pub const DESCRIPTOR_LENGTH: usize = 128;
 
 /// How a feature was described; only equal kinds are compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum FeatureKind {
     /// Oriented RootSIFT in the picture.
     Picture,
@@ -62,25 +62,81 @@ const PATCH_SIGMAS: f64 = 3.2;
 /// Size at which the patch's centre is described, patch pixels.
 const PATCH_KEYPOINT: f32 = 5.5;
 
-/// Features of a frame where `wanted` says so (by pixel).
-pub fn describe_frame(
-    frame: &RgbdFrame,
-    normals: &NormalMap,
-    spread: FeatureSpread,
-    wanted: impl Fn(usize, usize) -> bool,
-) -> opencv::Result<Vec<DescribedFeature>> {
-    let gray = Gray::from_color(&frame.color)?;
-    let keypoints = detect(&gray, spread, wanted)?;
-    let mut features = in_picture(frame, normals, &gray, &keypoints)?;
-    features.extend(rectified(frame, normals, &gray, &keypoints)?);
-    Ok(features)
+/// Where features of a frame are, before depth is asked.
+pub struct Keypoints {
+    gray: Gray,
+    found: Vec<Spot>,
+}
+
+/// A keypoint as threads may share it.
+#[derive(Clone, Copy)]
+struct Spot {
+    pixel: [f32; 2],
+    /// Diameter, pixels.
+    size: f32,
+    /// Degrees.
+    angle: f32,
+    response: f32,
+    octave: i32,
+}
+
+impl Spot {
+    fn new(k: &KeyPoint) -> Self {
+        let p = k.pt();
+        Self {
+            pixel: [p.x, p.y],
+            size: k.size(),
+            angle: k.angle(),
+            response: k.response(),
+            octave: k.octave(),
+        }
+    }
+
+    fn keypoint(&self, number: usize) -> opencv::Result<KeyPoint> {
+        let [x, y] = self.pixel;
+        KeyPoint::new_coords(x, y, self.size, self.angle, self.response, self.octave, number as i32)
+    }
+}
+
+impl Keypoints {
+    /// Finds them where `wanted` says so (by pixel).
+    ///
+    /// # Errors
+    /// Whatever the vision library says.
+    pub fn new(
+        frame: &RgbdFrame,
+        spread: FeatureSpread,
+        wanted: impl Fn(usize, usize) -> bool,
+    ) -> opencv::Result<Self> {
+        let gray = Gray::from_color(&frame.color)?;
+        let found = detect(&gray, spread, wanted)?;
+        Ok(Self { gray, found })
+    }
+
+    /// Describes them, both ways.
+    ///
+    /// # Errors
+    /// Whatever the vision library says.
+    pub fn describe(
+        &self,
+        frame: &RgbdFrame,
+        normals: &NormalMap,
+    ) -> opencv::Result<Vec<DescribedFeature>> {
+        let (in_picture, rectified) = rayon::join(
+            || in_picture(frame, normals, &self.gray, &self.found),
+            || rectified(frame, normals, &self.gray, &self.found),
+        );
+        let mut features = in_picture?;
+        features.extend(rectified?);
+        Ok(features)
+    }
 }
 
 fn detect(
     gray: &Gray,
     spread: FeatureSpread,
     wanted: impl Fn(usize, usize) -> bool,
-) -> opencv::Result<Vec<KeyPoint>> {
+) -> opencv::Result<Vec<Spot>> {
     let per_cell = match spread {
         FeatureSpread::Query => 22,
         FeatureSpread::Model => 50,
@@ -91,21 +147,19 @@ fn detect(
         &mut keypoints,
         &opencv::core::no_array(),
     )?;
-    let mut cells: HashMap<(i32, i32), Vec<KeyPoint>> = HashMap::new();
-    for k in keypoints {
-        let p = k.pt();
-        let (u, v) = (p.x.round() as usize, p.y.round() as usize);
+    let mut cells: BTreeMap<(i32, i32), Vec<Spot>> = BTreeMap::new();
+    for spot in keypoints.iter().map(|k| Spot::new(&k)) {
+        let [x, y] = spot.pixel;
+        let (u, v) = (x.round() as usize, y.round() as usize);
         if wanted(u.min(gray.width() - 1), v.min(gray.height() - 1)) {
-            let cell = ((p.x / CELL_PX) as i32, (p.y / CELL_PX) as i32);
-            cells.entry(cell).or_default().push(k);
+            let cell = ((y / CELL_PX) as i32, (x / CELL_PX) as i32);
+            cells.entry(cell).or_default().push(spot);
         }
     }
-    let mut kept: Vec<((i32, i32), Vec<KeyPoint>)> = cells.into_iter().collect();
-    kept.sort_by_key(|(cell, _)| (cell.1, cell.0));
-    Ok(kept
-        .into_iter()
-        .flat_map(|(_, mut cell)| {
-            cell.sort_by(|a, b| b.response().total_cmp(&a.response()));
+    Ok(cells
+        .into_values()
+        .flat_map(|mut cell| {
+            cell.sort_by(|a, b| b.response.total_cmp(&a.response));
             cell.truncate(per_cell);
             cell
         })
@@ -116,12 +170,11 @@ fn in_picture(
     frame: &RgbdFrame,
     normals: &NormalMap,
     gray: &Gray,
-    keypoints: &[KeyPoint],
+    spots: &[Spot],
 ) -> opencv::Result<Vec<DescribedFeature>> {
-    let mut asked: Vector<KeyPoint> = keypoints.iter().cloned().collect();
-    for (i, mut k) in asked.to_vec().into_iter().enumerate() {
-        k.set_class_id(i as i32);
-        asked.set(i, k)?;
+    let mut asked: Vector<KeyPoint> = Vector::new();
+    for (i, spot) in spots.iter().enumerate() {
+        asked.push(spot.keypoint(i)?);
     }
     let rows = compute(gray.mat(), &mut asked)?;
     let mut features = Vec::with_capacity(asked.len());
@@ -188,15 +241,13 @@ fn rectified(
     frame: &RgbdFrame,
     normals: &NormalMap,
     gray: &Gray,
-    keypoints: &[KeyPoint],
+    spots: &[Spot],
 ) -> opencv::Result<Vec<DescribedFeature>> {
     let mut seen = std::collections::HashSet::new();
-    let patches: Vec<Patch> = keypoints
+    let patches: Vec<Patch> = spots
         .iter()
         // One place and size may carry several orientations: once is enough here.
-        .filter(|k| {
-            seen.insert(((k.pt().x * 4.0) as i32, (k.pt().y * 4.0) as i32, (k.size() * 4.0) as i32))
-        })
+        .filter(|k| seen.insert([k.pixel[0], k.pixel[1], k.size].map(|x| (x * 4.0) as i32)))
         .filter_map(|k| patch_of(frame, normals, k))
         .collect();
     if patches.is_empty() {
@@ -236,8 +287,8 @@ fn rectified(
 /// Patches in a row of the mosaic.
 const MOSAIC: usize = 40;
 
-fn patch_of(frame: &RgbdFrame, normals: &NormalMap, k: &KeyPoint) -> Option<Patch> {
-    let pixel = [k.pt().x, k.pt().y];
+fn patch_of(frame: &RgbdFrame, normals: &NormalMap, k: &Spot) -> Option<Patch> {
+    let pixel = k.pixel;
     let surface = Surface::at(frame, normals, pixel);
     let (point, normal) = (surface.point?, surface.normal?);
     let slant = -normal.dot(&point.coords.normalize());
@@ -257,7 +308,7 @@ fn patch_of(frame: &RgbdFrame, normals: &NormalMap, k: &KeyPoint) -> Option<Patc
             camera.fy * (e.y / z - point.y * e.z / (z * z)),
         ]
     };
-    let size_m = f64::from(k.size()) * point.z / camera.fx / slant.sqrt();
+    let size_m = f64::from(k.size) * point.z / camera.fx / slant.sqrt();
     Some(Patch {
         pixel,
         point,

@@ -9,9 +9,7 @@ mod descriptor;
 mod labels;
 
 pub use builder::build;
-pub use describe::{
-    DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, describe_frame,
-};
+pub use describe::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, Keypoints};
 
 pub use descriptor::{Descriptor, bytes_of, product, quantise, similarity};
 use serde::{Deserialize, Serialize};

@@ -213,7 +213,7 @@ fn with_depth(
         best = hypotheses.first().map_or(0, |h| h.support),
         "hypotheses"
     );
-    hypotheses.retain(|h| h.support >= config.min_inliers.min(4));
+    hypotheses.retain(|h| h.support + 1 >= config.min_inliers);
     let (cloud, coarse) = (&object.cloud, &object.coarse);
     let refiner = Refiner { scene, articulated, cloud, coarse, matches };
     let mut tried: Vec<(usize, Pose)> = Vec::new();

@@ -1,6 +1,6 @@
 //! An encounter's frame, prepared once for all objects.
 
-use crate::appearance::{DescribedFeature, FeatureSpread, describe_frame};
+use crate::appearance::{DescribedFeature, FeatureSpread, Keypoints};
 use crate::vision::{LabPicture, lab_picture};
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, SurfacePatch};
@@ -26,9 +26,12 @@ impl Scene {
     /// # Errors
     /// Whatever the vision library says.
     pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
-        let normals = NormalMap::new(&frame.depth, &frame.camera);
-        let features = describe_frame(frame, &normals, FeatureSpread::Query, |_, _| true)?;
-        Ok(Self { features, lab: lab_picture(&frame.color)?, normals, frame: frame.clone() })
+        let (keypoints, (normals, lab)) = rayon::join(
+            || Keypoints::new(frame, FeatureSpread::Query, |_, _| true),
+            || (NormalMap::new(&frame.depth, &frame.camera), lab_picture(&frame.color)),
+        );
+        let features = keypoints?.describe(frame, &normals)?;
+        Ok(Self { features, lab: lab?, normals, frame: frame.clone() })
     }
 
     /// True when depth is there at all.

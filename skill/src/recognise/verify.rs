@@ -234,13 +234,8 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
                 verdict.parts[p.part].agree += 1;
             }
             if cosine > 0.7 {
-                let normal = cloud.surfels[p.index].normal;
-                let side = normal.iamax() * 2 + usize::from(normal[normal.iamax()] > 0.0);
-                colours.push((
-                    p.part * SIDES + side,
-                    cloud.surfels[p.index].lab,
-                    scene.lab.at(u, v),
-                ));
+                let surfel = &cloud.surfels[p.index];
+                colours.push((patch_of(surfel), surfel.lab, scene.lab.at(u, v)));
             }
         }
     }
@@ -249,42 +244,69 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
     verdict.judged -= verdict.hidden.min(half);
     colours.sort_by_key(|c| c.0);
     verdict.correlation = correlation(&colours).unwrap_or(0.0);
-    for group in colours.chunk_by(|a, b| a.0 / SIDES == b.0 / SIDES) {
-        verdict.parts[group[0].0 / SIDES].correlation = correlation(group);
+    for group in colours.chunk_by(|a, b| a.0.part == b.0.part) {
+        verdict.parts[group[0].0.part].correlation = correlation(group);
     }
     verdict
 }
 
-/// A surfel's side, its learned colour, and the colour that is seen.
-type Colour = (usize, [f32; 3], [f32; 3]);
+/// A surfel's patch, its learned colour, and the colour that is seen.
+type Colour = (Patch, [f32; 3], [f32; 3]);
 
-/// Directions by which a part's surface is divided: light falls differently on each.
-const SIDES: usize = 6;
+/// A piece of a part's surface on which light falls evenly.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Patch {
+    part: usize,
+    /// Axis that its normal is nearest to, and which way.
+    side: usize,
+    cell: [i32; 3],
+}
 
-/// Correlation of lightness after the mean of each part's side is removed: light differs
-/// between encounters, texture does not. Sorted by side; `None` for too little surface.
+/// Side of a patch, metres. Two planks of different paint are two levels of lightness, and any
+/// two levels correlate: only what varies within a patch tells surfaces apart.
+const PATCH_M: f64 = 0.1;
+
+fn patch_of(surfel: &CloudPoint) -> Patch {
+    let (p, normal) = (surfel.point, surfel.normal);
+    Patch {
+        part: surfel.part,
+        side: normal.iamax() * 2 + usize::from(normal[normal.iamax()] > 0.0),
+        cell: [p.x, p.y, p.z].map(|x| (x / PATCH_M).floor() as i32),
+    }
+}
+
+/// Lightness that varies so much tells a patch from others: any more counts no more.
+const TELLING: f64 = 3.0;
+/// Variation of lightness that noise makes.
+const NOISE: f64 = 1.0;
+/// Fewest surfels of a patch that are compared.
+const LEAST_IN_PATCH: usize = 12;
+/// Fewest surfels that tell anything.
+const LEAST_IN_ALL: usize = 25;
+
+/// How well lightness varies alike within patches, -1 to 1: light differs between encounters,
+/// texture does not. Each patch speaks for itself, however strong its contrast, so that one
+/// mark upon another is no likeness. Sorted by patch; `None` for too little surface.
 fn correlation(colours: &[Colour]) -> Option<f64> {
-    let (mut xx, mut yy, mut xy, mut count) = (0.0, 0.0, 0.0, 0);
-    for group in colours.chunk_by(|a, b| a.0 == b.0) {
-        if group.len() < 12 {
-            continue;
-        }
+    let (mut sum, mut total, mut count) = (0.0, 0.0, 0);
+    for group in colours.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() >= LEAST_IN_PATCH) {
         let n = group.len() as f64;
         let mean =
             |f: &dyn Fn(&Colour) -> f32| group.iter().map(|c| f64::from(f(c))).sum::<f64>() / n;
         let (mx, my) = (mean(&|c| c.1[0]), mean(&|c| c.2[0]));
+        let (mut xx, mut yy, mut xy) = (0.0, 0.0, 0.0);
         for c in group {
             let (x, y) = (f64::from(c.1[0]) - mx, f64::from(c.2[0]) - my);
-            xx += x * x;
-            yy += y * y;
-            xy += x * y;
+            xx += x * x / n;
+            yy += y * y / n;
+            xy += x * y / n;
         }
+        // The noise keeps plain surfaces from correlating by chance.
+        let alike = xy / ((xx + NOISE) * (yy + NOISE)).sqrt();
+        let weight = n * xx.sqrt().min(TELLING);
+        sum += weight * alike;
+        total += weight;
         count += group.len();
     }
-    if count < 25 {
-        return None;
-    }
-    let n = count as f64;
-    // A square unit of lightness keeps plain surfaces from correlating by their noise.
-    Some((xy / n) / ((xx / n).sqrt() * (yy / n).sqrt() + 1.0))
+    (count >= LEAST_IN_ALL && total > 0.0).then(|| sum / total)
 }

@@ -11,7 +11,7 @@ use crate::appearance::{
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use vocabulary::{Coded, WORDS};
 
 /// Bits in which codes of one surface point may differ.
@@ -36,14 +36,35 @@ struct Word {
 }
 
 impl Words {
-    /// Of an object's features.
+    /// Of an object's features: of each part those that most keyframes bear out, which come
+    /// first.
     pub fn of(appearance: &Appearance) -> Self {
         let vocabulary = Vocabulary::standard();
-        let word_of = |f: &ModelFeature| {
+        let parts: HashSet<u16> = appearance.features.iter().map(|f| f.part).collect();
+        let mut taken: HashMap<(u16, FeatureKind), usize> = HashMap::new();
+        let chosen: Vec<&ModelFeature> = appearance
+            .features
+            .iter()
+            .filter(|f| {
+                let count = taken.entry((f.part, f.kind)).or_default();
+                *count += 1;
+                *count <= most_of(f.kind) / parts.len()
+            })
+            .collect();
+        let word_of = |f: &&ModelFeature| {
             let Coded { word, code } = vocabulary.words(&bytes_of(&f.descriptor))[0];
             Word { word, code, kind: f.kind, size: size_step(f.size_m) }
         };
-        Self(appearance.features.par_iter().map(word_of).collect())
+        Self(chosen.par_iter().map(word_of).collect())
+    }
+}
+
+/// Features of an object that are indexed: upright ones tell more, the others serve where the
+/// camera rolls.
+fn most_of(kind: FeatureKind) -> usize {
+    match kind {
+        FeatureKind::Rectified => 320,
+        FeatureKind::Picture => 160,
     }
 }
 

@@ -2,6 +2,7 @@
 //! every one of them is looked for in every still, and each score is kept: those of right pairs
 //! and those of wrong ones.
 
+mod scale;
 mod stills;
 
 use super::dir::{ConfigurationScore, configuration_scores};
@@ -9,10 +10,12 @@ use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
 use linkage_skill::SkillConfig;
+use linkage_skill::appearance::Appearance;
 use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
 use linkage_skill::recognise::{Recognised, Scene, find};
-use linkage_skill::store::{Library, StoredObject};
+use linkage_skill::store::{Library, StoreError, StoredObject};
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -56,6 +59,7 @@ struct Report {
     threshold: f64,
     rows: Vec<Row>,
     wrong_scores: Vec<f64>,
+    scale: Vec<scale::Row>,
 }
 
 /// A learned thing.
@@ -76,21 +80,28 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         .collect();
     println!("{} of {} things learned", learned.len(), THINGS.len());
     let library = Library::new(learned.iter().map(|l| l.stored.clone()).collect());
+    let names: Vec<String> = learned.iter().map(|l| l.stored.model.object.clone()).collect();
     let mut report = Report {
         threshold: config.recognise.min_score,
         rows: Vec::new(),
         wrong_scores: Vec::new(),
+        scale: Vec::new(),
     };
+    let mut questions = Vec::new();
     for still in stills::all() {
         let recording = dir.join(&still.name);
         still.render(&recording, common.quiet)?;
-        let row = look(&still, &recording, &library, &learned, &config, &mut report.wrong_scores)?;
+        let (row, scene) =
+            look(&still, &recording, &library, &learned, &config, &mut report.wrong_scores)?;
         print_row(&row);
         report.rows.push(row);
+        questions.push(scale::Question::new(scene, still.shows, &still.thing, &names));
     }
     print_bands(&report);
     print_wrong(&report);
     print_precision(&report);
+    let appearances: Vec<Appearance> = learned.into_iter().map(|l| l.stored.appearance).collect();
+    report.scale = scale::run(&appearances, &questions);
     if let Some(path) = &args.json {
         write_json(path, &report)?;
     }
@@ -121,26 +132,32 @@ fn look(
     learned: &[Learned],
     config: &SkillConfig,
     wrong_scores: &mut Vec<f64>,
-) -> Outcome<Row> {
+) -> Outcome<(Row, Scene)> {
     let truth = Truth::read(recording)?;
     let frame = last_frame(&recording.display().to_string())?;
     let start = Instant::now();
     let scene = Scene::new(&frame)?;
     let recognition = library.recognise(&scene, &config.recognise, config.seed)?;
     let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+    let all: Vec<(String, Option<Recognised>)> = (0..library.len())
+        .into_par_iter()
+        .map(|number| {
+            let object = library.object(number)?;
+            let found = find(&scene, &object, &config.recognise, config.seed);
+            Ok((object.model.object.clone(), found))
+        })
+        .collect::<Result<_, StoreError>>()?;
     let (mut own, mut wrong): (Option<Recognised>, Option<(String, f64)>) = (None, None);
-    for number in 0..library.len() {
-        let object = library.object(number)?;
-        let name = &object.model.object;
-        let found = find(&scene, &object, &config.recognise, config.seed);
-        if still.shows == Shows::Known && *name == still.thing {
+    for (name, found) in all {
+        if still.shows == Shows::Known && name == still.thing {
             own = found;
             continue;
         }
         let score = found.map_or(0.0, |f| f.score);
+        tracing::debug!(still = still.name, object = name, score, "wrong pair");
         wrong_scores.push(score);
         if wrong.as_ref().is_none_or(|(_, s)| score > *s) {
-            wrong = Some((name.clone(), score));
+            wrong = Some((name, score));
         }
     }
     let reported: Vec<String> = recognition.matches.iter().map(|m| m.object.clone()).collect();
@@ -157,7 +174,7 @@ fn look(
     } else {
         reported.is_empty()
     };
-    Ok(Row {
+    let row = Row {
         still: still.name.clone(),
         shows: still.shows,
         turn_deg: still.shot.turn_deg.abs(),
@@ -169,7 +186,8 @@ fn look(
         right,
         precision,
         milliseconds,
-    })
+    };
+    Ok((row, scene))
 }
 
 /// Things stand where they were demonstrated: the demonstration's first camera is the object
