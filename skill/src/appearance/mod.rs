@@ -6,6 +6,7 @@
 mod builder;
 mod describe;
 mod descriptor;
+mod gradients;
 mod labels;
 
 pub use builder::build;

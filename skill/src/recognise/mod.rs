@@ -61,7 +61,7 @@ impl Default for RecogniseConfig {
             max_ratio: 0.9,
             min_inliers: 6,
             hypotheses: 4,
-            shortlist: 30,
+            shortlist: 6,
         }
     }
 }
