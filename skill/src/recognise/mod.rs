@@ -59,7 +59,7 @@ impl Default for RecogniseConfig {
             min_score: 0.5,
             max_matches: 400,
             max_ratio: 0.9,
-            min_inliers: 6,
+            min_inliers: 7,
             hypotheses: 4,
             shortlist: 6,
         }

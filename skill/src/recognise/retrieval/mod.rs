@@ -68,13 +68,11 @@ fn most_of(kind: FeatureKind) -> usize {
     }
 }
 
-/// A feature of an object under its word.
+/// A feature of an object, listed by its word, kind and size.
 #[derive(Debug, Clone, Copy)]
 struct Posting {
     code: u64,
     object: u32,
-    kind: FeatureKind,
-    size: i8,
 }
 
 /// The inverted index of many objects.
@@ -85,12 +83,29 @@ pub struct Index {
     features: usize,
 }
 
+/// Steps of size that are told apart.
+const SIZES: i32 = 32;
+/// The smallest of them: 1 mm.
+const SMALLEST: i32 = -8;
+/// Lists of a word: for each kind and size.
+const LISTS: usize = 2 * SIZES as usize;
+
+/// The list of a word, kind and size. A damaged word falls under another.
+fn list_of(word: u16, kind: FeatureKind, size: i32) -> usize {
+    let kind = match kind {
+        FeatureKind::Picture => 0,
+        FeatureKind::Rectified => 1,
+    };
+    let size = (size - SMALLEST).clamp(0, SIZES - 1) as usize;
+    (usize::from(word) % WORDS) * LISTS + kind * SIZES as usize + size
+}
+
 impl Index {
     /// Of no objects yet.
     pub fn new() -> Self {
         Self {
             vocabulary: Vocabulary::standard(),
-            postings: vec![Vec::new(); WORDS],
+            postings: vec![Vec::new(); WORDS * LISTS],
             objects: 0,
             features: 0,
         }
@@ -100,9 +115,8 @@ impl Index {
     pub fn insert(&mut self, words: &Words) {
         let object = self.objects as u32;
         for &Word { word, code, kind, size } in &words.0 {
-            // A damaged word falls under another.
-            let list = usize::from(word) % WORDS;
-            self.postings[list].push(Posting { code, object, kind, size });
+            let list = list_of(word, kind, i32::from(size));
+            self.postings[list].push(Posting { code, object });
         }
         self.features += words.0.len();
         self.objects += 1;
@@ -123,65 +137,78 @@ impl Index {
         self.features * size_of::<Posting>()
     }
 
-    /// Objects by their votes, most first; those without any are left out.
+    /// Objects by their votes, most first; those with few are left out.
     pub fn rank(&self, seen: &[DescribedFeature]) -> Vec<(usize, f64)> {
-        let votes: Vec<(u32, [i32; 3], f64)> =
-            seen.par_iter().flat_map_iter(|f| self.votes_of(f)).collect();
-        let mut by_region: HashMap<(u32, [i32; 3]), f64> = HashMap::new();
-        for (object, [x, y, z], weight) in votes {
-            // A region counts what lies in it and beside it: cells overlap by half.
-            for dx in 0..2 {
-                for dy in 0..2 {
-                    for dz in 0..2 {
-                        *by_region.entry((object, [x + dx, y + dy, z + dz])).or_default() += weight;
-                    }
-                }
-            }
-        }
-        let mut best: HashMap<u32, f64> = HashMap::new();
-        for ((object, _), weight) in by_region {
-            let most = best.entry(object).or_default();
-            *most = most.max(weight);
-        }
+        let mut votes: Vec<Vote> = seen.par_iter().flat_map_iter(|f| self.votes_of(f)).collect();
+        votes.par_sort_by_key(|v| v.object);
+        let of_objects: Vec<&[Vote]> = votes
+            .chunk_by(|a, b| a.object == b.object)
+            .filter(|v| v.len() >= LEAST_VOTES)
+            .collect();
         let mut ranked: Vec<(usize, f64)> =
-            best.into_iter().map(|(o, w)| (o as usize, w)).collect();
+            of_objects.par_iter().map(|v| (v[0].object as usize, most_in_a_region(v))).collect();
         ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         ranked
     }
 
-    /// Objects that a feature votes for, each once, with its region and weight.
-    fn votes_of(&self, feature: &DescribedFeature) -> Vec<(u32, [i32; 3], f64)> {
+    /// Objects that a feature votes for, each once.
+    fn votes_of(&self, feature: &DescribedFeature) -> Vec<Vote> {
         let cell = feature
             .point
             .map_or([0; 3], |p| [p.x, p.y, p.z].map(|x| (x / (0.5 * REGION_M)).floor() as i32));
-        let size = size_step(feature.size as f32);
-        let slack = match feature.kind {
-            FeatureKind::Rectified => 0,
-            FeatureKind::Picture => 2,
+        let size = i32::from(size_step(feature.size as f32));
+        let sizes = match (feature.point, feature.kind) {
+            (None, _) => SMALLEST..=SMALLEST + SIZES - 1,
+            (_, FeatureKind::Rectified) => size..=size,
+            (_, FeatureKind::Picture) => size - 2..=size + 2,
         };
-        let mut votes: Vec<(u32, u32)> = Vec::new();
+        let mut fitting: Vec<(u32, u32)> = Vec::new();
         for coded in self.vocabulary.words(&quantise(&feature.descriptor)) {
-            for p in &self.postings[usize::from(coded.word)] {
-                let bits = (p.code ^ coded.code).count_ones();
-                let fits = bits <= MAX_BITS
-                    && p.kind == feature.kind
-                    && (feature.point.is_none() || (p.size - size).abs() <= slack);
-                if fits {
-                    votes.push((p.object, bits));
+            for size in sizes.clone() {
+                for p in &self.postings[list_of(coded.word, feature.kind, size)] {
+                    let bits = (p.code ^ coded.code).count_ones();
+                    if bits <= MAX_BITS {
+                        fitting.push((p.object, bits));
+                    }
                 }
             }
         }
-        votes.sort_unstable();
-        votes.dedup_by_key(|v| v.0);
+        fitting.sort_unstable();
+        fitting.dedup_by_key(|v| v.0);
         // What many objects have tells little.
-        let rarity = (self.objects as f64 / votes.len().max(1) as f64).ln() + 1.0;
-        votes
+        let rarity = (self.objects as f64 / fitting.len().max(1) as f64).ln() + 1.0;
+        let weight = |bits: u32| rarity * (-(f64::from(bits) / SIGMA_BITS).powi(2)).exp();
+        fitting
             .into_iter()
-            .map(|(object, bits)| {
-                (object, cell, rarity * (-(f64::from(bits) / SIGMA_BITS).powi(2)).exp())
-            })
+            .map(|(object, bits)| Vote { object, cell, weight: weight(bits) })
             .collect()
     }
+}
+
+/// A feature's vote for an object.
+struct Vote {
+    object: u32,
+    /// Where the feature is, in halves of a region.
+    cell: [i32; 3],
+    weight: f64,
+}
+
+/// Fewest votes of an object that is ranked.
+const LEAST_VOTES: usize = 3;
+
+/// The greatest weight of an object's votes that lie in one region.
+fn most_in_a_region(votes: &[Vote]) -> f64 {
+    let mut cells: Vec<([i32; 3], f64)> = votes.iter().map(|v| (v.cell, v.weight)).collect();
+    cells.sort_by_key(|c| c.0);
+    let cells: Vec<([i32; 3], f64)> = cells
+        .chunk_by(|a, b| a.0 == b.0)
+        .map(|same| (same[0].0, same.iter().map(|c| c.1).sum()))
+        .collect();
+    let from = |corner: &[i32; 3]| -> f64 {
+        let inside = |c: &[i32; 3]| (0..3).all(|k| (0..2).contains(&(c[k] - corner[k])));
+        cells.iter().filter(|(c, _)| inside(c)).map(|c| c.1).sum()
+    };
+    cells.iter().map(|(corner, _)| from(corner)).fold(0.0, f64::max)
 }
 
 impl Default for Index {
