@@ -17,7 +17,8 @@ const SAME_JOINT: f64 = 0.5;
 /// Angle between their axes, radians.
 const SAME_AXIS: f64 = 0.2;
 
-/// Joints and suspicions of an earlier search.
+/// Joints of an earlier search. What it suspected and did not believe is forgotten: carried on
+/// from search to search, any hand would come to look like a joint.
 #[derive(Debug, Clone, Default)]
 pub struct Memory {
     /// Frames that were searched.
@@ -25,7 +26,6 @@ pub struct Memory {
     /// Rank of the strongest hypothesis.
     pub best_rank: f64,
     joints: Vec<Remembered>,
-    suspicions: Vec<Remembered>,
     /// Parts in whose frames all windows are to be searched again.
     open: Vec<Option<usize>>,
 }
@@ -73,7 +73,6 @@ impl Memory {
         set: &TrackSet,
         view_from: impl Fn(Option<usize>) -> Arc<View>,
         joints: &[Grown],
-        suspicions: &[&Grown],
         best_rank: f64,
         config: &JointsConfig,
     ) -> Self {
@@ -87,7 +86,6 @@ impl Memory {
             best_rank,
             open: joints.iter().filter(uncertain).map(|j| j.parent).collect(),
             joints: joints.iter().map(|j| Remembered::new(j, &view, set)).collect(),
-            suspicions: suspicions.iter().map(|j| Remembered::new(j, &view, set)).collect(),
         }
     }
 
@@ -96,18 +94,16 @@ impl Memory {
         if self.open.contains(&parent) { 0 } else { self.frames }
     }
 
-    /// Joints in the frame of a part, which was number `parent` of the earlier search, and then
-    /// suspicions, in a view of more frames.
-    pub fn recalled(&self, parent: Option<usize>, view: &View, set: &TrackSet) -> [Vec<Grown>; 2] {
+    /// Joints in the frame of a part, which was number `parent` of the earlier search, in a view
+    /// of more frames.
+    pub fn recalled(&self, parent: Option<usize>, view: &View, set: &TrackSet) -> Vec<Grown> {
         let rows: HashMap<usize, usize> =
             view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect();
-        [&self.joints, &self.suspicions].map(|remembered| {
-            remembered
-                .iter()
-                .filter(|r| r.joint.parent == parent)
-                .map(|r| r.in_view(view, &rows))
-                .collect()
-        })
+        self.joints
+            .iter()
+            .filter(|r| r.joint.parent == parent)
+            .map(|r| r.in_view(view, &rows))
+            .collect()
     }
 
     /// The joint of the earlier search that a joint was.
@@ -155,9 +151,8 @@ mod tests {
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
         let config = JointsConfig::default();
-        let memory = Memory::of(&tracks(), |_| Arc::clone(&early), &[door], &[], 7.0, &config);
-        let [joints, suspicions] = memory.recalled(None, &view(30), &tracks());
-        assert!(suspicions.is_empty());
+        let memory = Memory::of(&tracks(), |_| Arc::clone(&early), &[door], 7.0, &config);
+        let joints = memory.recalled(None, &view(30), &tracks());
         assert_eq!(joints[0].members, [1, 4, 6]);
         assert_eq!(joints[0].points[4], Point3::new(0.3, 0.1, 1.5));
         assert_eq!(joints[0].known_frames(), (0..20).collect::<Vec<_>>());
@@ -170,7 +165,7 @@ mod tests {
         let still = Grown::new(HINGE, &early, 0);
         let of = |joints: &[Grown]| {
             let config = JointsConfig::default();
-            Memory::of(&tracks(), |_| Arc::clone(&early), joints, &[], 7.0, &config)
+            Memory::of(&tracks(), |_| Arc::clone(&early), joints, 7.0, &config)
         };
         assert_eq!(of(&[still]).since(None), 0);
         assert_eq!(of(&[]).since(None), 20);

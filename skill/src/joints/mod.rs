@@ -165,8 +165,6 @@ struct Search<'s> {
     earlier: &'s Memory,
     cancelled: Option<&'s AtomicBool>,
     joints: Vec<Grown>,
-    /// What was grown and is explained by no joint.
-    suspicions: Vec<Grown>,
     /// Rank of the strongest hypothesis so far.
     best_rank: f64,
     /// What is left is sought in all windows, those of the earlier search too.
@@ -193,7 +191,6 @@ impl<'s> Search<'s> {
             earlier,
             cancelled,
             joints: Vec::new(),
-            suspicions: Vec::new(),
             best_rank: earlier.best_rank,
             looks_back: earlier.frames == 0,
             recalled: Vec::new(),
@@ -203,10 +200,10 @@ impl<'s> Search<'s> {
     fn run(&mut self) {
         let config = &self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
+        // What one round grew, the next need not grow again.
+        let mut grown: Vec<Grown> = Vec::new();
         for round in 0..config.rounds {
             let parents = if config.chains { self.joints.len() } else { 0 };
-            // What one round grew, the next need not grow again.
-            let grown = std::mem::take(&mut self.suspicions);
             let mut candidates: Vec<Grown> = Vec::new();
             for parent in std::iter::once(None).chain((0..parents).map(Some)) {
                 let known = grown.iter().filter(|j| j.parent == parent).cloned().collect();
@@ -218,17 +215,14 @@ impl<'s> Search<'s> {
                 candidates = self.in_frame(None, &rest, round, candidates);
                 best = self.best_of(&candidates);
             }
-            let Some(best) = best.filter(|_| !self.is_cancelled()) else {
-                self.suspicions = candidates;
-                return;
-            };
+            let Some(best) = best.filter(|_| !self.is_cancelled()) else { return };
             let best = self.merged_with_its_stretches(best, &candidates, &rest);
             let explained = self.explained(&best, &rest);
             let adopted = self.adopt(best, &rest);
             rest.retain(|t| !explained.contains(t));
             candidates
                 .retain(|j| overlap(&j.members, &explained) < 0.3 && j.parent != Some(adopted));
-            self.suspicions = candidates;
+            grown = candidates;
         }
     }
 
@@ -327,8 +321,8 @@ impl<'s> Search<'s> {
         }
     }
 
-    /// What the earlier search grew in the frame of a part, carried on to the present where it
-    /// may yet be a joint; and whether all that were joints then are joints still.
+    /// The earlier search's joints in the frame of a part, carried on to the present; and whether
+    /// all of them are joints still.
     fn recall(
         &self,
         former: Option<usize>,
@@ -336,30 +330,22 @@ impl<'s> Search<'s> {
         view: &View,
         candidates: &[usize],
     ) -> (Vec<Grown>, bool) {
-        let [mut joints, mut suspicions] = self.earlier.recalled(former, view, self.seen.set);
-        joints.par_iter_mut().chain(&mut suspicions).for_each(|joint| {
+        let mut joints = self.earlier.recalled(former, view, self.seen.set);
+        joints.par_iter_mut().for_each(|joint| {
             joint.parent = parent;
             *joint = grow::grow(view, joint.clone(), candidates, &self.config.joints);
             self.question(view, joint, candidates);
             self.report("recalled", joint);
         });
         let stand = joints.iter().all(|j| self.witness.accepts(j));
-        joints.append(&mut suspicions);
         (joints, stand)
     }
 
     fn remember(&self) -> Memory {
-        let mut suspicions: Vec<&Grown> = Vec::new();
-        for joint in self.suspicions.iter().filter(|j| self.witness.tolerates(j)) {
-            if !suspicions.iter().any(|o| same_tracks(o, joint)) {
-                suspicions.push(joint);
-            }
-        }
         Memory::of(
             self.seen.set,
             |parent| self.view_from(parent),
             &self.joints,
-            &suspicions,
             self.best_rank,
             &self.config.joints,
         )
