@@ -339,6 +339,34 @@ mod tests {
     }
 
     #[test]
+    fn a_store_of_version_1_is_still_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        Store::open_or_create(&path).unwrap().put(&object("door")).unwrap();
+        let as_it_was = "DROP TABLE words;
+            CREATE TABLE vocabulary (id INTEGER PRIMARY KEY, tree BLOB NOT NULL);
+            PRAGMA user_version = 1;";
+        Connection::open(&path).unwrap().execute_batch(as_it_was).unwrap();
+        let mut store = Store::open(&path).unwrap();
+        assert_eq!(store.load().unwrap().len(), 1);
+        store.put(&object("fridge")).unwrap();
+        assert_eq!(store.load().unwrap().object(1).unwrap().model.object, "fridge");
+    }
+
+    #[test]
+    fn an_object_that_is_removed_is_looked_for_no_more() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut store = Store::open_or_create(&dir.path().join("s.linkage")).unwrap();
+        store.put_all(&[object("door"), object("fridge")]).unwrap();
+        store.remove("door").unwrap();
+        let library = store.load().unwrap();
+        assert_eq!(
+            (library.len(), library.object(0).unwrap().model.object.as_str()),
+            (1, "fridge")
+        );
+    }
+
+    #[test]
     fn a_newer_schema_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("s.linkage");
