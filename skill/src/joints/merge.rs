@@ -6,7 +6,7 @@ use super::JointsConfig;
 use super::adjust::refine;
 use super::grow::finish;
 use super::grown::Grown;
-use super::overlap;
+use super::search::overlap;
 use super::view::View;
 use crate::geometry::{distance_to_line, line_angle, median, nearest_on_line};
 use nalgebra::Point3;

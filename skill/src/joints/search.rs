@@ -1,0 +1,487 @@
+//! The search: hypotheses are grown, the joint of most gain is adopted, and what it leaves is
+//! searched again, from the base and from each part that moves.
+
+use super::accept::{self, Witness};
+use super::grown::Grown;
+use super::hypothesis::{self, Hypothesis};
+use super::memory::Memory;
+use super::merge::{self, Kinship};
+use super::view::View;
+use super::{Watched, adjust, grow};
+use crate::config::SkillConfig;
+use rayon::prelude::*;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A search of one recording.
+pub struct Search<'s> {
+    seen: Watched<'s>,
+    /// The view from the base,
+    view: Arc<View>,
+    /// and that from each joint's part.
+    views: Vec<Arc<View>>,
+    witness: Witness<'s>,
+    config: &'s SkillConfig,
+    earlier: &'s Memory,
+    cancelled: Option<&'s AtomicBool>,
+    /// Joints that were adopted, parents first.
+    pub joints: Vec<Grown>,
+    /// Rank of the strongest hypothesis so far.
+    best_rank: f64,
+    /// What is left is sought in all windows, those of the earlier search too.
+    looks_back: bool,
+    /// Parts in whose frames the earlier search's joints are called back already.
+    recalled: Vec<Option<usize>>,
+}
+
+impl<'s> Search<'s> {
+    /// A search that has found nothing; `cancelled` ends it soon.
+    pub fn new(
+        seen: Watched<'s>,
+        view: &Arc<View>,
+        earlier: &'s Memory,
+        cancelled: Option<&'s AtomicBool>,
+    ) -> Self {
+        let witness =
+            Witness { base: seen.base, keyframes: seen.keyframes, config: &seen.config.joints };
+        Self {
+            seen,
+            view: Arc::clone(view),
+            views: Vec::new(),
+            witness,
+            config: seen.config,
+            earlier,
+            cancelled,
+            joints: Vec::new(),
+            best_rank: earlier.best_rank,
+            looks_back: earlier.frames == 0,
+            recalled: Vec::new(),
+        }
+    }
+
+    /// Adopts joints until none is left.
+    pub fn run(&mut self) {
+        let config = &self.config.joints;
+        let mut rest: Vec<usize> = (0..self.view.len()).collect();
+        // What one round grew, the next need not grow again.
+        let mut grown: Vec<Grown> = Vec::new();
+        for round in 0..config.rounds {
+            let parents = if config.chains { self.joints.len() } else { 0 };
+            let mut candidates: Vec<Grown> = Vec::new();
+            for parent in std::iter::once(None).chain((0..parents).map(Some)) {
+                let known = grown.iter().filter(|j| j.parent == parent).cloned().collect();
+                candidates.extend(self.in_frame(parent, &rest, round, known));
+            }
+            let mut best = self.best_of(&candidates);
+            if best.is_none() && !self.looks_back && self.cancelled.is_none() {
+                self.looks_back = true;
+                candidates = self.in_frame(None, &rest, round, candidates);
+                best = self.best_of(&candidates);
+            }
+            let Some(best) = best.filter(|_| !self.is_cancelled()) else { return };
+            let best = self.merged_with_its_stretches(best, &candidates, &rest);
+            let explained = self.explained(&best, &rest);
+            let adopted = self.adopt(best, &rest);
+            rest.retain(|t| !explained.contains(t));
+            candidates
+                .retain(|j| overlap(&j.members, &explained) < 0.3 && j.parent != Some(adopted));
+            grown = candidates;
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancelled.is_some_and(|c| c.load(Ordering::Relaxed))
+    }
+
+    /// The view from a part.
+    fn view_from(&self, parent: Option<usize>) -> Arc<View> {
+        parent.map_or_else(|| Arc::clone(&self.view), |p| Arc::clone(&self.views[p]))
+    }
+
+    /// Joints in the frame of a part: those that are `known` and what else can be grown.
+    fn in_frame(
+        &mut self,
+        parent: Option<usize>,
+        rest: &[usize],
+        round: usize,
+        known: Vec<Grown>,
+    ) -> Vec<Grown> {
+        let config = &self.config.joints;
+        let view = self.view_from(parent);
+        let base = &self.config.base;
+        let moves = |&t: &usize| view.moves(t, base.min_extent_m, base.min_extent_sigmas);
+        let candidates: Vec<usize> =
+            rest.iter().copied().filter(|t| parent.is_none() || moves(t)).collect();
+        if candidates.len() < 4 {
+            return Vec::new();
+        }
+        let seed = self.config.seed.wrapping_add(round as u64);
+        let mut grown = known;
+        let since = match self.former(parent) {
+            _ if self.looks_back => 0,
+            None => 0,
+            Some(former) if self.recalled.contains(&parent) => self.earlier.since(former),
+            Some(former) => {
+                self.recalled.push(parent);
+                let (recalled, stand) = self.recall(former, parent, &view, &candidates);
+                grown.extend(recalled);
+                if stand { self.earlier.since(former) } else { 0 }
+            }
+        };
+        let hypotheses = hypothesis::hypotheses(&view, &candidates, since, config, seed);
+        self.best_rank = hypotheses.first().map_or(0.0, |h| h.rank).max(self.best_rank);
+        let least_rank = config.min_rank_share * self.best_rank;
+        // While the parent rests, what moves on it and what moves on the base are the same. What
+        // stands still beside the parent mirrors its joint.
+        let beside = parent.map(|p| (p, self.view_from(self.joints[p].parent)));
+        let tells = |h: &&Hypothesis| {
+            beside.as_ref().is_none_or(|(p, beside)| {
+                !h.is_still_in(beside) && accept::moves_beside(&self.joints[*p], &view, &h.tracks)
+            })
+        };
+        let mut queue = hypotheses.iter().take_while(|h| h.rank >= least_rank).filter(tells);
+        let mut tried: Vec<&[usize]> = Vec::new();
+        let again = self.looks_back && self.earlier.frames > 0;
+        let limit = if again { LOOKS_BACK } else { config.max_hypotheses };
+        let adopted: Vec<&Grown> = self.joints.iter().filter(|j| j.parent == parent).collect();
+        loop {
+            let mut batch: Vec<&Hypothesis> = Vec::new();
+            while batch.len() < BATCH && tried.len() < limit {
+                let Some(h) = queue.next() else { break };
+                if self.is_new(h, &view, &grown)
+                    && !adopted.iter().any(|j| h.is_explained_by(j, &view, SOUND_SHARE))
+                    && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
+                {
+                    tried.push(&h.tracks);
+                    batch.push(h);
+                }
+            }
+            if batch.is_empty() || self.is_cancelled() {
+                return grown;
+            }
+            let more: Vec<Option<Grown>> = batch
+                .par_iter()
+                .map(|h| {
+                    let mut joint = grow::grow_hypothesis(&view, h, &candidates, config)?;
+                    joint.parent = parent;
+                    joint.seed.clone_from(&h.tracks);
+                    self.question(&view, &mut joint, &candidates);
+                    self.report("grown", &joint);
+                    Some(joint)
+                })
+                .collect();
+            grown.extend(more.into_iter().flatten());
+        }
+    }
+
+    /// What a part was in the earlier search; `None`: not known to it.
+    fn former(&self, parent: Option<usize>) -> Option<Option<usize>> {
+        match parent {
+            None => (self.earlier.frames > 0).then_some(None),
+            Some(p) => {
+                self.earlier.counterpart(&self.joints[p], &self.view, self.seen.set).map(Some)
+            }
+        }
+    }
+
+    /// The earlier search's joints in the frame of a part, carried on to the present; and whether
+    /// all of them are joints still.
+    fn recall(
+        &self,
+        former: Option<usize>,
+        parent: Option<usize>,
+        view: &View,
+        candidates: &[usize],
+    ) -> (Vec<Grown>, bool) {
+        let mut joints = self.earlier.recalled(former, view, self.seen.set);
+        joints.par_iter_mut().for_each(|joint| {
+            joint.parent = parent;
+            *joint = grow::grow(view, joint.clone(), candidates, &self.config.joints);
+            self.question(view, joint, candidates);
+            self.report("recalled", joint);
+        });
+        let stand = joints.iter().all(|j| self.witness.accepts(j));
+        (joints, stand)
+    }
+
+    /// What it found, for a search over more frames.
+    pub fn remember(&self) -> Memory {
+        Memory::of(
+            self.seen.set,
+            |parent| self.view_from(parent),
+            &self.joints,
+            self.best_rank,
+            &self.config.joints,
+        )
+    }
+
+    /// None of the grown joints tells already what a hypothesis would grow to.
+    fn is_new(&self, h: &Hypothesis, view: &View, grown: &[Grown]) -> bool {
+        !grown.iter().any(|g| {
+            // What a hypothesis shares with a sound joint would draw it there again.
+            let sound = self.witness.accepts(g) || g.coupling > accept::MAX_COUPLING;
+            let shared = overlap(&h.tracks, &g.members);
+            shared > COVERED && (sound || is_found_again(g, grown))
+                || sound && shared > 0.5 * COVERED
+                || overlap(&h.tracks, &g.seed) > COVERED
+                || h.is_explained_by(g, view, if sound { SOUND_SHARE } else { POOR_SHARE })
+        })
+    }
+
+    fn report(&self, how: &str, joint: &Grown) {
+        tracing::debug!(
+            how,
+            parent = joint.parent.map_or(0, |p| p + 1),
+            kind = joint.dof.geometry().kind.name(),
+            axis = format!("{:.2?}", joint.dof.axis.as_slice()),
+            origin = format!("{:.2?}", joint.dof.origin.coords.as_slice()),
+            gain = joint.gain as i64,
+            members = joint.members.len(),
+            span = format!("{:.2}", joint.span()),
+            cost = format!("{:.2}", joint.cost),
+            frames = joint.known_frames().len(),
+            through = format!("{:.2}", joint.through),
+            hidden = format!("{:.2}", joint.hidden),
+            tells = format!("{:.2}", joint.tells),
+            coupling = format!("{:.2}", joint.coupling),
+            unruly = format!("{:.2}", joint.unruly),
+            accepted = self.witness.accepts(joint),
+            "joint"
+        );
+    }
+
+    /// Confronts a joint with the depth pictures; takes back configurations that they
+    /// contradict.
+    fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
+        self.dismiss_strangers(view, joint);
+        self.witness.examine(joint, &self.joints);
+        if !joint.contradicted.is_empty() && joint.through < 0.95 {
+            let before = joint.clone();
+            for f in joint.contradicted.clone() {
+                joint.known[f] = false;
+            }
+            if joint.known_frames().len() >= 10 {
+                grow::finish(view, joint, candidates, &self.config.joints, 2);
+                self.dismiss_strangers(view, joint);
+                self.witness.examine(joint, &self.joints);
+            }
+            if joint.members.len() < 4 {
+                *joint = before;
+            }
+        }
+        joint.unruly = joint.unruly_share(view);
+        joint.coupling = joint.parent.map_or(0.0, |p| accept::coupling(joint, &self.joints[p]));
+    }
+
+    /// Takes out what only held the part, and lets the rest settle: strangers drew the line.
+    fn dismiss_strangers(&self, view: &View, joint: &mut Grown) {
+        if !self.config.joints.dismiss_strangers {
+            return;
+        }
+        let before = joint.members.len();
+        self.witness.dismiss_strangers(joint, &self.joints);
+        if joint.members.len() < before {
+            let own = joint.members.clone();
+            grow::finish(view, joint, &own, &self.config.joints, 2);
+        }
+    }
+
+    /// The accepted joint of most gain; one of the base is preferred to one of a part that
+    /// explains the same tracks.
+    fn best_of(&self, candidates: &[Grown]) -> Option<Grown> {
+        let accepted: Vec<&Grown> = candidates.iter().filter(|j| self.witness.accepts(j)).collect();
+        let known = |j: &Grown| j.known_frames().len() as f64;
+        let same_tracks = |a: &Grown, b: &Grown| {
+            overlap(&a.members, &b.members) > 0.35 || overlap(&b.members, &a.members) > 0.6
+        };
+        // Where a joint of the base is lost for long, its part hangs on one that moved then.
+        let shadowed = |j: &Grown| {
+            accepted.iter().filter(|o| o.parent.is_some() != j.parent.is_some()).any(|o| {
+                let enough = if j.parent.is_some() { BASE_SUFFICES } else { 1.0 / BASE_SUFFICES };
+                same_tracks(j, o) && known(o) > enough * known(j)
+            })
+        };
+        accepted
+            .iter()
+            .filter(|j| !shadowed(j) && !self.is_an_appendage(j))
+            .map(|j| (self.gain_over_base(j), *j))
+            .filter(|(gain, j)| *gain > self.witness.least_gain(j))
+            .max_by(|(a, _), (b, _)| a.total_cmp(b))
+            .map(|(_, j)| j.clone())
+    }
+
+    /// It does what an accepted joint does, and the pictures hardly bear it out: a holding hand.
+    /// Or the pictures show it on that joint's part wherever that goes. Or it is next to nothing
+    /// beside one that it follows, or whose line it turns about: corners that a part's rim makes
+    /// with what is behind it.
+    fn is_an_appendage(&self, joint: &Grown) -> bool {
+        let seen = accept::is_found_everywhere(joint);
+        self.joints.iter().enumerate().any(|(i, o)| {
+            let little = joint.gain < MIN_STANDING * o.gain;
+            let twin =
+                || joint.dof.hinge && joint.parent == o.parent && merge::shares_line(o, joint, 1.0);
+            (!seen || little) && accept::follows(joint, o) > MAX_FOLLOWING
+                || little && twin()
+                || joint.gain < o.gain && self.witness.is_on(joint, i, &self.joints)
+        })
+    }
+
+    /// Gain in one currency: cost against standing still in the base.
+    fn gain_over_base(&self, joint: &Grown) -> f64 {
+        if joint.parent.is_none() {
+            return joint.gain;
+        }
+        let cut = self.config.joints.cut;
+        let view = self.view_from(joint.parent);
+        let motions = joint.motions();
+        let saved: f64 = joint
+            .members
+            .iter()
+            .map(|&t| {
+                self.view.static_cost(t, &joint.known, cut)
+                    - joint.cost_of(&motions, &view, t, cut).sum
+            })
+            .sum();
+        let known = joint.known_frames().len();
+        0.9 * (saved / 5.0 - self.config.joints.frame_penalty * (known + 5) as f64)
+    }
+
+    fn merged_with_its_stretches(
+        &self,
+        mut best: Grown,
+        candidates: &[Grown],
+        rest: &[usize],
+    ) -> Grown {
+        if !self.config.joints.merge {
+            return best;
+        }
+        let mut others: Vec<&Grown> = candidates
+            .iter()
+            .filter(|j| j.parent == best.parent && self.witness.tolerates(j))
+            .collect();
+        others.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let view = self.view_from(best.parent);
+        for other in others {
+            if !merge::adds_frames(&best, other) {
+                continue;
+            }
+            let Some(kinship) = merge::kinship(&best, other) else { continue };
+            if overlap(&other.members, &best.members) < 0.7 {
+                best = self.try_merge(&view, &best, other, kinship, rest).unwrap_or(best);
+            }
+        }
+        best
+    }
+
+    fn try_merge(
+        &self,
+        view: &View,
+        a: &Grown,
+        b: &Grown,
+        kinship: Kinship,
+        rest: &[usize],
+    ) -> Option<Grown> {
+        let config = &self.config.joints;
+        let mut candidates = rest.to_vec();
+        candidates.extend(a.members.iter().chain(&b.members));
+        candidates.sort_unstable();
+        candidates.dedup();
+        let mut merged = merge::merged(view, a, b, &candidates, config)?;
+        self.dismiss_strangers(view, &mut merged);
+        self.witness.examine(&mut merged, &self.joints);
+        merged.coupling = a.coupling;
+        merged.unruly = merged.unruly_share(view);
+        let better = merged.gain > a.gain.max(b.gain) + kinship.owed() * a.gain.min(b.gain)
+            && merged.cost < config.max_cost + 0.6
+            && merged.through < config.max_through + 0.03;
+        tracing::debug!(gain = merged.gain as i64, before = a.gain as i64, better, "merge");
+        better.then_some(merged)
+    }
+
+    /// Adds a joint, or makes it part of one that is there already. Returns its number.
+    fn adopt(&mut self, joint: Grown, rest: &[usize]) -> usize {
+        let kin: Vec<(usize, Kinship)> = (0..self.joints.len())
+            .filter(|_| self.config.joints.merge)
+            .filter_map(|i| Some((i, merge::kinship(&self.joints[i], &joint)?)))
+            .collect();
+        let view = self.view_from(joint.parent);
+        for &(i, kinship) in kin.iter().filter(|(i, _)| self.joints[*i].parent == joint.parent) {
+            if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, kinship, rest) {
+                self.joints[i] = merged;
+                self.look_from(i);
+                return i;
+            }
+        }
+        // What cannot be merged with its twin is not a joint beside it.
+        if let Some((i, _)) = kin.iter().find(|(_, kinship)| *kinship == Kinship::Same) {
+            return *i;
+        }
+        self.joints.push(joint);
+        self.look_from(self.joints.len() - 1);
+        self.joints.len() - 1
+    }
+
+    /// Renews the views from a joint's part and from what may hang on it: parents come first.
+    fn look_from(&mut self, joint: usize) {
+        self.views.truncate(joint);
+        for j in joint..self.joints.len() {
+            let view = self.view_from(self.joints[j].parent).seen_from(&self.joints[j]);
+            self.views.push(Arc::new(view));
+        }
+    }
+
+    /// Tracks that a joint explains, short ones too: they drop out.
+    fn explained(&self, joint: &Grown, rest: &[usize]) -> Vec<usize> {
+        let cut = self.config.joints.cut;
+        let view = self.view_from(joint.parent);
+        let mut located = joint.clone();
+        adjust::locate_points(&mut located, &view, rest, 4.0 * cut);
+        let motions = located.motions();
+        rest.par_iter()
+            .copied()
+            .filter(|&t| {
+                let cost = located.cost_of(&motions, &view, t, 2.0 * cut);
+                let life = self.view.life(t).count();
+                cost.observations > 0 && cost.inliers as f64 > 0.8 * life as f64
+            })
+            .collect()
+    }
+}
+
+/// Hypotheses grown when the end looks back.
+const LOOKS_BACK: usize = 4;
+/// Share of its motion that a sound joint may leave of a hypothesis that it explains,
+const SOUND_SHARE: f64 = 0.5;
+/// and one that is not believed.
+const POOR_SHARE: f64 = 0.25;
+/// Share of a hypothesis's tracks from which it says nothing new.
+const COVERED: f64 = 0.6;
+/// Share of tracks in common from which two growths are the same.
+const SAME: f64 = 0.9;
+/// Share of a configuration that may be a function of another joint's.
+const MAX_FOLLOWING: f64 = 0.95;
+/// Share of another joint's gain from which doing what it does is no dependence.
+const MIN_STANDING: f64 = 0.05;
+/// Hypotheses grown side by side.
+const BATCH: usize = 2;
+/// Share of a chained joint's frames from which a joint of the base explains as much.
+const BASE_SUFFICES: f64 = 0.8;
+
+/// Another hypothesis grew to the same already: a person who walks by is suspected in every
+/// window.
+fn is_found_again(joint: &Grown, grown: &[Grown]) -> bool {
+    grown.iter().any(|o| !std::ptr::eq(o, joint) && same_tracks(o, joint))
+}
+
+fn same_tracks(a: &Grown, b: &Grown) -> bool {
+    overlap(&a.members, &b.members) > SAME && overlap(&b.members, &a.members) > SAME
+}
+
+/// Share of `a` that is in `b`.
+pub fn overlap(a: &[usize], b: &[usize]) -> f64 {
+    if a.is_empty() {
+        return 0.0;
+    }
+    let set: std::collections::HashSet<&usize> = b.iter().collect();
+    a.iter().filter(|t| set.contains(t)).count() as f64 / a.len() as f64
+}
