@@ -58,7 +58,7 @@ impl Watched<'_> {
             search = Search::new(*self, &view, &nothing, None);
             search.run();
         }
-        outcome::to_learned(self.set, self.base, &view, &search.joints, self.config)
+        search.learned()
     }
 
     /// Searches the first frames of a demonstration, so that the rest is found sooner. When

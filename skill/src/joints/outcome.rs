@@ -13,6 +13,7 @@ use crate::model::{Joint, covariance_rows, is_undecided};
 use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::{TrackSet, Trajectory};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
+use std::sync::Arc;
 
 /// Tracks that a covariance is taken over.
 const COVARIANCE_TRACKS: usize = 300;
@@ -27,21 +28,23 @@ pub fn base_from_part(joints: &[Grown], index: usize, frame: usize) -> Pose {
     }
 }
 
-/// The learned joints, parents before children.
+/// The learned joints, parents before children; `view_from` gives the view from each one's part.
 pub fn to_learned(
     set: &TrackSet,
     base: &BaseMotion,
-    view: &View,
+    view_from: impl Fn(Option<usize>) -> Arc<View>,
     joints: &[Grown],
     config: &SkillConfig,
 ) -> Vec<LearnedJoint> {
+    let view = view_from(None);
     let order = parents_first(joints);
     let number_of = |joint: usize| order.iter().position(|&j| j == joint).map_or(0, |n| n + 1);
     order
         .iter()
         .enumerate()
         .map(|(n, &i)| {
-            let (mut joint, base_from_part) = learned(set, base, view, joints, i, config);
+            let (mut joint, base_from_part) =
+                learned(set, base, &view_from(joints[i].parent), joints, i, config);
             joint.name = format!("joint{}", n + 1);
             joint.parent = joints[i].parent.map_or(0, number_of);
             joint.child = n + 1;
@@ -58,7 +61,7 @@ pub fn to_learned(
 fn learned(
     set: &TrackSet,
     base: &BaseMotion,
-    view: &View,
+    own_view: &View,
     joints: &[Grown],
     index: usize,
     config: &SkillConfig,
@@ -84,15 +87,14 @@ fn learned(
     for &f in &frames {
         trajectory[f] = Some(base_from_part(joints, index, f) * rest);
     }
-    let own_view = view_from(view, joints, joint.parent);
     let some: Vec<usize> = joint.members.iter().copied().take(COVARIANCE_TRACKS).collect();
-    let spread = adjust::covariance(joint, &own_view, &some, config.joints.cut);
+    let spread = adjust::covariance(joint, own_view, &some, config.joints.cut);
     let covariance = carried(
         &(spread * config.joints.covariance_inflation + systematic(joint, &config.joints)),
         &base_from_parent,
         before.dot(&geometry.axis) < 0.0,
     );
-    let type_probabilities = kinds::type_probabilities(joint, &own_view, &config.joints);
+    let type_probabilities = kinds::type_probabilities(joint, own_view, &config.joints);
     let joint = Joint {
         name: String::new(),
         parent: 0,
@@ -106,7 +108,7 @@ fn learned(
         observations: frames.len(),
         bic: -2.0 * joint.gain,
         log_likelihood: joint.gain,
-        position_rmse: position_rmse(joint, &own_view),
+        position_rmse: position_rmse(joint, own_view),
         orientation_rmse: 0.0,
         configuration: set.timed(&frames, &configuration),
         undecided: is_undecided(&type_probabilities),
@@ -142,14 +144,6 @@ fn carried(covariance: &DMatrix<f64>, other_from_this: &Pose, reversed: bool) ->
 fn mean_point(joint: &Grown) -> Point3<f64> {
     let sum: Vector3<f64> = joint.members.iter().map(|&t| joint.points[t].coords).sum();
     Point3::from(sum / joint.members.len().max(1) as f64)
-}
-
-/// What the part sees that carries the joint.
-fn view_from(view: &View, joints: &[Grown], parent: Option<usize>) -> View {
-    match parent {
-        None => view.clone(),
-        Some(p) => view_from(view, joints, joints[p].parent).seen_from(&joints[p]),
-    }
 }
 
 fn position_rmse(joint: &Grown, view: &View) -> f64 {

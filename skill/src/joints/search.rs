@@ -7,8 +7,9 @@ use super::hypothesis::{self, Hypothesis};
 use super::memory::Memory;
 use super::merge::{self, Kinship};
 use super::view::View;
-use super::{Watched, adjust, grow};
+use super::{Watched, adjust, grow, outcome};
 use crate::config::SkillConfig;
+use crate::structure::LearnedJoint;
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -202,6 +203,12 @@ impl<'s> Search<'s> {
         });
         let stand = joints.iter().all(|j| self.witness.accepts(j));
         (joints, stand)
+    }
+
+    /// What it found, as a model tells it.
+    pub fn learned(&self) -> Vec<LearnedJoint> {
+        let Watched { set, base, config, .. } = self.seen;
+        outcome::to_learned(set, base, |parent| self.view_from(parent), &self.joints, config)
     }
 
     /// What it found, for a search over more frames.
