@@ -36,16 +36,15 @@ struct Remembered {
     joint: Grown,
     /// Its tracks by their numbers in the track set, with their points on the part.
     members: Vec<(usize, Point3<f64>)>,
-    seed: Vec<usize>,
 }
 
 impl Remembered {
     fn new(joint: &Grown, view: &View, set: &TrackSet) -> Self {
         let id = |t: usize| set.tracks[view.track_ids[t]].id;
         let members = joint.members.iter().map(|&t| (id(t), joint.points[t])).collect();
-        let seed = joint.seed.iter().map(|&t| id(t)).collect();
-        let bare = Grown { points: Vec::new(), members: Vec::new(), ..joint.clone() };
-        Self { joint: bare, members, seed }
+        let bare =
+            Grown { points: Vec::new(), members: Vec::new(), seed: Vec::new(), ..joint.clone() };
+        Self { joint: bare, members }
     }
 
     fn in_view(&self, view: &View, rows: &HashMap<usize, usize>) -> Grown {
@@ -57,7 +56,6 @@ impl Remembered {
                 joint.members.push(row);
             }
         }
-        joint.seed = self.seed.iter().filter_map(|id| rows.get(id).copied()).collect();
         joint.q.resize(view.frames, 0.0);
         joint.known.resize(view.frames, false);
         joint.filled.resize(view.frames, 0.0);
