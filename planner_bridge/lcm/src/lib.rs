@@ -4,6 +4,7 @@
 //! trusts a length: what a packet claims to hold is compared with what is left of it.
 
 pub mod codec;
+pub mod log;
 pub mod transport;
 
 /// The messages, a module a package.
@@ -12,6 +13,7 @@ pub mod messages {
 }
 
 pub use codec::{DecodeError, EncodeError, Message, decode, encode};
+pub use log::{Event, LogReader, LogWriter};
 pub use transport::{Lcm, LcmError, Packet, Subscription};
 
 /// The default network: this host only (DESIGN 4.7).
