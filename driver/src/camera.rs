@@ -1,5 +1,6 @@
 //! The pinhole camera with Brown's distortion.
 
+use crate::source::SourceError;
 use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -78,6 +79,18 @@ impl PinholeCamera {
         let camera: Self = toml::from_str(&text).map_err(|e| file(one_line(&e.to_string())))?;
         camera.check().map_err(|e| file(e.to_string()))?;
         Ok(camera)
+    }
+
+    /// Reads `camera.toml`, with the keys that it may hold in the error.
+    ///
+    /// # Errors
+    /// [`SourceError::Recording`].
+    pub fn read_or_explain(path: &Path) -> Result<Self, SourceError> {
+        Self::read(path).map_err(|e| SourceError::Recording {
+            path: e.to_string(),
+            reason: "known keys: width height fx fy cx cy depth_units_per_metre distortion"
+                .to_owned(),
+        })
     }
 
     /// Refuses values that make no camera.

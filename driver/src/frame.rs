@@ -190,6 +190,16 @@ impl DepthImage {
         &self.metres
     }
 
+    /// Raw sensor units, 0 where there is no reading or more than 16 bits can say.
+    pub fn to_raw(&self, units_per_metre: f64) -> Vec<u16> {
+        let scale = units_per_metre as f32;
+        self.metres
+            .iter()
+            .map(|z| (z * scale).round())
+            .map(|r| if r <= f32::from(u16::MAX) { r as u16 } else { 0 })
+            .collect()
+    }
+
     /// Share of pixels without a reading, 0 to 1.
     pub fn invalid_share(&self) -> f64 {
         self.metres.iter().filter(|z| z.is_nan()).count() as f64 / self.metres.len().max(1) as f64

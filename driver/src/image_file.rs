@@ -2,10 +2,10 @@
 //! picture whose lower half is grey.
 
 use crate::frame::ColorImage;
+use crate::jpeg;
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
 use std::path::Path;
-use zune_jpeg::zune_core::{colorspace::ColorSpace, options::DecoderOptions};
 
 /// A picture file that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -156,16 +156,7 @@ fn decode_png(
 
 fn read_jpeg(path: &Path) -> Result<ColorImage, ImageFileError> {
     let bytes = std::fs::read(path).map_err(|e| error(path, e))?;
-    let options =
-        DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB).set_strict_mode(true);
-    let mut decoder = zune_jpeg::JpegDecoder::new_with_options(
-        zune_jpeg::zune_core::bytestream::ZCursor::new(&bytes[..]),
-        options,
-    );
-    let rgb = decoder.decode().map_err(|e| error(path, format!("damaged JPEG: {e}")))?;
-    let (width, height) =
-        decoder.dimensions().ok_or_else(|| error(path, "damaged JPEG: no size"))?;
-    ColorImage::new(width, height, rgb).map_err(|e| error(path, e))
+    jpeg::decode(&bytes).map_err(|e| error(path, e))
 }
 
 #[cfg(test)]

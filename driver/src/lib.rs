@@ -3,17 +3,27 @@
 //! Everything downstream sees an [`RgbdFrame`]: colour and depth registered to one
 //! [`PinholeCamera`], at one instant. Where it came from, a recording or a live
 //! sensor, is hidden behind [`RgbdSource`]; [`open`] turns a source name such as
-//! `tum:DIR` into one.
+//! `tum:DIR` or `freenect:0` into one. [`record`] writes what a source delivers.
 //!
 //! Camera frame: x right, y down, z forward; metres.
 
 pub mod camera;
 pub mod depth;
 pub mod frame;
+pub mod freenect;
 pub mod image_file;
+mod jpeg;
+pub mod kinect;
+pub mod lcm;
+pub mod live;
+pub mod openni2;
+pub mod record;
 pub mod source;
+pub mod statistics;
 pub mod tum;
+pub mod v4l;
 
 pub use camera::{CameraError, PinholeCamera};
 pub use frame::{ColorImage, DepthImage, FrameError, RgbdFrame};
-pub use source::{RgbdSource, SourceError, open};
+pub use source::{RgbdSource, SourceError, SourceOptions, open, open_with};
+pub use statistics::SourceStatistics;

@@ -8,6 +8,7 @@ use crate::camera::PinholeCamera;
 use crate::frame::{DepthImage, RgbdFrame};
 use crate::image_file;
 use crate::source::{RgbdSource, SourceError};
+use crate::statistics::SourceStatistics;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, mpsc};
 
@@ -26,12 +27,15 @@ pub struct FramePair {
     pub color: PathBuf,
     /// Depth picture.
     pub depth: PathBuf,
+    /// Difference of their times, microseconds.
+    pub gap_us: i64,
 }
 
 /// An opened recording.
 pub struct TumRecording {
     name: String,
     pairs: usize,
+    statistics: SourceStatistics,
     frames: mpsc::Receiver<Result<RgbdFrame, SourceError>>,
 }
 
@@ -45,6 +49,11 @@ impl TumRecording {
         let index = RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US)?;
         let (sender, frames) = mpsc::sync_channel(READ_AHEAD);
         let pairs = index.pairs.len();
+        let statistics = SourceStatistics {
+            unpaired: index.unpaired as u64,
+            largest_pair_gap_us: index.largest_pair_gap_us,
+            ..Default::default()
+        };
         std::thread::spawn(move || {
             for pair in &index.pairs {
                 let frame = index.load(pair);
@@ -54,13 +63,18 @@ impl TumRecording {
                 }
             }
         });
-        Ok(Self { name: format!("tum:{}", dir.display()), pairs, frames })
+        Ok(Self { name: format!("tum:{}", dir.display()), pairs, statistics, frames })
     }
 }
 
 impl RgbdSource for TumRecording {
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
-        self.frames.recv().ok().transpose()
+        let frame = self.frames.recv().ok().transpose()?;
+        if let Some(frame) = &frame {
+            self.statistics.delivered += 1;
+            self.statistics.invalid_depth = frame.depth.invalid_share();
+        }
+        Ok(frame)
     }
 
     fn frame_count(&self) -> Option<usize> {
@@ -69,6 +83,10 @@ impl RgbdSource for TumRecording {
 
     fn name(&self) -> &str {
         &self.name
+    }
+
+    fn statistics(&self) -> SourceStatistics {
+        self.statistics
     }
 }
 
@@ -79,6 +97,10 @@ pub struct RecordingIndex {
     pub camera: Arc<PinholeCamera>,
     /// Pairs in time order.
     pub pairs: Vec<FramePair>,
+    /// Colour pictures without depth.
+    pub unpaired: usize,
+    /// Largest difference of time within a pair, microseconds.
+    pub largest_pair_gap_us: i64,
 }
 
 impl RecordingIndex {
@@ -110,7 +132,8 @@ impl RecordingIndex {
         if unpaired > 0 {
             tracing::warn!(unpaired, recording = %dir.display(), "colour pictures without depth were left out");
         }
-        Ok(Self { camera: Arc::new(camera), pairs })
+        let largest_pair_gap_us = pairs.iter().map(|p| p.gap_us).max().unwrap_or(0);
+        Ok(Self { camera: Arc::new(camera), pairs, unpaired, largest_pair_gap_us })
     }
 
     /// Decodes one pair.
@@ -147,10 +170,7 @@ fn read_camera(dir: &Path) -> Result<PinholeCamera, SourceError> {
         tracing::warn!(recording = %dir.display(), "no camera.toml: Kinect defaults are used");
         return Ok(PinholeCamera::kinect());
     }
-    PinholeCamera::read(&path).map_err(|e| SourceError::Recording {
-        path: e.to_string(),
-        reason: "known keys: width height fx fy cx cy depth_units_per_metre distortion".to_owned(),
-    })
+    PinholeCamera::read_or_explain(&path)
 }
 
 fn read_list(dir: &Path, file: &str) -> Result<Vec<(i64, PathBuf)>, SourceError> {
@@ -206,8 +226,10 @@ fn pair_by_time(
                 .flatten()
                 .filter_map(|i| depths.get(i))
                 .min_by_key(|(t, _)| (t - utime).abs())?;
-            ((nearest.0 - utime).abs() <= max_gap_us).then(|| FramePair {
+            let gap_us = (nearest.0 - utime).abs();
+            (gap_us <= max_gap_us).then(|| FramePair {
                 utime: *utime,
+                gap_us,
                 color: color.clone(),
                 depth: nearest.1.clone(),
             })

@@ -1,0 +1,354 @@
+//! Calls into OpenNI2: the only unsafe code of this source.
+
+use openni2_sys as ffi;
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::ptr;
+use std::time::Duration;
+
+/// The interface's version that the bindings were made from: 2.2.
+const API_VERSION: c_int = 2002;
+/// Size that is asked of live devices.
+const SIZE: (c_int, c_int) = (640, 480);
+const FRAMES_PER_SECOND: c_int = 30;
+/// Playback at the reader's pace.
+const BY_HAND: f32 = -1.0;
+
+/// Which of the two pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sensor {
+    /// Colour.
+    Color = 0,
+    /// Depth.
+    Depth = 1,
+}
+
+/// One picture.
+#[derive(Debug)]
+pub struct Picture {
+    /// The device's time, microseconds from its start.
+    pub utime: i64,
+    pub width: usize,
+    pub height: usize,
+    /// RGB, or 16 bits of depth a pixel.
+    pub bytes: Vec<u8>,
+    /// Of depth.
+    pub units_per_metre: f64,
+}
+
+/// Keeps the library initialised; it counts by itself.
+struct Library;
+
+impl Library {
+    fn new() -> Result<Self, String> {
+        // SAFETY: may be called at any time, from any thread.
+        let status = unsafe { ffi::oniInitialize(API_VERSION) };
+        if status == ffi::OniStatus_ONI_STATUS_OK {
+            Ok(Self)
+        } else {
+            Err(format!("OpenNI2 does not start: {}", last_error()))
+        }
+    }
+}
+
+impl Drop for Library {
+    fn drop(&mut self) {
+        // SAFETY: balances the oniInitialize of `new`.
+        unsafe { ffi::oniShutdown() };
+    }
+}
+
+/// An open device with both streams running.
+pub struct Device {
+    device: ffi::OniDeviceHandle,
+    streams: [ffi::OniStreamHandle; 2],
+    size: (usize, usize),
+    field_of_view: [f64; 2],
+    recorded: [usize; 2],
+    // Dropped last: the handles above are closed in Drop, before the fields.
+    _library: Library,
+}
+
+// SAFETY: OpenNI2's functions may be called from any thread; a Device is owned by one at a
+// time.
+unsafe impl Send for Device {}
+
+/// URI and name of every device.
+///
+/// # Errors
+/// When the library does not start.
+pub fn list_devices() -> Result<Vec<(String, String)>, String> {
+    let _library = Library::new()?;
+    let (mut list, mut count) = (ptr::null_mut(), 0);
+    // SAFETY: both places are valid; the list is read before it is released.
+    unsafe {
+        if ffi::oniGetDeviceList(&mut list, &mut count) != ffi::OniStatus_ONI_STATUS_OK {
+            return Err(last_error());
+        }
+        let devices = (0..count as usize)
+            .map(|i| {
+                let info = &*list.add(i);
+                (
+                    text(info.uri.as_ptr()),
+                    format!("{} {}", text(info.vendor.as_ptr()), text(info.name.as_ptr())),
+                )
+            })
+            .collect();
+        ffi::oniReleaseDeviceList(list);
+        Ok(devices)
+    }
+}
+
+impl Device {
+    /// Opens a device or file, any device where the URI is empty, and starts both streams.
+    pub fn open(uri: &str) -> Result<Self, String> {
+        let library = Library::new()?;
+        let uri = CString::new(uri).map_err(|_| "the name holds a NUL".to_owned())?;
+        let any = uri.is_empty();
+        let mut device = ptr::null_mut();
+        // SAFETY: the URI is NUL-terminated or null, which stands for any device; `device` is
+        // a valid place.
+        let status = unsafe {
+            ffi::oniDeviceOpen(if any { ptr::null() } else { uri.as_ptr() }, &mut device)
+        };
+        if status != ffi::OniStatus_ONI_STATUS_OK || device.is_null() {
+            return Err(format!(
+                "OpenNI2 cannot open it: {}; \"linkage doctor\" lists devices and what is missing",
+                last_error()
+            ));
+        }
+        let mut opened = Self {
+            device,
+            streams: [ptr::null_mut(); 2],
+            size: (0, 0),
+            field_of_view: [0.0; 2],
+            recorded: [0; 2],
+            _library: library,
+        };
+        opened.register();
+        for sensor in [Sensor::Color, Sensor::Depth] {
+            opened.start(sensor)?;
+        }
+        Ok(opened)
+    }
+
+    /// Asks for depth in the colour camera's pixels, where the device can.
+    fn register(&self) {
+        let mode = ffi::OniImageRegistrationMode_ONI_IMAGE_REGISTRATION_DEPTH_TO_COLOR;
+        // SAFETY: the device is open; the property is an int.
+        unsafe {
+            if ffi::oniDeviceIsImageRegistrationModeSupported(self.device, mode) != 0 {
+                let value = mode as c_int;
+                let property = ffi::ONI_DEVICE_PROPERTY_IMAGE_REGISTRATION as c_int;
+                set(
+                    |data, size| ffi::oniDeviceSetProperty(self.device, property, data, size),
+                    value,
+                );
+            }
+            ffi::oniDeviceEnableDepthColorSync(self.device);
+        }
+    }
+
+    fn start(&mut self, sensor: Sensor) -> Result<(), String> {
+        let (kind, what) = match sensor {
+            Sensor::Color => (ffi::OniSensorType_ONI_SENSOR_COLOR, "colour"),
+            Sensor::Depth => (ffi::OniSensorType_ONI_SENSOR_DEPTH, "depth"),
+        };
+        let mut stream = ptr::null_mut();
+        // SAFETY: the device is open, the stream a valid place; properties are written at the
+        // sizes that their types have.
+        unsafe {
+            if ffi::oniDeviceGetSensorInfo(self.device, kind).is_null() {
+                return Err(format!("it has no {what} stream; both colour and depth are needed"));
+            }
+            if ffi::oniDeviceCreateStream(self.device, kind, &mut stream)
+                != ffi::OniStatus_ONI_STATUS_OK
+            {
+                return Err(format!("no {what} stream: {}", last_error()));
+            }
+        }
+        self.streams[sensor as usize] = stream;
+        self.choose_mode(stream, kind);
+        let mode: ffi::OniVideoMode = get(stream, ffi::ONI_STREAM_PROPERTY_VIDEO_MODE as c_int)
+            .ok_or_else(|| format!("the {what} stream does not tell its format"))?;
+        if sensor == Sensor::Color {
+            self.size = (mode.resolutionX.max(0) as usize, mode.resolutionY.max(0) as usize);
+            let angle = |property| get::<f32>(stream, property).map_or(0.0, f64::from);
+            self.field_of_view = [
+                angle(ffi::ONI_STREAM_PROPERTY_HORIZONTAL_FOV as c_int),
+                angle(ffi::ONI_STREAM_PROPERTY_VERTICAL_FOV as c_int),
+            ];
+            if self.field_of_view.iter().any(|a| !(0.05..3.0).contains(a)) {
+                return Err(format!(
+                    "its field of view, {:?} rad, cannot be; give the camera with --camera",
+                    self.field_of_view
+                ));
+            }
+        }
+        let recorded = get::<c_int>(stream, ffi::ONI_STREAM_PROPERTY_NUMBER_OF_FRAMES as c_int);
+        self.recorded[sensor as usize] = recorded.map_or(0, |n| n.max(0) as usize);
+        // SAFETY: the stream was just made.
+        if unsafe { ffi::oniStreamStart(stream) } != ffi::OniStatus_ONI_STATUS_OK {
+            return Err(format!("the {what} stream does not start: {}", last_error()));
+        }
+        Ok(())
+    }
+
+    /// Asks for 640x480, RGB and millimetres, unmirrored; recordings are as they are.
+    fn choose_mode(&self, stream: ffi::OniStreamHandle, kind: ffi::OniSensorType) {
+        let format = if kind == ffi::OniSensorType_ONI_SENSOR_COLOR {
+            ffi::OniPixelFormat_ONI_PIXEL_FORMAT_RGB888
+        } else {
+            ffi::OniPixelFormat_ONI_PIXEL_FORMAT_DEPTH_1_MM
+        };
+        let mode = ffi::OniVideoMode {
+            pixelFormat: format,
+            resolutionX: SIZE.0,
+            resolutionY: SIZE.1,
+            fps: FRAMES_PER_SECOND,
+        };
+        // SAFETY: the stream is open; each property has the type that is written.
+        unsafe {
+            let property = ffi::ONI_STREAM_PROPERTY_VIDEO_MODE as c_int;
+            set(|data, size| ffi::oniStreamSetProperty(stream, property, data, size), mode);
+            let property = ffi::ONI_STREAM_PROPERTY_MIRRORING as c_int;
+            set(|data, size| ffi::oniStreamSetProperty(stream, property, data, size), 0 as c_int);
+        }
+    }
+
+    /// Playback that waits for the reader and ends at its end.
+    pub fn play_by_hand(&mut self) -> Result<(), String> {
+        // SAFETY: the device is open; the properties are a float and an int.
+        let done = unsafe {
+            let speed = ffi::ONI_DEVICE_PROPERTY_PLAYBACK_SPEED as c_int;
+            let repeat = ffi::ONI_DEVICE_PROPERTY_PLAYBACK_REPEAT_ENABLED as c_int;
+            set(|data, size| ffi::oniDeviceSetProperty(self.device, speed, data, size), BY_HAND)
+                && set(
+                    |data, size| ffi::oniDeviceSetProperty(self.device, repeat, data, size),
+                    0 as c_int,
+                )
+        };
+        if done { Ok(()) } else { Err(format!("it cannot be played: {}", last_error())) }
+    }
+
+    /// Columns and rows of colour.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// Of the colour camera, horizontal and vertical, radians.
+    pub fn field_of_view(&self) -> [f64; 2] {
+        self.field_of_view
+    }
+
+    /// Pictures in a recording; 0 for a live device.
+    pub fn recorded(&self, sensor: Sensor) -> usize {
+        self.recorded[sensor as usize]
+    }
+
+    /// Waits for a picture of either stream.
+    pub fn wait(&mut self, timeout: Duration) -> Result<Option<Sensor>, String> {
+        let mut index = 0;
+        let milliseconds = c_int::try_from(timeout.as_millis()).unwrap_or(c_int::MAX);
+        // SAFETY: both streams run; `index` is a valid place.
+        let status = unsafe {
+            ffi::oniWaitForAnyStream(self.streams.as_mut_ptr(), 2, &mut index, milliseconds)
+        };
+        match status {
+            ffi::OniStatus_ONI_STATUS_OK if index == 0 => Ok(Some(Sensor::Color)),
+            ffi::OniStatus_ONI_STATUS_OK => Ok(Some(Sensor::Depth)),
+            ffi::OniStatus_ONI_STATUS_TIME_OUT => Ok(None),
+            _ => Err(format!("the device is lost: {}", last_error())),
+        }
+    }
+
+    /// Reads the next picture of a stream; blocks until there is one.
+    pub fn read(&mut self, sensor: Sensor) -> Result<Picture, String> {
+        let stream = self.streams[sensor as usize];
+        let mut frame: *mut ffi::OniFrame = ptr::null_mut();
+        // SAFETY: the stream runs; the frame is valid until it is released, and all that is
+        // kept of it is copied before.
+        unsafe {
+            let status = ffi::oniStreamReadFrame(stream, &mut frame);
+            if status != ffi::OniStatus_ONI_STATUS_OK || frame.is_null() {
+                return Err(format!("a frame cannot be read: {}", last_error()));
+            }
+            let picture = copied(&*frame);
+            ffi::oniFrameRelease(frame);
+            picture
+        }
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        // SAFETY: every handle came from the library and is given back once, streams first.
+        unsafe {
+            for stream in self.streams.iter().filter(|s| !s.is_null()) {
+                ffi::oniStreamStop(*stream);
+                ffi::oniStreamDestroy(*stream);
+            }
+            ffi::oniDeviceClose(self.device);
+        }
+    }
+}
+
+/// A frame's pixels, row by row without padding.
+///
+/// # Safety
+/// The frame's data must hold `dataSize` bytes.
+unsafe fn copied(frame: &ffi::OniFrame) -> Result<Picture, String> {
+    let (pixel_bytes, units_per_metre) = match frame.videoMode.pixelFormat {
+        ffi::OniPixelFormat_ONI_PIXEL_FORMAT_RGB888 => (3, 0.0),
+        ffi::OniPixelFormat_ONI_PIXEL_FORMAT_DEPTH_1_MM => (2, 1e3),
+        ffi::OniPixelFormat_ONI_PIXEL_FORMAT_DEPTH_100_UM => (2, 1e4),
+        other => {
+            return Err(format!("pixel format {other} is neither RGB nor depth in millimetres"));
+        }
+    };
+    let (width, height) = (frame.width.max(0) as usize, frame.height.max(0) as usize);
+    let row = width * pixel_bytes;
+    let (stride, size) = (frame.stride.max(0) as usize, frame.dataSize.max(0) as usize);
+    if height == 0 || stride < row || size < stride * (height - 1) + row || frame.data.is_null() {
+        return Err(format!("a frame of {width}x{height} holds only {size} bytes"));
+    }
+    // SAFETY: the caller's contract.
+    let data = unsafe { std::slice::from_raw_parts(frame.data.cast::<u8>(), size) };
+    let bytes = data.chunks(stride).take(height).flat_map(|r| &r[..row]).copied().collect();
+    Ok(Picture { utime: frame.timestamp as i64, width, height, bytes, units_per_metre })
+}
+
+/// Sets a property through one of the library's setters; true when it took it.
+fn set<T>(setter: impl FnOnce(*const c_void, c_int) -> ffi::OniStatus, value: T) -> bool {
+    setter((&raw const value).cast(), size_of::<T>() as c_int) == ffi::OniStatus_ONI_STATUS_OK
+}
+
+/// A property of a stream; `T` is plain data of the size that the property has.
+fn get<T: Copy>(stream: ffi::OniStreamHandle, property: c_int) -> Option<T> {
+    let mut value = std::mem::MaybeUninit::<T>::zeroed();
+    let mut size = size_of::<T>() as c_int;
+    // SAFETY: the stream is open; the library writes at most `size` bytes and tells how many.
+    unsafe {
+        let status =
+            ffi::oniStreamGetProperty(stream, property, value.as_mut_ptr().cast(), &mut size);
+        (status == ffi::OniStatus_ONI_STATUS_OK && size as usize == size_of::<T>())
+            .then(|| value.assume_init())
+    }
+}
+
+/// The library's words about its last failure on this thread.
+fn last_error() -> String {
+    // SAFETY: the library returns a NUL-terminated string that lives until its next call.
+    let words = unsafe { text(ffi::oniGetExtendedError()) };
+    if words.is_empty() { "it does not say why".to_owned() } else { words }
+}
+
+/// # Safety
+/// Null or NUL-terminated.
+unsafe fn text(chars: *const c_char) -> String {
+    if chars.is_null() {
+        return String::new();
+    }
+    // SAFETY: the caller's contract.
+    let words = unsafe { CStr::from_ptr(chars) };
+    words.to_string_lossy().split_whitespace().collect::<Vec<_>>().join(" ")
+}

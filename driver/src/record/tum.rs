@@ -1,0 +1,102 @@
+//! The layout of the TUM RGB-D benchmark (DESIGN 4.1).
+
+use super::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
+use crate::frame::RgbdFrame;
+use crate::{image_file, jpeg};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Quality of JPEG pictures: artefacts below the noise of a cheap camera.
+const JPEG_QUALITY: u8 = 95;
+
+/// Writes pictures and their lists.
+pub struct TumRecorder {
+    dir: PathBuf,
+    color_ending: &'static str,
+    lists: Option<[LineFile; 2]>,
+}
+
+impl TumRecorder {
+    /// Starts a recording in a new folder; colour as `png` or `jpg`.
+    ///
+    /// # Errors
+    /// [`RecordError`] when the folder is not empty or cannot be made.
+    pub fn create(dir: &Path, color_ending: &'static str) -> Result<Self, RecordError> {
+        new_folder(dir)?;
+        for part in ["rgb", "depth"] {
+            let path = dir.join(part);
+            std::fs::create_dir_all(&path).map_err(|e| RecordError::new(&path, e))?;
+        }
+        Ok(Self { dir: dir.to_owned(), color_ending, lists: None })
+    }
+
+    /// The lists; with the first frame, whose camera is written beside them.
+    fn lists(&mut self, frame: &RgbdFrame) -> Result<&mut [LineFile; 2], RecordError> {
+        if self.lists.is_none() {
+            write_camera(&self.dir, &frame.camera)?;
+            let mut lists = [
+                LineFile::create(self.dir.join("rgb.txt"))?,
+                LineFile::create(self.dir.join("depth.txt"))?,
+            ];
+            for list in &mut lists {
+                list.append("# timestamp filename")?;
+            }
+            self.lists = Some(lists);
+        }
+        Ok(self.lists.as_mut().expect("made above"))
+    }
+
+    fn write_pictures(
+        &self,
+        frame: &RgbdFrame,
+        color: &str,
+        depth: &str,
+    ) -> Result<(), RecordError> {
+        let path = self.dir.join(color);
+        if self.color_ending == "jpg" {
+            let bytes =
+                jpeg::encode(&frame.color, JPEG_QUALITY).map_err(|e| RecordError::new(&path, e))?;
+            write_whole(&path, |file| file.write_all(&bytes))?;
+        } else {
+            let written = image_file::write_color(&path, &frame.color);
+            take_back_on_failure(&path, written)?;
+        }
+        let path = self.dir.join(depth);
+        let raw = frame.depth.to_raw(frame.camera.depth_units_per_metre);
+        let written =
+            image_file::write_depth(&path, frame.depth.width(), frame.depth.height(), &raw);
+        take_back_on_failure(&path, written)
+    }
+}
+
+fn take_back_on_failure(
+    path: &Path,
+    written: Result<(), image_file::ImageFileError>,
+) -> Result<(), RecordError> {
+    written.map_err(|e| {
+        let _ = std::fs::remove_file(path);
+        RecordError::new(path, e)
+    })
+}
+
+impl Recorder for TumRecorder {
+    fn write(&mut self, frame: &RgbdFrame) -> Result<(), RecordError> {
+        let stamp = format!(
+            "{}.{:06}",
+            frame.utime.div_euclid(1_000_000),
+            frame.utime.rem_euclid(1_000_000)
+        );
+        let color = format!("rgb/{stamp}.{}", self.color_ending);
+        let depth = format!("depth/{stamp}.png");
+        self.lists(frame)?;
+        self.write_pictures(frame, &color, &depth)?;
+        // Depth first: a reader asks which depth picture belongs to a colour picture.
+        let [colors, depths] = self.lists(frame)?;
+        depths.append(&format!("{stamp} {depth}"))?;
+        colors.append(&format!("{stamp} {color}"))
+    }
+
+    fn finish(&mut self) -> Result<(), RecordError> {
+        self.lists.iter().flatten().try_for_each(LineFile::sync)
+    }
+}
