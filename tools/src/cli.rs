@@ -41,6 +41,10 @@ pub enum Command {
     Recognise(RecogniseArgs),
     /// Predict a recognised object's motion to a target, and publish it
     Predict(PredictArgs),
+    /// Record what a source delivers
+    Record(RecordArgs),
+    /// Send what a source delivers over LCM, as kinect.frame_msg_t
+    Replay(ReplayArgs),
     /// Fit joints to pose logs
     Fit(FitArgs),
     /// List, show, remove or merge stored objects
@@ -53,10 +57,24 @@ pub enum Command {
     Vocabulary(VocabularyArgs),
     /// Score recordings with truth beside them
     Bench(BenchArgs),
-    /// Check what this machine has: vision library, LCM, store
+    /// Check what this machine has: libraries, cameras, LCM; measure a source
     Doctor(DoctorArgs),
     /// Print the effective configuration
     Config(ConfigArgs),
+}
+
+/// Which frames of a source are taken, and by which camera they were seen.
+#[derive(Debug, Clone, Default, Args)]
+pub struct SourceArgs {
+    /// camera.toml of a source that does not tell its camera (LCM, V4L2, a log)
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Take so many frames; a live camera is otherwise watched until Ctrl-C
+    #[arg(long, value_name = "N")]
+    pub frames: Option<usize>,
+    /// Take frames for so long
+    #[arg(long, value_name = "S")]
+    pub seconds: Option<f64>,
 }
 
 /// Store that commands use where none is named.
@@ -71,8 +89,11 @@ pub struct DemoArgs {
 
 #[derive(Debug, Args)]
 pub struct RecogniseArgs {
-    /// A recording: a directory or tum:DIR
+    /// tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N,
+    /// openni2:[URI] or v4l:COLOUR,DEPTH
     pub source: String,
+    #[command(flatten)]
+    pub take: SourceArgs,
     /// Store with the learned objects
     #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
     pub store: PathBuf,
@@ -86,8 +107,11 @@ pub struct RecogniseArgs {
 
 #[derive(Debug, Args)]
 pub struct PredictArgs {
-    /// A recording: a directory or tum:DIR
+    /// tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N,
+    /// openni2:[URI] or v4l:COLOUR,DEPTH
     pub source: String,
+    #[command(flatten)]
+    pub take: SourceArgs,
     /// Store with the learned objects
     #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
     pub store: PathBuf,
@@ -106,6 +130,54 @@ pub struct PredictArgs {
     /// Write linkage.prediction/1; - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// Where frames come from, as for learn
+    #[arg(long, value_name = "SOURCE")]
+    pub source: String,
+    #[command(flatten)]
+    pub take: SourceArgs,
+    /// A new folder; a new file for lcm-log
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// How it is written
+    #[arg(long, value_enum, default_value_t = RecordFormat::Tum)]
+    pub format: RecordFormat,
+}
+
+/// How a recording is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum RecordFormat {
+    /// Folder in the TUM layout, PNG
+    Tum,
+    /// The same with JPEG colour
+    TumJpeg,
+    /// LCM event log of kinect.frame_msg_t
+    LcmLog,
+    /// Folder that fakenect plays; depth as disparities of 11 bits
+    Fakenect,
+}
+
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// Where frames come from, as for learn
+    pub source: String,
+    #[command(flatten)]
+    pub take: SourceArgs,
+    /// LCM network to send to
+    #[arg(long, value_name = "URL", default_value = linkage_lcm::DEFAULT_URL)]
+    pub publish: String,
+    /// Channel to send on
+    #[arg(long, value_name = "NAME", default_value = linkage_driver::lcm::DEFAULT_CHANNEL)]
+    pub channel: String,
+    /// So many times as fast as it was recorded; 0: as fast as it can be read
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub rate: f64,
+    /// JPEG colour, a sixth of the bytes
+    #[arg(long)]
+    pub jpeg: bool,
 }
 
 #[derive(Debug, Args)]
@@ -205,6 +277,11 @@ pub struct DoctorArgs {
     /// LCM network to test
     #[arg(long, value_name = "URL")]
     pub url: Option<String>,
+    /// Measure this source for five seconds
+    #[arg(long, value_name = "SOURCE")]
+    pub source: Option<String>,
+    #[command(flatten)]
+    pub take: SourceArgs,
 }
 
 #[derive(Debug, Args)]
@@ -221,9 +298,12 @@ pub enum ConfigAction {
 
 #[derive(Debug, Args)]
 pub struct LearnArgs {
-    /// Recordings of one object: a directory or tum:DIR
+    /// Demonstrations of one object: tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL],
+    /// lcm:URL[#CHANNEL], freenect:N, openni2:[URI] or v4l:COLOUR,DEPTH
     #[arg(required = true)]
     pub sources: Vec<String>,
+    #[command(flatten)]
+    pub take: SourceArgs,
     /// Name of the object
     #[arg(long)]
     pub object: String,

@@ -27,7 +27,8 @@ pub fn watch(recording: &Path, by_tags: bool, config: &SkillConfig) -> Outcome<W
     let exact = Truth::read(recording)?;
     let source = recording.display().to_string();
     let mut log = if by_tags { Some(TagLog::of(recording)?) } else { None };
-    let found = demonstrate_past(log.as_mut(), &source, &exact.object, config, true)?;
+    let mut frames = linkage_driver::open(&source)?;
+    let found = demonstrate_past(log.as_mut(), &mut *frames, &exact.object, config, true)?;
     Ok(match log {
         None => Watched { found, truth: exact, joints_by_tags: None },
         Some(log) => {

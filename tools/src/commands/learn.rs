@@ -1,11 +1,12 @@
 //! `linkage learn`.
 
-use super::{Failure, Outcome, now_utime, skill_config, write_json, write_text};
+use super::{Failure, Outcome, now_utime, skill_config, source, write_json, write_text};
 use crate::cli::{Common, LearnArgs};
 use crate::console::Progress;
 use crate::report;
 use crate::tags::TagLog;
 use anyhow::Context;
+use linkage_driver::RgbdSource;
 use linkage_skill::encounter::{combine, to_stored};
 use linkage_skill::geometry::pose_to_array;
 use linkage_skill::store::{Provenance, Store, StoreError, StoredObject};
@@ -19,8 +20,12 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     let mut first: Option<Demonstration> = None;
     for source in &args.sources {
         let mut tags = if args.tags { Some(TagLog::of(recording_of(source))?) } else { None };
+        let mut frames = source::open(source, &args.take)?;
         let demonstration =
-            demonstrate_past(tags.as_mut(), source, &args.object, &config, common.quiet)?;
+            demonstrate_past(tags.as_mut(), &mut frames, &args.object, &config, common.quiet)?;
+        if let Some(losses) = source::losses(&frames.statistics()) {
+            tracing::warn!(source, "not learned from: {losses}");
+        }
         if let Some(tags) = &tags {
             report_tags(tags, args.tag_poses.as_deref())?;
         }
@@ -117,18 +122,19 @@ pub fn demonstrate(
     config: &SkillConfig,
     quiet: bool,
 ) -> Outcome<Demonstration> {
-    demonstrate_past(None, source, object, config, quiet)
+    let mut frames = linkage_driver::open(source)?;
+    demonstrate_past(None, &mut *frames, object, config, quiet)
 }
 
 /// The same; with tags, these are noted and nothing is learned from what lies on them.
 pub fn demonstrate_past(
     mut tags: Option<&mut TagLog>,
-    source: &str,
+    frames: &mut dyn RgbdSource,
     object: &str,
     config: &SkillConfig,
     quiet: bool,
 ) -> Outcome<Demonstration> {
-    let mut frames = linkage_driver::open(source)?;
+    let source = frames.name().to_owned();
     let progress = Progress::new("watching", frames.frame_count(), quiet);
     let mut learner = Learner::new(config);
     let mut count = 0;
@@ -136,7 +142,7 @@ pub fn demonstrate_past(
         if let Some(tags) = &mut tags {
             frame = tags.note(&frame)?;
         }
-        learner.push(&frame).with_context(|| frames.name().to_owned())?;
+        learner.push(&frame).with_context(|| source.clone())?;
         progress.step();
         count += 1;
     }
@@ -147,7 +153,7 @@ pub fn demonstrate_past(
             LearnError::Vision(_) => super::INTERNAL,
             _ => super::BAD_INPUT,
         };
-        Failure { status, cause: anyhow::Error::new(error).context(source.to_owned()) }
+        Failure { status, cause: anyhow::Error::new(error).context(source) }
     })
 }
 

@@ -8,7 +8,10 @@ mod fit;
 mod learn;
 mod predict;
 mod recognise;
+mod record;
+mod replay;
 mod simulate;
+mod source;
 mod store;
 mod vocabulary;
 
@@ -63,6 +66,8 @@ pub fn run(cli: Cli) -> Outcome {
         Command::Learn(args) => learn::run(&args, common),
         Command::Recognise(args) => recognise::run(&args, common),
         Command::Predict(args) => predict::run(&args, common),
+        Command::Record(args) => record::run(&args, common),
+        Command::Replay(args) => replay::run(&args, common),
         Command::Fit(args) => fit::run(&args, common),
         Command::Store(args) => store::run(&args),
         Command::Export(args) => export::run(&args),

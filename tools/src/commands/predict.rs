@@ -1,7 +1,7 @@
 //! `linkage predict`.
 
 use super::recognise::{describe, recognise_frame};
-use super::{Failure, Outcome, last_frame, skill_config, write_json};
+use super::{Failure, Outcome, skill_config, source, write_json};
 use crate::cli::{Common, PredictArgs};
 use linkage_driver::RgbdFrame;
 use linkage_lcm::Lcm;
@@ -21,7 +21,7 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     };
     let store = Store::open(&args.store)?;
     let library = store.load()?;
-    let frame = last_frame(&args.source)?;
+    let frame = source::open(&args.source, &args.take)?.last_frame()?;
     let recognition = recognise_frame(&library, &frame, &args.source, &config)?;
     let Some(best) = recognition.matches.first() else {
         return Err(Failure::no_answer(format!("{}: nothing is recognised", args.source)));

@@ -1,7 +1,7 @@
 //! `linkage recognise`.
 
-use super::{Failure, Outcome, skill_config, warn_without_depth, write_json, write_text};
-use crate::cli::{Common, RecogniseArgs};
+use super::{Failure, Outcome, skill_config, source, warn_without_depth, write_json, write_text};
+use crate::cli::{Common, RecogniseArgs, SourceArgs};
 use crate::report;
 use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
@@ -11,7 +11,7 @@ use linkage_skill::store::{Library, Store};
 pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
     let library = Store::open(&args.store)?.load()?;
-    let frame = last_frame(&args.source)?;
+    let frame = source::open(&args.source, &args.take)?.last_frame()?;
     let recognition = recognise_frame(&library, &frame, &args.source, &config)?;
     if let Some(path) = &args.json {
         write_json(path, &recognition)?;
@@ -42,13 +42,8 @@ pub fn recognise_frame(
 }
 
 /// The last frame of a recording.
-pub fn last_frame(source: &str) -> Outcome<RgbdFrame> {
-    let mut frames = linkage_driver::open(source)?;
-    let mut last = None;
-    while let Some(frame) = frames.next_frame()? {
-        last = Some(frame);
-    }
-    last.ok_or_else(|| Failure::no_answer(format!("{source}: no frame")))
+pub fn last_frame(recording: &str) -> Outcome<RgbdFrame> {
+    source::open(recording, &SourceArgs::default())?.last_frame()
 }
 
 /// A few lines for people.

@@ -1,0 +1,121 @@
+//! Opening a source as the command line asks for it.
+
+use super::{Failure, Outcome};
+use crate::cli::SourceArgs;
+use linkage_driver::{
+    PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions, SourceStatistics,
+};
+use std::sync::Arc;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Frames that a live camera gives before its exposure has settled.
+const SETTLING: usize = 5;
+/// Status of a program that was interrupted twice.
+const INTERRUPTED: i32 = 130;
+
+/// Opens a source. Ctrl-C ends it, as if it were a recording that is over; a second one ends
+/// the program.
+pub fn open(name: &str, take: &SourceArgs) -> Outcome<Taken> {
+    let camera = take.camera.as_deref().map(PinholeCamera::read_or_explain).transpose()?;
+    if take.seconds.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+        return Err(anyhow::anyhow!("--seconds must be above 0").into());
+    }
+    let stop = interrupted();
+    let options = SourceOptions { camera, stop: Arc::clone(&stop), ..Default::default() };
+    let source = linkage_driver::open_with(name, &options)?;
+    Ok(Taken { source, take: take.clone(), stop, taken: 0, first_utime: None })
+}
+
+/// Set by the first Ctrl-C or SIGTERM.
+fn interrupted() -> Arc<AtomicBool> {
+    static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+    let stop = STOP.get_or_init(|| {
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&stop);
+        let handler = move || {
+            if flag.swap(true, Ordering::Relaxed) {
+                std::process::exit(INTERRUPTED);
+            }
+        };
+        if let Err(e) = ctrlc::set_handler(handler) {
+            tracing::warn!("Ctrl-C will end the program at once: {e}");
+        }
+        stop
+    });
+    Arc::clone(stop)
+}
+
+/// The part of a source that is asked for.
+pub struct Taken {
+    source: Box<dyn RgbdSource>,
+    take: SourceArgs,
+    stop: Arc<AtomicBool>,
+    taken: usize,
+    first_utime: Option<i64>,
+}
+
+impl Taken {
+    /// The last frame of a recording; of a live camera, the first one that is well exposed.
+    pub fn last_frame(&mut self) -> Outcome<RgbdFrame> {
+        if self.source.is_live() && self.take.frames.is_none() && self.take.seconds.is_none() {
+            self.take.frames = Some(SETTLING);
+        }
+        let mut last = None;
+        while let Some(frame) = self.next_frame()? {
+            last = Some(frame);
+        }
+        last.ok_or_else(|| Failure::no_answer(format!("{}: no frame", self.name())))
+    }
+}
+
+impl RgbdSource for Taken {
+    fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
+        let enough = self.take.frames.is_some_and(|n| self.taken >= n);
+        if enough || self.stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let Some(frame) = self.source.next_frame()? else { return Ok(None) };
+        let first = *self.first_utime.get_or_insert(frame.utime);
+        if self.take.seconds.is_some_and(|s| (frame.utime - first) as f64 * 1e-6 > s) {
+            return Ok(None);
+        }
+        self.taken += 1;
+        Ok(Some(frame))
+    }
+
+    fn frame_count(&self) -> Option<usize> {
+        match (self.source.frame_count(), self.take.frames) {
+            (Some(count), Some(limit)) => Some(count.min(limit)),
+            (count, limit) => count.or(limit),
+        }
+    }
+
+    fn name(&self) -> &str {
+        self.source.name()
+    }
+
+    fn is_live(&self) -> bool {
+        self.source.is_live()
+    }
+
+    fn statistics(&self) -> SourceStatistics {
+        self.source.statistics()
+    }
+}
+
+/// What was lost, in words; `None` when nothing was.
+pub fn losses(s: &SourceStatistics) -> Option<String> {
+    let counts = [
+        (s.dropped, "dropped, for they came faster than they were taken"),
+        (s.unpaired, "pictures without a partner in time"),
+        (s.damaged, "damaged"),
+        (s.out_of_order, "repeated or out of order"),
+    ];
+    let words: Vec<String> = counts
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    (!words.is_empty()).then(|| words.join(", "))
+}
