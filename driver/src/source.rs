@@ -127,7 +127,8 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
             let (url, channel) = with_channel(&rest);
             let (url, channel) = (url.to_owned(), channel.to_owned());
             let camera = Arc::new(camera_or_kinect(name, options));
-            live(name, options, move || LcmCamera::open(&url, &channel, Arc::clone(&camera)))
+            let options = SourceOptions { live: options.live.patient(), ..options.clone() };
+            live(name, &options, move || LcmCamera::open(&url, &channel, Arc::clone(&camera)))
         }
         "freenect" => {
             let index = if rest.is_empty() { Ok(0) } else { rest.parse() };

@@ -52,6 +52,7 @@ impl TumRecording {
         let statistics = SourceStatistics {
             unpaired: index.unpaired as u64,
             largest_pair_gap_us: index.largest_pair_gap_us,
+            rate_hz: index.rate_hz(),
             ..Default::default()
         };
         std::thread::spawn(move || {
@@ -134,6 +135,16 @@ impl RecordingIndex {
         }
         let largest_pair_gap_us = pairs.iter().map(|p| p.gap_us).max().unwrap_or(0);
         Ok(Self { camera: Arc::new(camera), pairs, unpaired, largest_pair_gap_us })
+    }
+
+    /// Frames a second by their stamps; 0 with a single frame.
+    pub fn rate_hz(&self) -> f64 {
+        match (self.pairs.first(), self.pairs.last()) {
+            (Some(first), Some(last)) if last.utime > first.utime => {
+                (self.pairs.len() - 1) as f64 * 1e6 / (last.utime - first.utime) as f64
+            }
+            _ => 0.0,
+        }
     }
 
     /// Decodes one pair.

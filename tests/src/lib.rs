@@ -1,9 +1,11 @@
 //! What the whole-skill specifications share: the program under test, scratch folders,
 //! simulated recordings, and the third-party data where it is at hand.
 
+pub mod fixtures;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// The built program.
 pub fn program() -> PathBuf {
@@ -41,6 +43,9 @@ pub fn failure(output: &Output) -> (i32, String) {
 
 /// A simulated take, rendered once for all tests of a run.
 pub fn simulated(scene: &str, encounter: bool, seed: u64) -> PathBuf {
+    // Tests of one binary run side by side and share what is rendered.
+    static RENDERING: Mutex<()> = Mutex::new(());
+    let _one_at_a_time = RENDERING.lock().unwrap_or_else(PoisonError::into_inner);
     let take = if encounter { "encounter" } else { "demonstration" };
     let dir = std::env::temp_dir()
         .join(format!("linkage-tests-{}", std::process::id()))

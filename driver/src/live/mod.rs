@@ -55,8 +55,16 @@ pub struct LiveConfig {
     pub stall: Duration,
     /// First and longest wait before it is opened again; each failure doubles it.
     pub patience: [Duration; 2],
-    /// A camera that does not come back for this long ends the source with an error.
+    /// A camera that gives no frame for this long, however often it is opened, ends the source
+    /// with an error.
     pub give_up: Duration,
+}
+
+impl LiveConfig {
+    /// For a network, where silence is no fault: the camera may be switched on later.
+    pub fn patient(&self) -> Self {
+        Self { stall: Duration::MAX, give_up: Duration::MAX, ..self.clone() }
+    }
 }
 
 impl Default for LiveConfig {
@@ -81,6 +89,9 @@ pub struct LiveSource {
 /// Longest wait for a frame before the thread looks whether it is to stop.
 const POLL: Duration = Duration::from_millis(100);
 
+/// How often the log is told what was delivered and lost.
+const REPORT_EVERY: Duration = Duration::from_secs(10);
+
 impl LiveSource {
     /// Opens the camera and starts to capture; once `stop` is set the source ends as a
     /// recording does.
@@ -104,6 +115,8 @@ impl LiveSource {
             stop: [stop, Arc::clone(&dropped)],
             gate: Gate::default(),
             unpaired_before: 0,
+            last_frame: Instant::now(),
+            last_report: Instant::now(),
         };
         let thread = std::thread::Builder::new()
             .name("capture".to_owned())
@@ -157,6 +170,8 @@ struct Watch {
     gate: Gate,
     /// Pictures without partner of cameras that were closed.
     unpaired_before: u64,
+    last_frame: Instant,
+    last_report: Instant,
 }
 
 /// Why a camera is not asked any more.
@@ -215,11 +230,17 @@ impl Watch {
     }
 
     fn take(&mut self, frame: RgbdFrame, (unpaired, gap_us): (u64, i64)) {
+        self.last_frame = Instant::now();
         let frame = self.gate.pass(frame);
         let statistics = &mut self.gate.statistics;
         statistics.unpaired = self.unpaired_before + unpaired;
         statistics.largest_pair_gap_us = statistics.largest_pair_gap_us.max(gap_us);
         self.queue.note(statistics);
+        if self.last_report.elapsed() > REPORT_EVERY {
+            self.last_report = Instant::now();
+            let statistics = self.queue.statistics();
+            tracing::info!(source = self.name, ?statistics, "capturing");
+        }
         if let Some(frame) = frame {
             self.queue.push(frame);
         }
@@ -227,10 +248,9 @@ impl Watch {
 
     /// Opens the camera again, with growing patience; `Err(None)` when told to stop.
     fn reopen(&mut self, lost: String) -> Result<Box<dyn Camera>, Option<String>> {
-        let since = Instant::now();
         let [mut wait, longest] = self.config.patience;
         let mut reason = lost;
-        while since.elapsed() < self.config.give_up {
+        while self.last_frame.elapsed() < self.config.give_up {
             let until = Instant::now() + wait.min(self.config.give_up);
             while Instant::now() < until {
                 if self.is_stopped() {
@@ -249,6 +269,153 @@ impl Watch {
             }
             wait = (2 * wait).min(longest);
         }
-        Err(Some(format!("lost, and not back within {:?}: {reason}", self.config.give_up)))
+        Err(Some(format!("no frame for {:?}: {reason}", self.config.give_up)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::PinholeCamera;
+    use crate::frame::{ColorImage, DepthImage};
+    use std::collections::VecDeque;
+    use std::sync::Mutex;
+
+    /// What a scripted camera does next.
+    #[derive(Clone, Copy)]
+    enum Act {
+        Frame(i64),
+        Damaged,
+        Vanish,
+        Silence,
+    }
+
+    /// Acts that are left, shared by each opening of the same camera.
+    struct Scripted(Arc<Mutex<VecDeque<Act>>>);
+
+    impl Camera for Scripted {
+        fn next_frame(&mut self, timeout: Duration) -> Result<Option<RgbdFrame>, CameraFault> {
+            let Some(act) = self.0.lock().unwrap().pop_front() else {
+                return Err(CameraFault::Ended);
+            };
+            match act {
+                Act::Frame(utime) => Ok(Some(frame(utime))),
+                Act::Damaged => Err(CameraFault::Damaged("half a JPEG".to_owned())),
+                Act::Vanish => Err(CameraFault::Lost("unplugged".to_owned())),
+                Act::Silence => {
+                    std::thread::sleep(timeout);
+                    Ok(None)
+                }
+            }
+        }
+    }
+
+    fn frame(utime: i64) -> RgbdFrame {
+        let camera =
+            PinholeCamera { width: 2, height: 2, cx: 0.5, cy: 0.5, ..PinholeCamera::kinect() };
+        let color = ColorImage::new(2, 2, vec![7; 12]).unwrap();
+        let depth = DepthImage::from_metres(2, 2, vec![1.0; 4]).unwrap();
+        RgbdFrame::new(utime, Arc::new(camera), color, depth).unwrap()
+    }
+
+    fn config() -> LiveConfig {
+        LiveConfig {
+            queue: 100,
+            stall: Duration::from_millis(150),
+            patience: [Duration::from_millis(5), Duration::from_millis(20)],
+            give_up: Duration::from_millis(300),
+        }
+    }
+
+    /// Times that come out of a script, how it ends, and what is counted.
+    fn play(
+        acts: &[Act],
+        refusals: usize,
+        config: LiveConfig,
+    ) -> (Vec<i64>, Result<(), String>, SourceStatistics) {
+        let acts = Arc::new(Mutex::new(VecDeque::from(acts.to_vec())));
+        let mut openings = 0;
+        let opener = move || {
+            openings += 1;
+            if openings > 1 && openings <= 1 + refusals {
+                return Err(SourceError::Device { name: "it".into(), reason: "not there".into() });
+            }
+            Ok(Box::new(Scripted(Arc::clone(&acts))) as Box<dyn Camera>)
+        };
+        let mut source =
+            LiveSource::start("scripted", Box::new(opener), config, Arc::default()).unwrap();
+        let mut times = Vec::new();
+        let end = loop {
+            match source.next_frame() {
+                Ok(Some(frame)) => times.push(frame.utime),
+                Ok(None) => break Ok(()),
+                Err(e) => break Err(e.to_string()),
+            }
+        };
+        (times, end, source.statistics())
+    }
+
+    #[test]
+    fn a_camera_that_vanishes_and_returns_goes_on() {
+        let acts = [Act::Frame(1), Act::Frame(2), Act::Vanish, Act::Frame(3)];
+        let (times, end, statistics) = play(&acts, 3, config());
+        assert_eq!((times, end), (vec![1, 2, 3], Ok(())));
+        assert_eq!((statistics.reconnections, statistics.lost()), (1, 0));
+    }
+
+    #[test]
+    fn a_camera_that_stays_away_ends_the_source_with_its_reason() {
+        let (times, end, _) = play(&[Act::Frame(1), Act::Vanish], usize::MAX - 1, config());
+        let reason = end.unwrap_err();
+        assert_eq!(times, [1]);
+        assert!(reason.contains("scripted") && reason.contains("not there"), "{reason}");
+    }
+
+    #[test]
+    fn a_camera_that_stalls_is_opened_again() {
+        let acts = [Act::Frame(1), Act::Silence, Act::Silence, Act::Frame(2)];
+        let (times, end, statistics) = play(&acts, 0, config());
+        assert_eq!((times, end, statistics.reconnections), (vec![1, 2], Ok(()), 1));
+    }
+
+    #[test]
+    fn a_camera_that_can_be_opened_but_stays_silent_ends_the_source() {
+        let acts = [&[Act::Frame(1)][..], &[Act::Silence; 50]].concat();
+        let (times, end, _) = play(&acts, 0, config());
+        assert_eq!(times, [1]);
+        assert!(end.unwrap_err().contains("no frame for"));
+    }
+
+    #[test]
+    fn what_is_damaged_repeated_or_out_of_order_is_left_out_and_counted() {
+        let acts = [10, 20, 20, 15, 30].map(Act::Frame);
+        let (times, _, statistics) =
+            play(&[&acts[..], &[Act::Damaged, Act::Frame(40)]].concat(), 0, config());
+        assert_eq!(times, [10, 20, 30, 40]);
+        assert_eq!((statistics.out_of_order, statistics.damaged), (2, 1));
+        assert_eq!((statistics.delivered, statistics.lost()), (4, 3));
+    }
+
+    #[test]
+    fn a_slow_consumer_loses_the_oldest_and_the_count_is_right() {
+        let queue = FrameQueue::new(3);
+        (1..=10).for_each(|utime| queue.push(frame(utime)));
+        queue.close(None);
+        let mut times = Vec::new();
+        while let Some(frame) = queue.pop().unwrap() {
+            times.push(frame.utime);
+        }
+        assert_eq!(times, [8, 9, 10]);
+        let statistics = queue.statistics();
+        assert_eq!((statistics.dropped, statistics.delivered), (7, 3));
+    }
+
+    #[test]
+    fn a_source_that_is_dropped_stops_its_thread() {
+        let acts = Arc::new(Mutex::new(VecDeque::from(vec![Act::Silence; 1000])));
+        let kept = Arc::clone(&acts);
+        let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts))) as Box<dyn Camera>);
+        drop(LiveSource::start("it", Box::new(opener), config(), Arc::default()).unwrap());
+        assert_eq!(Arc::strong_count(&kept), 1, "the thread is gone");
     }
 }

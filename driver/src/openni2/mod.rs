@@ -71,7 +71,7 @@ pub struct OniRecording {
     gate: Gate,
     delivered: u64,
     frames: usize,
-    /// Pictures read of colour and of depth.
+    /// Number of the last picture read of each: playback may pass over some.
     read: [usize; 2],
     /// Time of the last picture of each.
     reached: [i64; 2],
@@ -118,6 +118,19 @@ impl OniRecording {
             .min_by_key(|s| self.reached[*s as usize])
     }
 
+    /// Reads the picture after the last one. The library keeps one picture a stream: on its way
+    /// to the other stream's next one it may have passed over ours.
+    fn read_next(&mut self, sensor: Sensor) -> Result<sys::Picture, String> {
+        let next = self.read[sensor as usize] + 1;
+        let picture = self.device.read(sensor)?;
+        if picture.number <= next {
+            return Ok(picture);
+        }
+        tracing::debug!(sensor = ?sensor, number = picture.number, next, "passed over");
+        self.device.seek(sensor, next)?;
+        self.device.read(sensor)
+    }
+
     fn broken(&self, reason: String) -> SourceError {
         SourceError::Recording { path: self.name.clone(), reason }
     }
@@ -126,8 +139,8 @@ impl OniRecording {
 impl RgbdSource for OniRecording {
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
         while let Some(sensor) = self.due() {
-            let picture = self.device.read(sensor).map_err(|e| self.broken(e))?;
-            self.read[sensor as usize] += 1;
+            let picture = self.read_next(sensor).map_err(|e| self.broken(e))?;
+            self.read[sensor as usize] = picture.number.max(self.read[sensor as usize] + 1);
             self.reached[sensor as usize] = picture.utime;
             let pair = match sensor {
                 Sensor::Color => self.pairing.color(picture.utime, picture),

@@ -3,6 +3,7 @@
 use openni2_sys as ffi;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr;
+use std::sync::OnceLock;
 use std::time::Duration;
 
 /// The interface's version that the bindings were made from: 2.2.
@@ -27,6 +28,8 @@ pub enum Sensor {
 pub struct Picture {
     /// The device's time, microseconds from its start.
     pub utime: i64,
+    /// Its number, from 1 on.
+    pub number: usize,
     pub width: usize,
     pub height: usize,
     /// RGB, or 16 bits of depth a pixel.
@@ -35,26 +38,20 @@ pub struct Picture {
     pub units_per_metre: f64,
 }
 
-/// Keeps the library initialised; it counts by itself.
-struct Library;
-
-impl Library {
-    fn new() -> Result<Self, String> {
+/// Initialises the library, once. It is never shut down: that would unload its drivers while
+/// their threads still run.
+fn initialise() -> Result<(), String> {
+    static DONE: OnceLock<Result<(), String>> = OnceLock::new();
+    DONE.get_or_init(|| {
         // SAFETY: may be called at any time, from any thread.
         let status = unsafe { ffi::oniInitialize(API_VERSION) };
         if status == ffi::OniStatus_ONI_STATUS_OK {
-            Ok(Self)
+            Ok(())
         } else {
             Err(format!("OpenNI2 does not start: {}", last_error()))
         }
-    }
-}
-
-impl Drop for Library {
-    fn drop(&mut self) {
-        // SAFETY: balances the oniInitialize of `new`.
-        unsafe { ffi::oniShutdown() };
-    }
+    })
+    .clone()
 }
 
 /// An open device with both streams running.
@@ -64,8 +61,6 @@ pub struct Device {
     size: (usize, usize),
     field_of_view: [f64; 2],
     recorded: [usize; 2],
-    // Dropped last: the handles above are closed in Drop, before the fields.
-    _library: Library,
 }
 
 // SAFETY: OpenNI2's functions may be called from any thread; a Device is owned by one at a
@@ -77,7 +72,7 @@ unsafe impl Send for Device {}
 /// # Errors
 /// When the library does not start.
 pub fn list_devices() -> Result<Vec<(String, String)>, String> {
-    let _library = Library::new()?;
+    initialise()?;
     let (mut list, mut count) = (ptr::null_mut(), 0);
     // SAFETY: both places are valid; the list is read before it is released.
     unsafe {
@@ -101,7 +96,7 @@ pub fn list_devices() -> Result<Vec<(String, String)>, String> {
 impl Device {
     /// Opens a device or file, any device where the URI is empty, and starts both streams.
     pub fn open(uri: &str) -> Result<Self, String> {
-        let library = Library::new()?;
+        initialise()?;
         let uri = CString::new(uri).map_err(|_| "the name holds a NUL".to_owned())?;
         let any = uri.is_empty();
         let mut device = ptr::null_mut();
@@ -122,7 +117,6 @@ impl Device {
             size: (0, 0),
             field_of_view: [0.0; 2],
             recorded: [0; 2],
-            _library: library,
         };
         opened.register();
         for sensor in [Sensor::Color, Sensor::Depth] {
@@ -230,6 +224,22 @@ impl Device {
         if done { Ok(()) } else { Err(format!("it cannot be played: {}", last_error())) }
     }
 
+    /// Goes to a picture of a recording's stream, counted from 1.
+    pub fn seek(&mut self, sensor: Sensor, number: usize) -> Result<(), String> {
+        let mut place =
+            ffi::OniSeek { frameIndex: number as c_int, stream: self.streams[sensor as usize] };
+        // SAFETY: the device is open; the command takes an OniSeek of this size.
+        let status = unsafe {
+            ffi::oniDeviceInvoke(
+                self.device,
+                ffi::ONI_DEVICE_COMMAND_SEEK as c_int,
+                (&raw mut place).cast(),
+                size_of::<ffi::OniSeek>() as c_int,
+            )
+        };
+        if status == ffi::OniStatus_ONI_STATUS_OK { Ok(()) } else { Err(last_error()) }
+    }
+
     /// Columns and rows of colour.
     pub fn size(&self) -> (usize, usize) {
         self.size
@@ -314,7 +324,14 @@ unsafe fn copied(frame: &ffi::OniFrame) -> Result<Picture, String> {
     // SAFETY: the caller's contract.
     let data = unsafe { std::slice::from_raw_parts(frame.data.cast::<u8>(), size) };
     let bytes = data.chunks(stride).take(height).flat_map(|r| &r[..row]).copied().collect();
-    Ok(Picture { utime: frame.timestamp as i64, width, height, bytes, units_per_metre })
+    Ok(Picture {
+        utime: frame.timestamp as i64,
+        number: frame.frameIndex.max(0) as usize,
+        width,
+        height,
+        bytes,
+        units_per_metre,
+    })
 }
 
 /// Sets a property through one of the library's setters; true when it took it.

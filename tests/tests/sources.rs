@@ -1,0 +1,389 @@
+//! Every driver through its real library, without hardware: what goes in comes out, and a
+//! demonstration teaches the same whichever way it comes.
+
+use linkage_driver::record::{FakenectRecorder, Recorder};
+use linkage_driver::{RgbdFrame, SourceStatistics, kinect, open};
+use linkage_tests::{fixtures, linkage, program, simulated};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+const SCENE: &str = "drawer";
+const SEED: u64 = 5;
+
+/// All frames of a source and what it lost.
+fn frames_of(source: &str) -> (Vec<RgbdFrame>, SourceStatistics) {
+    let mut source = open(source).unwrap();
+    let mut frames = Vec::new();
+    while let Some(frame) = source.next_frame().unwrap() {
+        frames.push(frame);
+    }
+    (frames, source.statistics())
+}
+
+/// Equal colour, and depth equal to the millimetre but for so many pixels; says how many
+/// differ, and how.
+fn assert_same_to_the_millimetre(a: &RgbdFrame, b: &RgbdFrame, but_for: usize) {
+    assert!(a.color == b.color, "colour differs at {} us", a.utime);
+    let (a_raw, b_raw) = (a.depth.to_raw(1000.0), b.depth.to_raw(1000.0));
+    let differ: Vec<(&u16, &u16)> = a_raw.iter().zip(&b_raw).filter(|(a, b)| a != b).collect();
+    assert!(differ.len() <= but_for, "{} pixels differ, the first: {:?}", differ.len(), differ[0]);
+}
+
+fn demonstration() -> PathBuf {
+    simulated(SCENE, false, SEED)
+}
+
+fn run(arguments: &[&str]) {
+    let output = linkage(arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// The one joint that is learned from a source.
+struct Joint {
+    axis: [f64; 3],
+    range: [f64; 2],
+}
+
+fn learned_from(source: &str, scratch: &Path) -> Joint {
+    let json = scratch.join("model.json");
+    run(&["learn", source, "--object", "drawer", "--json", text(&json), "--quiet"]);
+    let model: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    let joints = model["joints"].as_array().unwrap();
+    assert_eq!(joints.len(), 1, "{source}");
+    assert_eq!(joints[0]["type"], "prismatic", "{source}");
+    let numbers = |key: &str| -> Vec<f64> {
+        joints[0][key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    };
+    let (axis, range) = (numbers("axis"), numbers("range"));
+    Joint { axis: [axis[0], axis[1], axis[2]], range: [range[0], range[1]] }
+}
+
+/// Both joints agree, to the precision of a format: degrees, and metres of range.
+fn assert_alike(found: &Joint, wanted: &Joint, degrees: f64, metres: f64) {
+    let cosine: f64 = (0..3).map(|k| found.axis[k] * wanted.axis[k]).sum();
+    let angle = cosine.clamp(-1.0, 1.0).acos().to_degrees();
+    assert!(angle < degrees, "axes differ by {angle}°");
+    for (a, b) in found.range.iter().zip(&wanted.range) {
+        assert!((a - b).abs() < metres, "ranges {:?} and {:?}", found.range, wanted.range);
+    }
+}
+
+#[test]
+fn a_tum_recording_comes_back_bit_for_bit() {
+    let scratch = tempfile::tempdir().unwrap();
+    let copy = scratch.path().join("copy");
+    let source = demonstration();
+    run(&["record", "--source", text(&source), "--frames", "5", "--out", text(&copy), "--quiet"]);
+    let (original, _) = frames_of(text(&source));
+    let (copied, _) = frames_of(text(&copy));
+    assert_eq!(copied.len(), 5);
+    for (a, b) in original.iter().zip(&copied) {
+        assert_eq!((a.utime, &a.camera), (b.utime, &b.camera));
+        assert!(a.color == b.color, "colour differs");
+        assert!(a.depth.to_raw(5000.0) == b.depth.to_raw(5000.0), "depth differs");
+    }
+}
+
+#[test]
+fn an_lcm_log_holds_colour_exactly_and_depth_to_the_millimetre() {
+    let scratch = tempfile::tempdir().unwrap();
+    let log = scratch.path().join("drawer.log");
+    let source = demonstration();
+    run(&[
+        "record",
+        "--source",
+        text(&source),
+        "--out",
+        text(&log),
+        "--format",
+        "lcm-log",
+        "--quiet",
+    ]);
+    let name = format!("lcmlog:{}", log.display());
+    let (original, _) = frames_of(text(&source));
+    let (logged, statistics) = frames_of(&name);
+    assert_eq!((logged.len(), statistics.lost()), (original.len(), 0));
+    for (a, b) in original.iter().zip(&logged) {
+        assert_eq!(a.utime, b.utime);
+        assert_same_to_the_millimetre(a, b, 0);
+    }
+    let wanted = learned_from(text(&source), scratch.path());
+    assert_alike(&learned_from(&name, scratch.path()), &wanted, 0.3, 0.003);
+}
+
+#[test]
+fn frames_over_loopback_are_those_that_were_sent() {
+    let scratch = tempfile::tempdir().unwrap();
+    let received = scratch.path().join("received.log");
+    let source = demonstration();
+    let (original, _) = frames_of(text(&source));
+    let camera = source.join("camera.toml");
+    // A port of its own: other tests speak LCM as well.
+    let url = "udpm://239.255.76.67:7691?ttl=0";
+    let live = format!("lcm:{url}#KINECT_FRAME");
+    let count = original.len().to_string();
+    let mut recorder = Command::new(program())
+        .args(["record", "--source", &live, "--camera", text(&camera), "--frames", &count])
+        .args(["--out", text(&received), "--format", "lcm-log", "--quiet"])
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_secs(1));
+    run(&["replay", text(&source), "--publish", url, "--rate", "0.5", "--jpeg", "--quiet"]);
+    // Where a packet was lost the recorder waits for more: an interrupt ends it cleanly.
+    std::thread::sleep(Duration::from_secs(1));
+    let _ = Command::new("kill").args(["-INT", &recorder.id().to_string()]).status().unwrap();
+    assert!(recorder.wait().unwrap().success());
+    let name = format!("lcmlog:{}", received.display());
+    let (frames, _) = frames_of(&name);
+    // UDP may lose some where the kernel's buffer is smaller than a frame; none is altered.
+    assert!(frames.len() * 2 >= original.len(), "{} of {count}", frames.len());
+    for frame in &frames {
+        let sent = original.iter().find(|o| o.utime == frame.utime).unwrap();
+        assert!(sent.depth.to_raw(1000.0) == frame.depth.to_raw(1000.0), "depth differs");
+    }
+    // Colour is JPEG here.
+    let wanted = learned_from(text(&source), scratch.path());
+    assert_alike(&learned_from(&name, scratch.path()), &wanted, 0.5, 0.004);
+}
+
+#[test]
+fn fakenect_plays_a_dump_to_the_kinect_driver_pixel_for_pixel() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dump, played) = (scratch.path().join("dump"), scratch.path().join("played"));
+    let source = demonstration();
+    let (original, _) = frames_of(text(&source));
+    let mut recorder = FakenectRecorder::create(&dump).unwrap();
+    for frame in &original {
+        recorder.write(frame).unwrap();
+    }
+    recorder.finish().unwrap();
+    // Losing nothing takes a queue that is emptied in time: raw pictures are written fast.
+    let output = Command::new(program())
+        .args(["record", "--source", "freenect:0", "--out", text(&played)])
+        .args(["--format", "fakenect", "--quiet"])
+        .envs(fixtures::fakenect(&dump))
+        .stderr(Stdio::piped())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let pictures = |dir: &Path| -> Vec<Vec<u8>> {
+        let index = fs::read_to_string(dir.join("INDEX.txt")).unwrap();
+        index.lines().map(|name| fs::read(dir.join(name)).unwrap()).collect()
+    };
+    let (written, read) = (pictures(&dump), pictures(&played));
+    assert_eq!(written.len(), read.len());
+    assert!(written == read, "pictures differ");
+    // What the driver made of the disparities is what they stand for.
+    let nearest = |z: &f32| kinect::metres_of(kinect::disparity_of(*z));
+    let metres: Vec<f32> = original[0].depth.as_metres().iter().map(nearest).collect();
+    let valid = metres.iter().filter(|z| **z > 0.0).count();
+    assert!(valid > 200_000, "{valid} readings");
+}
+
+#[test]
+fn an_oni_file_recorded_by_the_library_is_read_as_it_was_written() {
+    let scratch = tempfile::tempdir().unwrap();
+    let source = demonstration();
+    let (original, _) = frames_of(text(&source));
+    let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original) else { return };
+    let oni = scratch.path().join("drawer.oni");
+    openni.record(&oni, original.len());
+    let name = format!("oni:{}", oni.display());
+    let (frames, statistics) = frames_of(&name);
+    assert_eq!((frames.len(), statistics.lost()), (original.len(), 0));
+    for (a, b) in original.iter().zip(&frames) {
+        // OpenNI2's own codec alters a few of 307 200 by a step of the disparity.
+        assert_same_to_the_millimetre(a, b, 30);
+    }
+    let camera = source.join("camera.toml");
+    let copy = scratch.path().join("copy.log");
+    run(&[
+        "record",
+        "--source",
+        &name,
+        "--camera",
+        text(&camera),
+        "--out",
+        text(&copy),
+        "--format",
+        "lcm-log",
+        "--quiet",
+    ]);
+    let copied = format!("lcmlog:{}", copy.display());
+    let wanted = learned_from(text(&source), scratch.path());
+    assert_alike(&learned_from(&copied, scratch.path()), &wanted, 0.3, 0.003);
+}
+
+#[test]
+fn a_live_openni2_device_is_recorded() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (original, _) = frames_of(text(&demonstration()));
+    let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..40]) else {
+        return;
+    };
+    let log = scratch.path().join("live.log");
+    let output = openni
+        .command(&program())
+        .args(["record", "--source", "openni2:", "--frames", "30", "--out", text(&log)])
+        .args(["--format", "lcm-log", "--quiet"])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let (frames, _) = frames_of(&format!("lcmlog:{}", log.display()));
+    assert_eq!(frames.len(), 30);
+    for frame in &frames {
+        assert!(original.iter().any(|o| o.color == frame.color), "a picture that nobody played");
+    }
+}
+
+/// So many frames of the two V4L2 devices, which play `original`.
+fn recorded_from_v4l2(
+    original: &[RgbdFrame],
+    count: usize,
+    settings: &[(&str, &str)],
+) -> Vec<RgbdFrame> {
+    let scratch = tempfile::tempdir().unwrap();
+    let log = scratch.path().join("v4l.log");
+    let output = Command::new(program())
+        .args(["record", "--source", fixtures::V4L2_DEVICES, "--frames", &count.to_string()])
+        .args(["--out", text(&log), "--format", "lcm-log", "--quiet"])
+        .envs(fixtures::v4l2_devices(scratch.path(), original))
+        .envs(settings.iter().copied())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    frames_of(&format!("lcmlog:{}", log.display())).0
+}
+
+#[test]
+fn two_v4l2_devices_make_one_camera() {
+    let (original, _) = frames_of(text(&demonstration()));
+    let original = &original[..20];
+    let frames = recorded_from_v4l2(original, original.len(), &[]);
+    assert_eq!(frames.len(), original.len());
+    for (a, b) in original.iter().zip(&frames) {
+        assert!(a.depth.to_raw(1000.0) == b.depth.to_raw(1000.0), "depth differs");
+        let grey = |rgb: &[u8]| rgb.iter().map(|c| i32::from(*c)).sum::<i32>() / 3;
+        let colours = a.color.as_rgb().chunks_exact(3).zip(b.color.as_rgb().chunks_exact(3));
+        let worst = colours.map(|(a, b)| (grey(a) - grey(b)).abs()).max().unwrap();
+        assert!(worst <= 2, "grey differs by {worst}");
+    }
+}
+
+#[test]
+fn v4l2_devices_that_vanish_are_opened_again() {
+    let (original, _) = frames_of(text(&demonstration()));
+    // Pictures that waited in the devices when they went are lost with them.
+    let frames = recorded_from_v4l2(&original[..40], 20, &[("LINKAGE_UNPLUG_AFTER", "7")]);
+    assert_eq!(frames.len(), 20);
+    assert!(frames.is_sorted_by(|a, b| a.utime < b.utime));
+}
+
+#[test]
+fn a_recording_that_is_cut_short_gives_what_is_whole() {
+    let scratch = tempfile::tempdir().unwrap();
+    let log = scratch.path().join("cut.log");
+    let source = demonstration();
+    run(&[
+        "record",
+        "--source",
+        text(&source),
+        "--frames",
+        "8",
+        "--out",
+        text(&log),
+        "--format",
+        "lcm-log",
+        "--quiet",
+    ]);
+    let bytes = fs::read(&log).unwrap();
+    fs::write(&log, &bytes[..bytes.len() - 1000]).unwrap();
+    assert_eq!(frames_of(&format!("lcmlog:{}", log.display())).0.len(), 7);
+}
+
+#[test]
+fn a_full_disk_ends_a_recording_that_stays_readable() {
+    let scratch = tempfile::tempdir().unwrap();
+    let source = demonstration();
+    // A limit on the size of files stands for the disk's end: 6000 blocks of 512 bytes.
+    let under_limit = |format: &str, out: &Path| {
+        let command = format!(
+            "trap '' XFSZ; ulimit -f 6000; exec {} record --source {} --out {} --format {format} --quiet",
+            program().display(),
+            source.display(),
+            out.display()
+        );
+        Command::new("sh").args(["-c", &command]).output().unwrap()
+    };
+    let log = scratch.path().join("full.log");
+    let output = under_limit("lcm-log", &log);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("full.log"), "{message}");
+    let (frames, _) = frames_of(&format!("lcmlog:{}", log.display()));
+    assert!(!frames.is_empty() && frames.len() < 20, "{}", frames.len());
+}
+
+#[test]
+fn damaged_messages_in_a_log_are_passed_over_and_counted() {
+    let scratch = tempfile::tempdir().unwrap();
+    let log = scratch.path().join("damaged.log");
+    let source = demonstration();
+    run(&[
+        "record",
+        "--source",
+        text(&source),
+        "--frames",
+        "8",
+        "--out",
+        text(&log),
+        "--format",
+        "lcm-log",
+        "--quiet",
+    ]);
+    let mut bytes = fs::read(&log).unwrap();
+    // The depth of the third frame: near the end of the third event.
+    let event = bytes.len() / 8;
+    for byte in &mut bytes[3 * event - 20_000..3 * event - 19_000] {
+        *byte ^= 0x5a;
+    }
+    fs::write(&log, &bytes).unwrap();
+    let (frames, statistics) = frames_of(&format!("lcmlog:{}", log.display()));
+    assert_eq!((frames.len(), statistics.damaged, statistics.lost()), (7, 1, 1));
+}
+
+#[test]
+fn a_dump_that_is_cut_short_plays_what_is_whole() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dump, log) = (scratch.path().join("dump"), scratch.path().join("cut.log"));
+    let source = demonstration();
+    run(&[
+        "record",
+        "--source",
+        text(&source),
+        "--frames",
+        "8",
+        "--out",
+        text(&dump),
+        "--format",
+        "fakenect",
+        "--quiet",
+    ]);
+    let index = fs::read_to_string(dump.join("INDEX.txt")).unwrap();
+    let kept: Vec<&str> = index.lines().take(11).collect();
+    fs::write(dump.join("INDEX.txt"), kept.join("\n") + "\n").unwrap();
+    let output = Command::new(program())
+        .args(["record", "--source", "freenect:0", "--out", text(&log), "--format", "lcm-log"])
+        .envs(fixtures::fakenect(&dump))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(frames_of(&format!("lcmlog:{}", log.display())).0.len(), 5);
+}
