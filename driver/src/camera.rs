@@ -76,8 +76,16 @@ impl PinholeCamera {
     pub fn read(path: &Path) -> Result<Self, CameraError> {
         let file = |reason: String| CameraError::File { path: path.display().to_string(), reason };
         let text = std::fs::read_to_string(path).map_err(|e| file(e.to_string()))?;
-        let camera: Self = toml::from_str(&text).map_err(|e| file(one_line(&e.to_string())))?;
-        camera.check().map_err(|e| file(e.to_string()))?;
+        Self::parse(&text).map_err(file)
+    }
+
+    /// Reads the text of a `camera.toml`.
+    ///
+    /// # Errors
+    /// What is wrong with it, in a line.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let camera: Self = toml::from_str(text).map_err(|e| one_line(&e.to_string()))?;
+        camera.check().map_err(|e| e.to_string())?;
         Ok(camera)
     }
 

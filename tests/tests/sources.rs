@@ -222,6 +222,24 @@ fn an_oni_file_recorded_by_the_library_is_read_as_it_was_written() {
 }
 
 #[test]
+fn an_oni_file_that_is_cut_short_is_refused_by_name() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (original, _) = frames_of(text(&demonstration()));
+    let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..10]) else {
+        return;
+    };
+    let oni = scratch.path().join("cut.oni");
+    openni.record(&oni, 10);
+    let bytes = fs::read(&oni).unwrap();
+    fs::write(&oni, &bytes[..bytes.len() / 2]).unwrap();
+    let source = format!("oni:{}", oni.display());
+    let output = linkage(&["learn", &source, "--object", "x", "--quiet"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("cut.oni") && message.contains("cut short"), "{message}");
+}
+
+#[test]
 fn a_live_openni2_device_is_recorded() {
     let scratch = tempfile::tempdir().unwrap();
     let (original, _) = frames_of(text(&demonstration()));

@@ -1,5 +1,7 @@
 //! Disparities of 11 bits and the distances that they stand for.
 
+use std::sync::LazyLock;
+
 /// The disparity that stands for "no reading".
 pub const NO_DISPARITY: u16 = 2047;
 
@@ -16,9 +18,12 @@ const OFFSET_PX: f64 = 0.375;
 
 /// Distance of a disparity in metres; 0 where it stands for none.
 pub fn metres_of(disparity: u16) -> f32 {
-    if disparity >= NO_DISPARITY {
-        return 0.0;
-    }
+    static METRES: LazyLock<Vec<f32>> =
+        LazyLock::new(|| (0..NO_DISPARITY).map(computed_metres).collect());
+    METRES.get(usize::from(disparity)).copied().unwrap_or(0.0)
+}
+
+fn computed_metres(disparity: u16) -> f32 {
     let shift_px = (f64::from(disparity) - REFERENCE_DISPARITY) / STEPS_PER_PIXEL - OFFSET_PX;
     let shift_mm = shift_px * REFERENCE_PIXEL_MM;
     let mm = REFERENCE_MM * shift_mm / (BASELINE_MM - shift_mm) + REFERENCE_MM;

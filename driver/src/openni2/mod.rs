@@ -31,7 +31,9 @@ impl OpenNi2Camera {
     /// [`SourceError::Device`] with the library's own words and what to do.
     pub fn open(uri: &str, camera: Option<&PinholeCamera>) -> Result<Self, SourceError> {
         let failed = |reason| SourceError::Device { name: format!("openni2:{uri}"), reason };
-        let device = Device::open(uri).map_err(failed)?;
+        let device = Device::open(uri).map_err(|e| {
+            failed(format!("{e}; \"linkage doctor\" lists devices and what is missing"))
+        })?;
         let camera = Arc::new(camera.cloned().unwrap_or_else(|| camera_of(&device)));
         Ok(Self {
             device,
@@ -90,7 +92,9 @@ impl OniRecording {
         }
         let absolute = path.canonicalize().map_err(|e| broken(e.to_string()))?;
         let uri = absolute.to_str().ok_or_else(|| broken("its name is no UTF-8".to_owned()))?;
-        let mut device = Device::open(uri).map_err(broken)?;
+        let mut device = Device::open(uri).map_err(|e| {
+            broken(format!("{e}; a file that is cut short lacks its index: record it again"))
+        })?;
         device.play_by_hand().map_err(broken)?;
         let frames = device.recorded(Sensor::Color).min(device.recorded(Sensor::Depth));
         if frames == 0 {

@@ -106,10 +106,7 @@ impl Device {
             ffi::oniDeviceOpen(if any { ptr::null() } else { uri.as_ptr() }, &mut device)
         };
         if status != ffi::OniStatus_ONI_STATUS_OK || device.is_null() {
-            return Err(format!(
-                "OpenNI2 cannot open it: {}; \"linkage doctor\" lists devices and what is missing",
-                last_error()
-            ));
+            return Err(format!("OpenNI2 cannot open it: {}", last_error()));
         }
         let mut opened = Self {
             device,
