@@ -90,7 +90,7 @@ pub struct DemoArgs {
 #[derive(Debug, Args)]
 pub struct RecogniseArgs {
     /// tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N,
-    /// openni2:[URI] or v4l:COLOUR,DEPTH
+    /// openni2:URI or v4l:COLOUR,DEPTH
     pub source: String,
     #[command(flatten)]
     pub take: SourceArgs,
@@ -108,7 +108,7 @@ pub struct RecogniseArgs {
 #[derive(Debug, Args)]
 pub struct PredictArgs {
     /// tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N,
-    /// openni2:[URI] or v4l:COLOUR,DEPTH
+    /// openni2:URI or v4l:COLOUR,DEPTH
     pub source: String,
     #[command(flatten)]
     pub take: SourceArgs,
@@ -299,7 +299,7 @@ pub enum ConfigAction {
 #[derive(Debug, Args)]
 pub struct LearnArgs {
     /// Demonstrations of one object: tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL],
-    /// lcm:URL[#CHANNEL], freenect:N, openni2:[URI] or v4l:COLOUR,DEPTH
+    /// lcm:URL[#CHANNEL], freenect:N, openni2:URI or v4l:COLOUR,DEPTH
     #[arg(required = true)]
     pub sources: Vec<String>,
     #[command(flatten)]
