@@ -11,6 +11,7 @@ fn main() {
         .clang_arg("-I/usr/include/libusb-1.0")
         .allowlist_function("freenect_.*")
         .allowlist_type("freenect_.*")
+        .generate_comments(false)
         .generate()
         .expect("bindings to libfreenect.h; tools/setup installs libfreenect-dev")
         .write_to_file(out.join("freenect.rs"))

@@ -12,6 +12,7 @@ fn main() {
         .allowlist_function("oni.*")
         .allowlist_type("Oni.*")
         .allowlist_var("ONI_.*")
+        .generate_comments(false)
         .generate()
         .expect("bindings to OniCAPI.h; tools/setup installs libopenni2-dev")
         .write_to_file(out.join("openni2.rs"))
