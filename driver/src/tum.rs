@@ -187,13 +187,44 @@ fn read_camera(dir: &Path) -> Result<PinholeCamera, SourceError> {
 fn read_list(dir: &Path, file: &str) -> Result<Vec<(i64, PathBuf)>, SourceError> {
     let path = dir.join(file);
     let text = std::fs::read_to_string(&path).map_err(|e| broken(&path, &e.to_string()))?;
-    let mut entries: Vec<(i64, PathBuf)> = Vec::new();
+    let entries = parse_list(&text).map_err(|reason| broken(&path, &reason))?;
+    entries
+        .into_iter()
+        .map(|entry| {
+            let picture = dir.join(entry.name);
+            if !picture.is_file() {
+                let missing = picture.display();
+                let reason = format!("line {}: names {missing}, which does not exist", entry.line);
+                return Err(broken(&path, &reason));
+            }
+            Ok((entry.utime, picture))
+        })
+        .collect()
+}
+
+/// An entry of `rgb.txt` or `depth.txt`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ListEntry<'t> {
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// Time stamp, microseconds.
+    pub utime: i64,
+    /// Name of the picture, relative to the recording.
+    pub name: &'t str,
+}
+
+/// Reads the text of `rgb.txt` or `depth.txt`; entries come in the order of time.
+///
+/// # Errors
+/// What is wrong in which line, and what to do.
+pub fn parse_list(text: &str) -> Result<Vec<ListEntry<'_>>, String> {
+    let mut entries: Vec<ListEntry> = Vec::new();
     for (i, line) in text.lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
-        let at = |reason: String| broken(&path, &format!("line {}: {reason}", i + 1));
+        let at = |reason: String| format!("line {}: {reason}", i + 1);
         let (stamp, name) = line
             .split_once(char::is_whitespace)
             .ok_or_else(|| at("expected \"timestamp filename\"".to_owned()))?;
@@ -203,22 +234,18 @@ fn read_list(dir: &Path, file: &str) -> Result<Vec<(i64, PathBuf)>, SourceError>
             .filter(|s: &f64| s.is_finite() && s.abs() < 9e12)
             .ok_or_else(|| at(format!("\"{stamp}\" is no time in seconds")))?;
         let utime = (seconds * 1e6).round() as i64;
-        if let Some((before, _)) = entries.last()
-            && utime <= *before
+        if let Some(before) = entries.last()
+            && utime <= before.utime
         {
             return Err(at(format!(
                 "time runs backwards ({stamp} after {:.6}); sort the list and remove repeated stamps",
-                *before as f64 * 1e-6
+                before.utime as f64 * 1e-6
             )));
         }
-        let picture = dir.join(name.trim());
-        if !picture.is_file() {
-            return Err(at(format!("names {}, which does not exist", picture.display())));
-        }
-        entries.push((utime, picture));
+        entries.push(ListEntry { line: i + 1, utime, name: name.trim() });
     }
     if entries.is_empty() {
-        return Err(broken(&path, "lists no picture: the recording is empty"));
+        return Err("lists no picture: the recording is empty".to_owned());
     }
     Ok(entries)
 }

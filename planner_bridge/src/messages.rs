@@ -104,6 +104,7 @@ pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> l
         inliers: prediction.inliers,
         camera_from_object: prediction.camera_from_object,
         joints: states,
+        assumed: Vec::new(),
     };
     linkage::Prediction {
         utime,

@@ -212,6 +212,7 @@ pub(crate) mod tests {
                 configuration: Some(0.3),
                 range: [0.0, 1.5],
             }],
+            assumed: vec![0.3],
         };
         (model, recognised)
     }

@@ -8,7 +8,7 @@ use crate::joints::JointsConfig;
 use crate::katz::KatzConfig;
 use crate::planes::PlanesConfig;
 use crate::pose::PoseConfig;
-use crate::recognise::RecogniseConfig;
+use crate::recognise::{FollowConfig, RecogniseConfig};
 use crate::segment::SegmentConfig;
 use crate::structure::StructureConfig;
 use crate::track::TrackConfig;
@@ -77,6 +77,8 @@ pub struct SkillConfig {
     pub appearance: AppearanceConfig,
     /// Recognition.
     pub recognise: RecogniseConfig,
+    /// Following what was recognised.
+    pub follow: FollowConfig,
 }
 
 /// A configuration that cannot be used.
@@ -178,6 +180,7 @@ impl Default for SkillConfig {
             katz: Default::default(),
             appearance: Default::default(),
             recognise: Default::default(),
+            follow: Default::default(),
         }
     }
 }

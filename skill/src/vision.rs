@@ -84,6 +84,25 @@ pub struct LabPicture {
 }
 
 impl LabPicture {
+    /// Lightness between pixels; `None` outside.
+    pub fn lightness(&self, u: f64, v: f64) -> Option<f64> {
+        let (left, top) = (u.floor(), v.floor());
+        let height = self.values.len() / self.width.max(1);
+        let inside = left >= 0.0
+            && top >= 0.0
+            && left + 1.0 < self.width as f64
+            && top + 1.0 < height as f64;
+        if !inside {
+            return None;
+        }
+        let first = top as usize * self.width + left as usize;
+        let (a, b) = (u - left, v - top);
+        let at = |i: usize| f64::from(self.values[i].0[0]);
+        let above = at(first) * (1.0 - a) + at(first + 1) * a;
+        let below = at(first + self.width) * (1.0 - a) + at(first + self.width + 1) * a;
+        Some((above * (1.0 - b) + below * b) * (100.0 / 255.0))
+    }
+
     /// The colour at a pixel inside the picture.
     pub fn at(&self, u: usize, v: usize) -> [f32; 3] {
         let [l, a, b] = self.values[v * self.width + u].0.map(f32::from);

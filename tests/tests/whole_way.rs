@@ -1,7 +1,9 @@
 //! The whole way on simulated recordings: learn, recognise, predict, publish; decoded by a
 //! subscriber that nobody here wrote, recorded by LCM's own logger, and safe from a kill.
 
+use linkage_skill::SkillConfig;
 use linkage_skill::geometry::{distance_to_line, line_angle};
+use linkage_skill::recognise::{Follower, Scene};
 use linkage_skill::store::Store;
 use linkage_tests::{failure, linkage, program, python_with_lcm, shared_data, simulated};
 use nalgebra::{Point3, Vector3};
@@ -181,6 +183,41 @@ fn it_is_recognised_and_its_motion_predicted() {
         assert_eq!(found, status, "{message}");
         assert!(message.contains(words), "{message}");
     }
+}
+
+#[test]
+fn it_is_followed_while_it_moves_and_its_loss_is_said() {
+    let (dir, recording) = learned();
+    let config = SkillConfig::default();
+    let store = Store::open(&dir.path().join("objects.linkage")).unwrap();
+    let library = store.load().unwrap();
+    let mut frames = linkage_driver::open(&text(recording)).unwrap();
+    let first = frames.next_frame().unwrap().unwrap();
+    let found = library
+        .recognise(&Scene::new(&first).unwrap(), &config.recognise, config.seed)
+        .unwrap()
+        .matches
+        .remove(0);
+    let object = library.object(0).unwrap();
+    let mut follower = Follower::new(object, &found, config.follow.clone()).unwrap();
+    let truth = json(&recording.join("truth.json"));
+    let truly = truth["joints"][0]["configuration"].as_array().unwrap();
+    let (mut at, mut worst) = (1, 0.0_f64);
+    while let Some(frame) = frames.next_frame().unwrap() {
+        let followed = follower.follow(&frame).unwrap();
+        let q = followed.recognised.joints[0].configuration.unwrap();
+        let change = truly[at].as_f64().unwrap() - truly[0].as_f64().unwrap();
+        worst = worst.max((q.abs() - change.abs()).abs());
+        at += 1;
+    }
+    assert!(worst < 0.01, "off by {worst} m");
+    // The robot turns away: frames of a room without it.
+    let elsewhere = simulated("hand_only", false, 1);
+    let mut frames = linkage_driver::open(&text(&elsewhere)).unwrap();
+    let lost = std::iter::from_fn(|| frames.next_frame().unwrap())
+        .take(config.follow.patience + 1)
+        .find_map(|frame| follower.follow(&frame).err());
+    assert!(lost.unwrap().to_string().contains("drawer has not been seen"));
 }
 
 #[test]

@@ -333,7 +333,8 @@ pub struct BenchArgs {
     /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations
     /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
     /// a folder of recordings; recognise: look for learned things in stills, known ones and
-    /// look-alikes, and in libraries of up to 100 000; logs: fit pose logs of known type; tracking: play clips forward
+    /// look-alikes, and in libraries of up to 100 000; follow: follow
+    /// what was learned from a recording through it; logs: fit pose logs of known type; tracking: play clips forward
     /// and back
     #[arg(long, default_value = "dir")]
     pub suite: String,

@@ -8,14 +8,17 @@
 
 mod articulated;
 mod elimination;
+mod follow;
 mod hypothesis;
 mod matching;
 mod pnp;
 mod refine;
 mod retrieval;
 mod scene;
+mod system;
 mod verify;
 
+pub use follow::{FollowConfig, Followed, Follower, Lost};
 pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub use scene::Scene;
 
@@ -115,6 +118,10 @@ pub struct Recognised {
     pub camera_from_object: [f64; 7],
     /// Its joints.
     pub joints: Vec<JointState>,
+    /// Configurations that the pose goes with, those included that are not told; stays in the
+    /// program. Empty where they are not known.
+    #[serde(skip)]
+    pub assumed: Vec<f64>,
 }
 
 /// All that was recognised in a frame: `linkage.recognition/1`.
@@ -328,5 +335,6 @@ fn report(object: &KnownObject, found: &Found) -> Recognised {
         inliers: found.inliers,
         camera_from_object: pose_to_array(&found.state.camera_from_object),
         joints,
+        assumed: found.state.q.clone(),
     }
 }

@@ -5,9 +5,8 @@ use super::articulated::{Articulated, State};
 use super::hypothesis::{Hypothesis, agrees, unique_inliers};
 use super::matching::Match;
 use super::scene::Scene;
-use super::verify::{Cloud, verify, visible};
-use linkage_driver::depth::depth_sigma;
-use nalgebra::{DMatrix, DVector, Vector3};
+use super::system::{System, add_surface};
+use super::verify::{Cloud, verify};
 
 /// Inliers on either side of a joint below which its configuration is scanned.
 const WEAK: usize = 6;
@@ -161,7 +160,9 @@ impl Refiner<'_> {
             let cloud = if closing < 1.0 { self.coarse } else { self.cloud };
             let gate = 0.04 + (0.012 - 0.04) * closing;
             let mut system = System::new(6 + self.articulated.joints.len());
-            if self.add_surface(&mut system, cloud, &state, gate) < LEAST_SURFACE {
+            if add_surface(&mut system, self.scene, self.articulated, cloud, &state, gate)
+                < LEAST_SURFACE
+            {
                 break;
             }
             self.add_features(&mut system, &state, 1.2, 0.5);
@@ -173,71 +174,5 @@ impl Refiner<'_> {
             }
         }
         state
-    }
-
-    /// Distances of visible surfels to the planes seen at their pixels, nearer than `gate`.
-    fn add_surface(&self, system: &mut System, cloud: &Cloud, state: &State, gate: f64) -> usize {
-        let poses = self.articulated.poses(state);
-        let mut planes = Vec::new();
-        for p in visible(self.scene, cloud, &poses) {
-            let Some(surface) = self.scene.surface(p.pixel.0, p.pixel.1) else { continue };
-            let (u, v) = (p.pixel.0 as f64, p.pixel.1 as f64);
-            let seen = self.scene.frame.camera.back_project(u, v, surface.z);
-            let residual = (p.point - seen).dot(&surface.normal);
-            let near = residual.abs() < gate + 2.0 * depth_sigma(p.point.z)
-                && (seen.z - p.point.z).abs() < 2.0 * gate + 0.02
-                && surface.normal.dot(&p.normal) > 0.8;
-            if near {
-                planes.push((p, surface.normal, residual));
-            }
-        }
-        let share = (300.0 / planes.len().max(1) as f64).min(1.0);
-        for (p, normal, residual) in &planes {
-            let sigma = depth_sigma(p.point.z) + 0.002;
-            let weight = share / sigma.powi(2) / (residual.abs() / sigma / 2.0).max(1.0);
-            let row: Vec<f64> = self
-                .articulated
-                .velocities(&poses, p.part, &p.point)
-                .iter()
-                .map(|v| normal.dot(v))
-                .collect();
-            system.add(&row, *residual, weight);
-        }
-        planes.len()
-    }
-}
-
-/// Normal equations over pose and configurations.
-struct System {
-    hessian: DMatrix<f64>,
-    gradient: DVector<f64>,
-}
-
-impl System {
-    fn new(unknowns: usize) -> Self {
-        Self { hessian: DMatrix::zeros(unknowns, unknowns), gradient: DVector::zeros(unknowns) }
-    }
-
-    fn add(&mut self, jacobian: &[f64], residual: f64, weight: f64) {
-        for (a, ja) in jacobian.iter().enumerate() {
-            self.gradient[a] += weight * ja * residual;
-            for (b, jb) in jacobian.iter().enumerate() {
-                self.hessian[(a, b)] += weight * ja * jb;
-            }
-        }
-    }
-
-    fn add_point(&mut self, velocities: &[Vector3<f64>], residual: &Vector3<f64>, weight: f64) {
-        for k in 0..3 {
-            let row: Vec<f64> = velocities.iter().map(|v| v[k]).collect();
-            self.add(&row, residual[k], weight);
-        }
-    }
-
-    fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
-        for k in 0..self.hessian.nrows() {
-            self.hessian[(k, k)] += damping;
-        }
-        Some(self.hessian.cholesky()?.solve(&(-self.gradient)))
     }
 }

@@ -34,6 +34,18 @@ impl Scene {
         Ok(Self { features, lab: lab?, normals, frame: frame.clone() })
     }
 
+    /// A frame without features, for what is followed by its surface.
+    ///
+    /// # Errors
+    /// Whatever the vision library says.
+    pub fn plain(frame: &RgbdFrame) -> opencv::Result<Self> {
+        let (normals, lab) = rayon::join(
+            || NormalMap::new(&frame.depth, &frame.camera),
+            || lab_picture(&frame.color),
+        );
+        Ok(Self { features: Vec::new(), lab: lab?, normals, frame: frame.clone() })
+    }
+
     /// True when depth is there at all.
     pub fn has_depth(&self) -> bool {
         self.frame.depth.invalid_share() < MOSTLY_BLIND

@@ -2,6 +2,7 @@
 
 mod ablation;
 mod dir;
+mod follow;
 mod logs;
 mod motion;
 mod paper;
@@ -19,12 +20,13 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     match args.suite.as_str() {
         "ablation" => ablation::run(args, common),
         "dir" => dir::run(args, common),
+        "follow" => follow::run(args, common),
         "logs" => logs::run(args, common),
         "paper" => paper::run(args, common),
         "recognise" => recognise::run(args, common),
         "tracking" => tracking::run(args, common),
         other => Err(anyhow!(
-            "no suite \"{other}\"; known: ablation, dir, logs, paper, recognise, tracking"
+            "no suite \"{other}\"; known: ablation, dir, follow, logs, paper, recognise, tracking"
         )
         .into()),
     }

@@ -1,0 +1,91 @@
+//! Normal equations over an object's pose and configurations, and the rows that a seen surface
+//! gives them.
+
+use super::articulated::{Articulated, State};
+use super::scene::Scene;
+use super::verify::{Cloud, visible};
+use linkage_driver::depth::depth_sigma;
+use nalgebra::{DMatrix, DVector, Vector3};
+
+/// Normal equations over pose and configurations.
+pub struct System {
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl System {
+    /// For so many unknowns.
+    pub fn new(unknowns: usize) -> Self {
+        Self { hessian: DMatrix::zeros(unknowns, unknowns), gradient: DVector::zeros(unknowns) }
+    }
+
+    /// One residual.
+    pub fn add(&mut self, jacobian: &[f64], residual: f64, weight: f64) {
+        for (a, ja) in jacobian.iter().enumerate() {
+            self.gradient[a] += weight * ja * residual;
+            for (b, jb) in jacobian.iter().enumerate() {
+                self.hessian[(a, b)] += weight * ja * jb;
+            }
+        }
+    }
+
+    /// The three residuals of a point.
+    pub fn add_point(&mut self, velocities: &[Vector3<f64>], residual: &Vector3<f64>, weight: f64) {
+        for k in 0..3 {
+            let row: Vec<f64> = velocities.iter().map(|v| v[k]).collect();
+            self.add(&row, residual[k], weight);
+        }
+    }
+
+    /// Holds the first unknowns, the pose, where they are.
+    pub fn hold_pose(&mut self, weight: f64) {
+        for k in 0..6 {
+            self.hessian[(k, k)] += weight;
+        }
+    }
+
+    /// The step that lowers the residuals; `None` when it cannot be told.
+    pub fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
+        for k in 0..self.hessian.nrows() {
+            self.hessian[(k, k)] += damping;
+        }
+        Some(self.hessian.cholesky()?.solve(&(-self.gradient)))
+    }
+}
+
+/// Distances of visible surfels to the planes seen at their pixels, nearer than `gate`.
+pub fn add_surface(
+    system: &mut System,
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    state: &State,
+    gate: f64,
+) -> usize {
+    let poses = articulated.poses(state);
+    let mut planes = Vec::new();
+    for p in visible(scene, cloud, &poses) {
+        let Some(surface) = scene.surface(p.pixel.0, p.pixel.1) else { continue };
+        let (u, v) = (p.pixel.0 as f64, p.pixel.1 as f64);
+        let seen = scene.frame.camera.back_project(u, v, surface.z);
+        let residual = (p.point - seen).dot(&surface.normal);
+        let near = residual.abs() < gate + 2.0 * depth_sigma(p.point.z)
+            && (seen.z - p.point.z).abs() < 2.0 * gate + 0.02
+            && surface.normal.dot(&p.normal) > 0.8;
+        if near {
+            planes.push((p, surface.normal, residual));
+        }
+    }
+    let share = (300.0 / planes.len().max(1) as f64).min(1.0);
+    for (p, normal, residual) in &planes {
+        let sigma = depth_sigma(p.point.z) + 0.002;
+        let weight = share / sigma.powi(2) / (residual.abs() / sigma / 2.0).max(1.0);
+        let row: Vec<f64> = articulated
+            .velocities(&poses, p.part, &p.point)
+            .iter()
+            .map(|v| normal.dot(v))
+            .collect();
+        system.add(&row, *residual, weight);
+    }
+    planes.len()
+}
