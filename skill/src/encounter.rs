@@ -2,13 +2,14 @@
 //! is registered into its first frame, or it is recognised (paper, section III-E).
 
 use crate::appearance::{Appearance, build};
+use crate::articulate::{JointGeometry, JointKind};
 use crate::config::SkillConfig;
-use crate::geometry::{Pose, line_angle, pose_from_array};
+use crate::geometry::{Pose, distance_to_line, line_angle, pose_from_array};
 use crate::learn::Demonstration;
-use crate::model::ObjectModel;
+use crate::model::{Joint, ObjectModel};
 use crate::recognise::{KnownObject, Scene, find};
 use crate::store::{Provenance, StoredObject};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 /// Two demonstrations of one object that do not go together.
 #[derive(Debug, thiserror::Error)]
@@ -21,6 +22,18 @@ pub enum CombineError {
         /// The object.
         object: String,
     },
+    /// A part moves otherwise than it did.
+    #[error(
+        "the demonstrations of {object} contradict each other about {joint}: {what}; demonstrate it again, or remove the wrong one from the store"
+    )]
+    Contradiction {
+        /// The object.
+        object: String,
+        /// The joint of the earlier demonstrations.
+        joint: String,
+        /// How they differ.
+        what: String,
+    },
     /// The vision library failed.
     #[error("vision: {0}")]
     Vision(#[from] opencv::Error),
@@ -28,6 +41,12 @@ pub enum CombineError {
 
 /// Largest angle between axes of one joint in two demonstrations, radians.
 const SAME_AXIS_RAD: f64 = 0.2;
+/// Largest distance between hinges of one joint in two demonstrations, metres.
+const SAME_HINGE_M: f64 = 0.06;
+/// Surface this near is the same surface, metres.
+const SAME_SURFACE_M: f64 = 0.03;
+/// Share of a part's surface that must be the same in two demonstrations.
+const SAME_PART: f64 = 0.3;
 
 /// A demonstration as an object of the store.
 ///
@@ -50,7 +69,7 @@ pub fn to_stored(
 ///
 /// # Errors
 /// [`CombineError::NotRecognised`] when the known object is not in the demonstration's first
-/// keyframe.
+/// keyframe; [`CombineError::Contradiction`] when one part moves in two ways.
 pub fn combine(
     known: &StoredObject,
     newer: &Demonstration,
@@ -66,39 +85,78 @@ pub fn combine(
     let camera_from_object = pose_from_array(&found.camera_from_object).ok_or_else(unrecognised)?;
     // The newer demonstration's frame is its first camera's.
     let object_from_newer = camera_from_object.inverse();
+    let appearance = build(newer, &config.appearance)?;
+    let motions = known.model.part_motions(&found.assumed);
     let mut stored = known.clone();
     stored.model.demonstrations += 1;
     stored.provenance.push(provenance);
     for joint in &newer.model.joints {
-        let line = joint.geometry().transformed(&object_from_newer);
-        let twin = stored.model.joints.iter().position(|j| {
-            j.kind == joint.kind && line_angle(&Vector3::from(j.axis), &line.axis) < SAME_AXIS_RAD
+        let twin = known.model.joints.iter().position(|own| {
+            // The known part where it stands at the newer demonstration's start.
+            let newer_from_known = object_from_newer.inverse() * motions[own.child];
+            let known_surface = surface(&known.appearance, own.child, &newer_from_known);
+            let newer_surface = surface(&appearance, joint.child, &Pose::identity());
+            shared(&newer_surface, &known_surface) > SAME_PART
         });
-        match twin {
-            Some(i) => {
-                let own = &mut stored.model.joints[i];
-                let sign = Vector3::from(own.axis).dot(&line.axis).signum();
-                let start = found.joints[i].configuration.unwrap_or(0.0);
-                let ends = joint.range.map(|q| start + sign * q);
-                own.range[0] = own.range[0].min(ends[0].min(ends[1]));
-                own.range[1] = own.range[1].max(ends[0].max(ends[1]));
-                own.observations += joint.observations;
-            }
-            None => add_joint(&mut stored, newer, joint, &object_from_newer, config)?,
+        let Some(i) = twin else {
+            add_joint(&mut stored, newer, joint, &appearance, &object_from_newer);
+            continue;
+        };
+        let own = &mut stored.model.joints[i];
+        let line = joint.geometry().transformed(&object_from_newer);
+        if let Some(what) = contradiction(&own.geometry(), &line) {
+            let (object, joint) = (known.model.object.clone(), own.name.clone());
+            return Err(CombineError::Contradiction { object, joint, what });
         }
+        let sign = Vector3::from(own.axis).dot(&line.axis).signum();
+        let start = found.assumed[i];
+        let ends = joint.range.map(|q| start + sign * q);
+        own.range[0] = own.range[0].min(ends[0].min(ends[1]));
+        own.range[1] = own.range[1].max(ends[0].max(ends[1]));
+        own.observations += joint.observations;
     }
     Ok(stored)
+}
+
+/// Places of a part's surface, moved.
+fn surface(appearance: &Appearance, part: usize, moved: &Pose) -> Vec<Point3<f64>> {
+    appearance
+        .surfels
+        .iter()
+        .filter(|s| usize::from(s.part) == part)
+        .map(|s| moved * Point3::from(Vector3::from(s.point).map(f64::from)))
+        .collect()
+}
+
+/// Share of `surface` that lies on `other`.
+fn shared(surface: &[Point3<f64>], other: &[Point3<f64>]) -> f64 {
+    let on = |p: &&Point3<f64>| other.iter().any(|o| (*p - o).norm() < SAME_SURFACE_M);
+    surface.iter().filter(on).count() as f64 / surface.len().max(1) as f64
+}
+
+/// How a part's motion in a newer demonstration, in the object frame, differs from what is
+/// known of it.
+fn contradiction(known: &JointGeometry, newer: &JointGeometry) -> Option<String> {
+    if known.kind != newer.kind {
+        return Some(format!("it was {}, now it is {}", known.kind.name(), newer.kind.name()));
+    }
+    let angle = line_angle(&known.axis, &newer.axis);
+    if angle > SAME_AXIS_RAD {
+        return Some(format!("the axes differ by {:.0}°", angle.to_degrees()));
+    }
+    let apart = distance_to_line(&known.origin, &known.axis, &newer.origin);
+    (known.kind == JointKind::Revolute && apart > SAME_HINGE_M)
+        .then(|| format!("the hinges are {:.0} cm apart", 100.0 * apart))
 }
 
 /// A joint that the earlier demonstrations did not move, with its part's appearance.
 fn add_joint(
     stored: &mut StoredObject,
     newer: &Demonstration,
-    joint: &crate::model::Joint,
+    joint: &Joint,
+    appearance: &Appearance,
     object_from_newer: &Pose,
-    config: &SkillConfig,
-) -> opencv::Result<()> {
-    let appearance = build(newer, &config.appearance)?;
+) {
     let model: &mut ObjectModel = &mut stored.model;
     let id = model.parts.len();
     let line = joint.geometry().transformed(object_from_newer);
@@ -114,8 +172,7 @@ fn add_joint(
     part.name = format!("part{id}");
     model.parts.push(part);
     stored.appearance =
-        with_part(&stored.appearance, &appearance, joint.child, id, object_from_newer);
-    Ok(())
+        with_part(&stored.appearance, appearance, joint.child, id, object_from_newer);
 }
 
 fn with_part(
@@ -126,7 +183,7 @@ fn with_part(
     object_from_newer: &Pose,
 ) -> Appearance {
     let place = |p: [f32; 3]| -> [f32; 3] {
-        let moved = object_from_newer * nalgebra::Point3::from(Vector3::from(p).map(f64::from));
+        let moved = object_from_newer * Point3::from(Vector3::from(p).map(f64::from));
         moved.coords.map(|x| x as f32).into()
     };
     let turn = |n: [f32; 3]| -> [f32; 3] {
@@ -144,4 +201,49 @@ fn with_part(
         result.surfels.push(s);
     }
     result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Unit;
+
+    fn hinge() -> JointGeometry {
+        line(JointKind::Revolute, [0.0, 1.0, 0.0], [0.4, 0.0, 1.0])
+    }
+
+    fn line(kind: JointKind, axis: [f64; 3], origin: [f64; 3]) -> JointGeometry {
+        JointGeometry {
+            kind,
+            axis: Unit::new_normalize(Vector3::from(axis)),
+            origin: Point3::from(origin),
+        }
+    }
+
+    #[test]
+    fn the_same_hinge_seen_again_contradicts_nothing() {
+        // Its axis may point the other way, and its origin lie elsewhere on the line.
+        let again = line(JointKind::Revolute, [0.02, -1.0, 0.0], [0.41, 0.7, 1.01]);
+        assert_eq!(contradiction(&hinge(), &again), None);
+    }
+
+    #[test]
+    fn what_two_demonstrations_disagree_about_is_said() {
+        let says = |newer: JointGeometry| contradiction(&hinge(), &newer).unwrap();
+        let slide = line(JointKind::Prismatic, [0.0, 1.0, 0.0], [0.4, 0.0, 1.0]);
+        assert!(says(slide).contains("was revolute, now it is prismatic"));
+        let tilted = line(JointKind::Revolute, [0.0, 1.0, 0.7], [0.4, 0.0, 1.0]);
+        assert!(says(tilted).contains("35°"));
+        let elsewhere = line(JointKind::Revolute, [0.0, 1.0, 0.0], [-0.1, 0.0, 1.0]);
+        assert!(says(elsewhere).contains("50 cm apart"));
+    }
+
+    #[test]
+    fn surface_is_shared_where_it_lies_on_the_other() {
+        let row = |from: i32, to: i32| -> Vec<Point3<f64>> {
+            (from..to).map(|i| Point3::new(0.05 * f64::from(i), 0.0, 1.0)).collect()
+        };
+        assert!((shared(&row(0, 10), &row(5, 15)) - 0.5).abs() < 1e-9);
+        assert_eq!(shared(&[], &row(0, 3)), 0.0);
+    }
 }
