@@ -91,11 +91,11 @@ pub fn combine(
     stored.model.demonstrations += 1;
     stored.provenance.push(provenance);
     for joint in &newer.model.joints {
+        let newer_surface = surface(&appearance, joint.child, &Pose::identity());
         let twin = known.model.joints.iter().position(|own| {
             // The known part where it stands at the newer demonstration's start.
-            let newer_from_known = object_from_newer.inverse() * motions[own.child];
+            let newer_from_known = camera_from_object * motions[own.child];
             let known_surface = surface(&known.appearance, own.child, &newer_from_known);
-            let newer_surface = surface(&appearance, joint.child, &Pose::identity());
             shared(&newer_surface, &known_surface) > SAME_PART
         });
         let Some(i) = twin else {

@@ -1,12 +1,13 @@
 //! `linkage learn`.
 
-use super::{Failure, Outcome, now_utime, skill_config, source, write_json, write_text};
+use super::{Failure, Outcome, skill_config, source, write_json, write_text};
 use crate::cli::{Common, LearnArgs};
 use crate::console::Progress;
 use crate::report;
 use crate::tags::TagLog;
 use anyhow::Context;
 use linkage_driver::RgbdSource;
+use linkage_driver::live::host_utime;
 use linkage_skill::encounter::{combine, to_stored};
 use linkage_skill::geometry::pose_to_array;
 use linkage_skill::store::{Provenance, Store, StoreError, StoredObject};
@@ -72,7 +73,7 @@ pub fn remember(
     source: &str,
     config: &SkillConfig,
 ) -> Outcome<StoredObject> {
-    let provenance = Provenance { source: source.to_owned(), learned_utime: now_utime() };
+    let provenance = Provenance { source: source.to_owned(), learned_utime: host_utime() };
     Ok(match known {
         None => to_stored(demonstration, provenance, config)?,
         Some(known) => combine(known, demonstration, provenance, config)?,

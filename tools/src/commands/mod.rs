@@ -88,13 +88,6 @@ pub fn skill_config(common: &Common) -> Outcome<SkillConfig> {
     Ok(config)
 }
 
-/// Microseconds since 1970.
-pub fn now_utime() -> i64 {
-    std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_or(0, |d| i64::try_from(d.as_micros()).unwrap_or(i64::MAX))
-}
-
 /// Warns of a frame without depth.
 pub fn warn_without_depth(frame: &RgbdFrame, source: &str) {
     if frame.depth.invalid_share() >= 1.0 {
