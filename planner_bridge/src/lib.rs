@@ -6,9 +6,9 @@ pub mod messages;
 pub mod plan;
 pub mod trajectory;
 
-pub use limits::{MotionLimits, Rig, RigError};
-pub use plan::{PREDICTION_SCHEMA, Prediction, predict};
-pub use trajectory::{Knot, TrajectoryError, time_parameterise};
+pub use limits::{MotionLimits, Rig, RigError, Safety};
+pub use plan::{PREDICTION_SCHEMA, Plan, PlanError, Prediction, Request, predict};
+pub use trajectory::{Knot, TrajectoryError, knots, time_optimal};
 
 /// Channels of DESIGN 4.7.
 pub mod channel {
@@ -22,6 +22,8 @@ pub mod channel {
     pub const ARTICULATED_OBJECT: &str = "ARTICULATED_OBJECT";
     /// Drake's `lcmt_robot_plan`.
     pub const PLAN: &str = "LINKAGE_PLAN";
+    /// `linkage.setpoint_t`.
+    pub const SETPOINT: &str = "LINKAGE_SETPOINT";
     /// `linkage.status_t`.
     pub const STATUS: &str = "LINKAGE_STATUS";
     /// `linkage.command_t`.

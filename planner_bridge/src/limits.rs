@@ -27,6 +27,20 @@ pub struct Rig {
     pub revolute: MotionLimits,
     /// Slides.
     pub prismatic: MotionLimits,
+    /// What is refused.
+    pub safety: Safety,
+}
+
+/// Beyond these no plan is made.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Safety {
+    /// Standard deviation of an axis' direction, radians.
+    pub axis_deviation: f64,
+    /// Standard deviation of a hinge's place, metres.
+    pub hinge_deviation: f64,
+    /// Age of the frame that a plan starts from, seconds.
+    pub frame_age: f64,
 }
 
 impl Default for Rig {
@@ -64,15 +78,22 @@ impl Rig {
     }
 
     fn check(&self) -> Result<(), String> {
-        for (name, limits) in [("revolute", &self.revolute), ("prismatic", &self.prismatic)] {
-            for (key, value) in [
-                ("velocity", limits.velocity),
-                ("acceleration", limits.acceleration),
-                ("jerk", limits.jerk),
-            ] {
-                if !(value.is_finite() && value > 0.0) {
-                    return Err(format!("{name}.{key} is {value}: it must be finite and above 0"));
-                }
+        let of = |name, limits: &MotionLimits| {
+            [
+                (name, "velocity", limits.velocity),
+                (name, "acceleration", limits.acceleration),
+                (name, "jerk", limits.jerk),
+            ]
+        };
+        let safety = [
+            ("safety", "axis_deviation", self.safety.axis_deviation),
+            ("safety", "hinge_deviation", self.safety.hinge_deviation),
+            ("safety", "frame_age", self.safety.frame_age),
+        ];
+        let all = [of("revolute", &self.revolute), of("prismatic", &self.prismatic), safety];
+        for (name, key, value) in all.into_iter().flatten() {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(format!("{name}.{key} is {value}: it must be finite and above 0"));
             }
         }
         Ok(())

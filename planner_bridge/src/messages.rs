@@ -1,15 +1,38 @@
 //! Domain types to messages. A message is not a domain type: this is the only place that
 //! knows both.
 
-use crate::plan::Prediction;
+use crate::plan::{Plan, PlannedJoint, PlannedPart, Prediction};
+use crate::trajectory::{Knot, knots};
 use linkage_lcm::messages::{articulation, drake, linkage};
+use linkage_realtime::JointMotion;
 use linkage_skill::articulate::JointKind;
+use linkage_skill::geometry::Pose;
 use linkage_skill::learn::Demonstration;
 use linkage_skill::model::{Joint, ObjectModel};
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
+use linkage_skill::track::Trajectory;
 
 /// Version of our own messages.
 pub const MESSAGE_SCHEMA: i32 = 1;
+/// Version of `linkage.prediction_t`: 2 has handles.
+pub const PREDICTION_MESSAGE_SCHEMA: i32 = 2;
+
+/// Bytes of the long lists of a message: with the rest it stays below the 64 KiB that a UDP
+/// datagram holds, beyond which losing any fragment would lose it all.
+const LIST_BYTES: usize = 56 * 1024;
+/// Bytes of a knot of a joint's trajectory, of a pose of a part's path, and of an original track.
+const KNOT_BYTES: usize = 32;
+const PATH_POSE_BYTES: usize = 64;
+const TRACK_POSE_BYTES: usize = 76;
+
+/// So many of a list, evenly chosen, both ends among them.
+fn thinned<T: Copy>(list: &[T], keep: usize) -> Vec<T> {
+    let keep = keep.max(2);
+    if list.len() <= keep {
+        return list.to_vec();
+    }
+    (0..keep).map(|i| list[i * (list.len() - 1) / (keep - 1)]).collect()
+}
 
 /// A number too large for its message stays the largest.
 fn count(n: usize) -> i32 {
@@ -95,7 +118,7 @@ fn microseconds(seconds: f64) -> i64 {
     (seconds * 1e6).round() as i64
 }
 
-/// A prediction.
+/// A prediction; of long motions so many knots that the message stays small.
 pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> linkage::Prediction {
     let states: Vec<JointState> = prediction.joints.iter().map(|j| j.state.clone()).collect();
     let as_recognised = Recognised {
@@ -106,39 +129,43 @@ pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> l
         joints: states,
         assumed: Vec::new(),
     };
+    let moving = || prediction.joints.iter().filter(|j| !j.trajectory.is_empty());
+    let paths = || prediction.parts.iter().chain(&prediction.handles);
+    let bytes: usize = moving().map(|j| KNOT_BYTES * j.trajectory.len()).sum::<usize>()
+        + paths().map(|p| PATH_POSE_BYTES * p.poses.len()).sum::<usize>();
+    let keep = |length: usize| (length * LIST_BYTES).checked_div(bytes).unwrap_or(length);
+    let path = |part: &PlannedPart| {
+        let poses = thinned(&part.poses, keep(part.poses.len()));
+        linkage::PartPath {
+            part: part.name.clone(),
+            time_from_start_us: poses.iter().map(|k| microseconds(k[0])).collect(),
+            poses: poses
+                .iter()
+                .map(|k| linkage::Pose {
+                    position: [k[1], k[2], k[3]],
+                    quaternion: [k[4], k[5], k[6], k[7]],
+                })
+                .collect(),
+        }
+    };
+    let trajectory = |joint: &PlannedJoint| {
+        let knots = thinned(&joint.trajectory, keep(joint.trajectory.len()));
+        linkage::JointTrajectory {
+            joint: joint.state.name.clone(),
+            kind: joint.state.kind.name().to_owned(),
+            time_from_start_us: knots.iter().map(|k| microseconds(k[0])).collect(),
+            position: knots.iter().map(|k| k[1]).collect(),
+            velocity: knots.iter().map(|k| k[2]).collect(),
+            acceleration: knots.iter().map(|k| k[3]).collect(),
+        }
+    };
     linkage::Prediction {
         utime,
-        schema: MESSAGE_SCHEMA,
+        schema: PREDICTION_MESSAGE_SCHEMA,
         recognition: recognised(&as_recognised, Some(model)),
-        trajectories: prediction
-            .joints
-            .iter()
-            .filter(|j| !j.trajectory.is_empty())
-            .map(|j| linkage::JointTrajectory {
-                joint: j.state.name.clone(),
-                kind: j.state.kind.name().to_owned(),
-                time_from_start_us: j.trajectory.iter().map(|k| microseconds(k[0])).collect(),
-                position: j.trajectory.iter().map(|k| k[1]).collect(),
-                velocity: j.trajectory.iter().map(|k| k[2]).collect(),
-                acceleration: j.trajectory.iter().map(|k| k[3]).collect(),
-            })
-            .collect(),
-        paths: prediction
-            .parts
-            .iter()
-            .map(|p| linkage::PartPath {
-                part: p.name.clone(),
-                time_from_start_us: p.poses.iter().map(|k| microseconds(k[0])).collect(),
-                poses: p
-                    .poses
-                    .iter()
-                    .map(|k| linkage::Pose {
-                        position: [k[1], k[2], k[3]],
-                        quaternion: [k[4], k[5], k[6], k[7]],
-                    })
-                    .collect(),
-            })
-            .collect(),
+        trajectories: moving().map(trajectory).collect(),
+        paths: prediction.parts.iter().map(path).collect(),
+        handles: prediction.handles.iter().map(path).collect(),
     }
 }
 
@@ -164,52 +191,36 @@ pub enum PlanMessageError {
 ///
 /// # Errors
 /// [`PlanMessageError`].
-pub fn robot_plan(
-    prediction: &Prediction,
-    utime: i64,
-) -> Result<drake::LcmtRobotPlan, PlanMessageError> {
-    let moving: Vec<_> = prediction.joints.iter().filter(|j| !j.trajectory.is_empty()).collect();
-    let longest = moving
-        .iter()
-        .max_by_key(|j| j.trajectory.len())
-        .map(|j| j.trajectory.as_slice())
-        .unwrap_or_default();
-    if longest.len() < 2 {
-        return Err(PlanMessageError::TooFewKnots { found: longest.len() });
+pub fn robot_plan(plan: &Plan, utime: i64) -> Result<drake::LcmtRobotPlan, PlanMessageError> {
+    let object = &plan.prediction.object;
+    let longest = plan.motions.iter().max_by(|a, b| a.duration().total_cmp(&b.duration()));
+    let knots = longest.map_or_else(Vec::new, knots);
+    if knots.len() < 2 {
+        return Err(PlanMessageError::TooFewKnots { found: knots.len() });
     }
     let names: Vec<String> =
-        moving.iter().map(|j| format!("{}/{}", prediction.object, j.state.name)).collect();
-    let plan: Vec<drake::LcmtRobotState> = longest
-        .iter()
-        .enumerate()
-        .map(|(i, knot)| drake::LcmtRobotState {
-            utime: microseconds(knot[0]),
-            joint_name: names.clone(),
-            joint_position: moving
-                .iter()
-                .map(|j| {
-                    let k = j.trajectory.get(i).or(j.trajectory.last());
-                    single_inside(k.map_or(0.0, |k| k[1]), &j.trajectory)
-                })
-                .collect(),
-        })
-        .collect();
-    for (knot, pair) in plan.windows(2).enumerate() {
-        if pair[1].utime <= pair[0].utime || plan[0].utime != 0 {
+        plan.motions.iter().map(|m| format!("{object}/{}", m.name())).collect();
+    let state = |knot: &Knot| drake::LcmtRobotState {
+        utime: microseconds(knot.t),
+        joint_name: names.clone(),
+        joint_position: plan.motions.iter().map(|m| single_inside(m, knot.t)).collect(),
+    };
+    let states: Vec<drake::LcmtRobotState> = knots.iter().map(state).collect();
+    for (knot, pair) in states.windows(2).enumerate() {
+        if pair[1].utime <= pair[0].utime || states[0].utime != 0 {
             return Err(PlanMessageError::Times { knot: knot + 1 });
         }
     }
-    Ok(drake::LcmtRobotPlan { utime, plan })
+    Ok(drake::LcmtRobotPlan { utime, plan: states })
 }
 
-/// Rounded to a single float, towards the inside of the trajectory's ends.
-fn single_inside(q: f64, trajectory: &[[f64; 4]]) -> f32 {
-    let low = trajectory.iter().map(|k| k[1]).fold(f64::INFINITY, f64::min);
-    let high = trajectory.iter().map(|k| k[1]).fold(f64::NEG_INFINITY, f64::max);
-    let rounded = q as f32;
-    if f64::from(rounded) > high {
+/// A joint's configuration at a time as a single float, towards the inside of its motion's ends.
+fn single_inside(motion: &JointMotion, t: f64) -> f32 {
+    let (from, to) = (motion.at(0.0).position, motion.at(motion.duration()).position);
+    let rounded = motion.at(t).position as f32;
+    if f64::from(rounded) > from.max(to) {
         rounded.next_down()
-    } else if f64::from(rounded) < low {
+    } else if f64::from(rounded) < from.min(to) {
         rounded.next_up()
     } else {
         rounded
@@ -217,16 +228,18 @@ fn single_inside(q: f64, trajectory: &[[f64; 4]]) -> f32 {
 }
 
 /// The original system's message: parts as tracks of poses, joints as models with named
-/// parameters.
+/// parameters; of long demonstrations so many poses that the message stays small.
 pub fn articulated_object(demonstration: &Demonstration) -> articulation::ArticulatedObjectMsg {
     let model = &demonstration.model;
+    let tracks = model.parts.len() + model.joints.len();
+    let keep = LIST_BYTES / (TRACK_POSE_BYTES * tracks);
     let parts: Vec<articulation::TrackMsg> = demonstration
         .camera_from_part
         .iter()
         .enumerate()
         .map(|(id, trajectory)| articulation::TrackMsg {
             id: id as i64,
-            ..track(trajectory.iter().zip(&demonstration.frame_utimes))
+            ..track(trajectory, &demonstration.frame_utimes, keep)
         })
         .collect();
     let models = model
@@ -242,15 +255,17 @@ pub fn articulated_object(demonstration: &Demonstration) -> articulation::Articu
     articulation::ArticulatedObjectMsg { parts, params: Vec::new(), models, markers: Vec::new() }
 }
 
-fn track<'t>(
-    poses: impl Iterator<Item = (&'t Option<linkage_skill::geometry::Pose>, &'t i64)>,
-) -> articulation::TrackMsg {
+fn track(trajectory: &Trajectory, utimes: &[i64], keep: usize) -> articulation::TrackMsg {
+    let known: Vec<(i64, Pose)> = utimes
+        .iter()
+        .zip(trajectory)
+        .filter_map(|(utime, pose)| Some((*utime, (*pose)?)))
+        .collect();
     let mut track = articulation::TrackMsg::default();
-    for (pose, utime) in poses {
-        let Some(pose) = pose else { continue };
+    for (utime, pose) in thinned(&known, keep) {
         let (t, q) = (pose.translation.vector, pose.rotation.quaternion());
         track.pose.push(articulation::PoseMsg {
-            utime: *utime,
+            utime,
             id: track.pose.len() as i64,
             pos: t.into(),
             orientation: [q.w, q.i, q.j, q.k],
@@ -314,41 +329,106 @@ fn parameters(joint: &Joint) -> Vec<articulation::ModelParamMsg> {
 mod tests {
     use super::*;
     use crate::limits::Rig;
-    use crate::plan::{predict, tests::fridge};
+    use crate::plan::{Request, predict, tests::fridge};
     use linkage_skill::predict::Target;
+    use proptest::prelude::*;
 
-    #[test]
-    fn a_plan_follows_drakes_rules() {
-        let (model, recognised) = fridge();
-        let p = predict(&model, &recognised, None, Target::Open, &Rig::default()).unwrap();
-        let plan = robot_plan(&p, 5).unwrap();
-        assert!(plan.plan.len() >= 2);
-        assert_eq!(plan.plan[0].utime, 0);
-        assert!(plan.plan.windows(2).all(|w| w[1].utime > w[0].utime));
-        for state in &plan.plan {
-            assert_eq!(state.joint_name, ["fridge/joint1"]);
-            let q = f64::from(state.joint_position[0]);
-            assert!((0.3..=1.5).contains(&q), "{q} leaves the range after rounding");
+    /// A fridge's door from somewhere to somewhere, under limits.
+    fn planned(from: f64, to: f64, rig: &Rig) -> Plan {
+        let (model, mut recognised) = fridge();
+        recognised.joints[0].configuration = Some(from);
+        predict(&model, &recognised, &Request::to(Target::Value(to)), rig).unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn a_plan_follows_drakes_rules_and_the_limits_as_it_is_received(
+            from in 0.0..1.5_f64, to in 0.0..1.5_f64,
+            velocity in 0.1..2.0_f64, acceleration in 0.2..4.0_f64, jerk in 1.0..20.0_f64,
+        ) {
+            let mut rig = Rig::default();
+            rig.revolute = crate::limits::MotionLimits { velocity, acceleration, jerk };
+            let plan = robot_plan(&planned(from, to, &rig), 5).unwrap();
+            prop_assert!(plan.plan.len() >= 2 && plan.plan[0].utime == 0);
+            let names_fit = plan.plan.iter().all(|s| s.joint_name == ["fridge/joint1"]);
+            prop_assert!(names_fit);
+            let mut before: Vec<(f64, f64)> = plan
+                .plan
+                .iter()
+                .map(|s| (s.utime as f64 * 1e-6, f64::from(s.joint_position[0])))
+                .collect();
+            let inside = |q: f64| (from.min(to)..=from.max(to)).contains(&q);
+            prop_assert!(before.iter().all(|k| inside(k.1) || (from - to).abs() < 1e-6));
+            // Velocity, acceleration and jerk as differences of what is received.
+            for limit in [velocity, acceleration, jerk] {
+                before = before
+                    .windows(2)
+                    .map(|w| ((w[0].0 + w[1].0) / 2.0, (w[1].1 - w[0].1) / (w[1].0 - w[0].0)))
+                    .collect();
+                prop_assert!(before.iter().all(|d| d.1.abs() <= limit), "{:?} > {}", before, limit);
+            }
         }
     }
 
     #[test]
     fn a_prediction_without_motion_is_no_plan() {
-        let (model, recognised) = fridge();
-        let mut p = predict(&model, &recognised, None, Target::Open, &Rig::default()).unwrap();
-        p.joints[0].trajectory.clear();
-        assert_eq!(robot_plan(&p, 5), Err(PlanMessageError::TooFewKnots { found: 0 }));
+        let mut plan = planned(0.3, 1.5, &Rig::default());
+        plan.motions.clear();
+        assert_eq!(robot_plan(&plan, 5), Err(PlanMessageError::TooFewKnots { found: 0 }));
     }
 
     #[test]
     fn the_message_carries_what_the_prediction_says() {
-        let (model, recognised) = fridge();
-        let p = predict(&model, &recognised, None, Target::Open, &Rig::default()).unwrap();
+        let (model, _) = fridge();
+        let p = planned(0.3, 1.5, &Rig::default()).prediction;
         let message = prediction(&p, &model, 77);
         assert_eq!(message.utime, 77);
         assert_eq!(message.trajectories[0].position.len(), p.joints[0].trajectory.len());
         assert_eq!(message.recognition.joints[0].child, 1);
         let bytes = linkage_lcm::encode(&message).unwrap();
         assert_eq!(linkage_lcm::decode::<linkage::Prediction>(&bytes).unwrap(), message);
+    }
+
+    #[test]
+    fn a_long_prediction_stays_within_a_datagram_and_keeps_its_ends() {
+        let (model, _) = fridge();
+        let mut p = planned(0.3, 1.5, &Rig::default()).prediction;
+        let long = |k: &[f64; 8]| vec![*k; 2000];
+        p.parts[0].poses = long(&p.parts[0].poses[0]);
+        p.parts[0].poses[1999][0] = 40.0;
+        p.handles = vec![p.parts[0].clone(); 3];
+        let message = prediction(&p, &model, 77);
+        assert!(linkage_lcm::encode(&message).unwrap().len() < 64 * 1024);
+        assert_eq!(message.handles[2].time_from_start_us.last(), Some(&40_000_000));
+        assert_eq!(message.trajectories[0].position.last(), Some(&1.5));
+    }
+
+    #[test]
+    fn the_real_time_half_writes_the_same_setpoint() {
+        let plan = planned(0.3, 1.5, &Rig::default());
+        let mut queue = linkage_realtime::OrderQueue::new();
+        let (mut orders, taken) = queue.split();
+        let mut stream = linkage_realtime::Stream::new(taken, crate::channel::SETPOINT);
+        orders.enqueue(Some(plan.motion().unwrap())).unwrap();
+        let mut out = [0; linkage_realtime::DATAGRAM_CAPACITY];
+        stream.tick(0, &mut out).unwrap();
+        let linkage_realtime::Tick::Send(length) = stream.tick(500_000, &mut out).unwrap() else {
+            panic!("it moves for longer than half a second")
+        };
+        let body = 8 + crate::channel::SETPOINT.len() + 1;
+        let expected = plan.motions[0].at(0.5);
+        let received: linkage::Setpoint = linkage_lcm::decode(&out[body..length]).unwrap();
+        let sent = linkage::Setpoint {
+            utime: 500_000,
+            schema: MESSAGE_SCHEMA,
+            sequence: 1,
+            last: false,
+            object: "fridge".into(),
+            joint_name: vec!["joint1".into()],
+            position: vec![expected.position],
+            velocity: vec![expected.velocity],
+            acceleration: vec![expected.acceleration],
+        };
+        assert_eq!(received, sent);
     }
 }

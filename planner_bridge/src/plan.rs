@@ -1,12 +1,15 @@
 //! A prediction: the recognition, each joint's trajectory, and where the moving parts are
 //! along it. Its JSON form is `linkage.prediction/1` (DESIGN 4.6).
 
-use crate::limits::Rig;
-use crate::trajectory::{Knot, TrajectoryError, time_parameterise};
-use linkage_skill::geometry::pose_to_array;
-use linkage_skill::model::ObjectModel;
+use crate::limits::{Rig, Safety};
+use crate::trajectory::{Knot, TrajectoryError, knots, time_optimal};
+use linkage_realtime::{JointMotion, Motion, TooMuch};
+use linkage_skill::articulate::JointKind;
+use linkage_skill::geometry::{Pose, pose_to_array};
+use linkage_skill::model::{Joint, ObjectModel};
 use linkage_skill::predict::{Encountered, PredictError, Target};
 use linkage_skill::recognise::{JointState, Recognised};
+use nalgebra::{Matrix3, Point3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Name and version of the JSON form.
@@ -26,6 +29,48 @@ pub enum PlanError {
         /// Why.
         source: TrajectoryError,
     },
+    /// What was learned is not sure enough for a robot.
+    #[error("{joint} is not known well enough: {what}; demonstrate it again, over more of its way")]
+    Uncertain {
+        /// The joint.
+        joint: String,
+        /// What is not.
+        what: String,
+    },
+    /// A grasp is given, and several parts move.
+    #[error("{joints} joints move: name the one whose part the grasp is on")]
+    WhoseGrasp {
+        /// How many.
+        joints: usize,
+    },
+}
+
+/// What is to be predicted.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'r> {
+    /// The joint to move; all whose configuration was seen where none is named.
+    pub joint: Option<&'r str>,
+    /// Where to.
+    pub target: Target,
+    /// What the gripper holds now, in the camera frame, metres; where the demonstrator's hand was
+    /// if it is not given.
+    pub grasp: Option<Point3<f64>>,
+}
+
+impl Request<'_> {
+    /// All joints that were seen, to a target.
+    pub fn to(target: Target) -> Self {
+        Self { joint: None, target, grasp: None }
+    }
+}
+
+/// A prediction with its exact motion in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// What is published.
+    pub prediction: Prediction,
+    /// What is streamed: joints that move.
+    pub motions: Vec<JointMotion>,
 }
 
 /// A joint as recognised, with its planned motion.
@@ -67,6 +112,21 @@ pub struct Prediction {
     pub joints: Vec<PlannedJoint>,
     /// Its parts that move.
     pub parts: Vec<PlannedPart>,
+    /// What a gripper holds on parts that move, with the parts' axes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub handles: Vec<PlannedPart>,
+}
+
+impl Plan {
+    /// What the real-time half runs.
+    ///
+    /// # Errors
+    /// [`TooMuch`] for more joints than it has room for, or an object of too long a name.
+    pub fn motion(&self) -> Result<Motion, TooMuch> {
+        let mut motion = Motion::new(&self.prediction.object)?;
+        self.motions.iter().try_for_each(|joint| motion.push(joint.clone()))?;
+        Ok(motion)
+    }
 }
 
 /// Plans the motion of one joint (or of all that were seen) to a target. Joints move at the
@@ -77,18 +137,17 @@ pub struct Prediction {
 pub fn predict(
     model: &ObjectModel,
     recognised: &Recognised,
-    joint: Option<&str>,
-    target: Target,
+    request: &Request,
     rig: &Rig,
-) -> Result<Prediction, PlanError> {
+) -> Result<Plan, PlanError> {
     let encountered = Encountered::new(model, recognised)?;
-    let motions = encountered.motions(joint, target)?;
-    let mut trajectories: Vec<(usize, Vec<Knot>)> = Vec::new();
-    for m in &motions {
+    let mut moved: Vec<(usize, JointMotion)> = Vec::new();
+    for m in encountered.motions(request.joint, request.target)? {
         let joint = &model.joints[m.joint];
-        let knots = time_parameterise(m.from, m.to, rig.limits(joint.kind))
+        assure(joint, &rig.safety)?;
+        let motion = time_optimal(&joint.name, m.from, m.to, rig.limits(joint.kind))
             .map_err(|source| PlanError::Trajectory { joint: joint.name.clone(), source })?;
-        trajectories.push((m.joint, knots));
+        moved.push((m.joint, motion));
     }
     let planned_joints = recognised
         .joints
@@ -96,66 +155,115 @@ pub fn predict(
         .enumerate()
         .map(|(i, state)| PlannedJoint {
             state: state.clone(),
-            trajectory: trajectories
+            trajectory: moved
                 .iter()
                 .find(|(j, _)| *j == i)
-                .map(|(_, knots)| knots.iter().map(|k| [k.t, k.q, k.qd, k.qdd]).collect())
+                .map(|(_, motion)| knots(motion).iter().map(|k| [k.t, k.q, k.qd, k.qdd]).collect())
                 .unwrap_or_default(),
         })
         .collect();
-    Ok(Prediction {
+    let ways = Ways::new(&encountered, &moved);
+    let prediction = Prediction {
         schema: PREDICTION_SCHEMA.to_owned(),
         object: recognised.object.clone(),
         score: recognised.score,
         inliers: recognised.inliers,
         camera_from_object: recognised.camera_from_object,
         joints: planned_joints,
-        parts: part_paths(&encountered, &trajectories),
-    })
-}
-
-/// Poses of the parts that any of the moving joints carries, at the longest trajectory's
-/// knots.
-fn part_paths(encountered: &Encountered, trajectories: &[(usize, Vec<Knot>)]) -> Vec<PlannedPart> {
-    let model = encountered.model();
-    let Some(longest) = trajectories
-        .iter()
-        .map(|(_, k)| k)
-        .max_by(|a, b| a.last().map_or(0.0, |k| k.t).total_cmp(&b.last().map_or(0.0, |k| k.t)))
-    else {
-        return Vec::new();
+        handles: ways.handles(request, &moved)?,
+        parts: ways.parts(),
     };
-    let mut moved = vec![false; model.parts.len()];
-    for (i, joint) in model.joints.iter().enumerate() {
-        moved[joint.child] = moved[joint.parent] || trajectories.iter().any(|(j, _)| *j == i);
-    }
-    let mut parts: Vec<PlannedPart> = model
-        .parts
-        .iter()
-        .filter(|p| moved[p.id])
-        .map(|p| PlannedPart { part: p.id, name: p.name.clone(), poses: Vec::new() })
-        .collect();
-    for knot in longest {
-        let q: Vec<(usize, f64)> =
-            trajectories.iter().map(|(j, knots)| (*j, at(knots, knot.t))).collect();
-        let poses = encountered.part_poses(&q);
-        for part in &mut parts {
-            let [x, y, z, qx, qy, qz, qw] = pose_to_array(&poses[part.part]);
-            part.poses.push([knot.t, x, y, z, qx, qy, qz, qw]);
-        }
-    }
-    parts
+    Ok(Plan { prediction, motions: moved.into_iter().map(|(_, motion)| motion).collect() })
 }
 
-/// A trajectory's configuration at a time; the last one after its end.
-fn at(knots: &[Knot], t: f64) -> f64 {
-    let after = knots.partition_point(|k| k.t < t);
-    match (after.checked_sub(1).and_then(|i| knots.get(i)), knots.get(after)) {
-        (_, Some(b)) if b.t <= t => b.q,
-        (Some(a), Some(b)) => a.q + (b.q - a.q) * (t - a.t) / (b.t - a.t),
-        (None, Some(b)) => b.q,
-        (Some(a), None) => a.q,
-        (None, None) => 0.0,
+/// Refuses a joint that was not learned well enough.
+fn assure(joint: &Joint, safety: &Safety) -> Result<(), PlanError> {
+    let uncertain = |what: String| PlanError::Uncertain { joint: joint.name.clone(), what };
+    if joint.undecided {
+        return Err(uncertain(format!("{} is only its likeliest type", joint.kind.name())));
+    }
+    let block = |from: usize| {
+        Matrix3::from_fn(|r, c| joint.covariance.get(from + r).map_or(0.0, |row| row[from + c]))
+    };
+    let deviation = |m: Matrix3<f64>| m.symmetric_eigenvalues().max().max(0.0).sqrt();
+    let axis = deviation(block(0));
+    if axis > safety.axis_deviation {
+        let (is, limit) = (axis.to_degrees(), safety.axis_deviation.to_degrees());
+        return Err(uncertain(format!("its axis deviates by {is:.1}°, {limit:.1}° are allowed")));
+    }
+    let along = Vector3::from(joint.axis);
+    let across = Matrix3::identity() - along * along.transpose();
+    let hinge = deviation(across * block(3) * across);
+    if joint.kind != JointKind::Prismatic && hinge > safety.hinge_deviation {
+        let (is, limit) = (100.0 * hinge, 100.0 * safety.hinge_deviation);
+        return Err(uncertain(format!("its hinge deviates by {is:.1} cm, {limit:.1} are allowed")));
+    }
+    Ok(())
+}
+
+/// Where all parts are at the knots of the longest motion.
+struct Ways<'e> {
+    encountered: &'e Encountered<'e>,
+    /// Parts that any of the moving joints carries.
+    moved: Vec<bool>,
+    /// Seconds, and camera_from_part of every part.
+    knots: Vec<(f64, Vec<Pose>)>,
+}
+
+impl<'e> Ways<'e> {
+    fn new(encountered: &'e Encountered<'e>, motions: &[(usize, JointMotion)]) -> Self {
+        let model = encountered.model();
+        let mut moved = vec![false; model.parts.len()];
+        for (i, joint) in model.joints.iter().enumerate() {
+            moved[joint.child] = moved[joint.parent] || motions.iter().any(|(j, _)| *j == i);
+        }
+        let longest = motions.iter().max_by(|a, b| a.1.duration().total_cmp(&b.1.duration()));
+        let at = |knot: Knot| {
+            let q: Vec<(usize, f64)> =
+                motions.iter().map(|(j, motion)| (*j, motion.at(knot.t).position)).collect();
+            (knot.t, encountered.part_poses(&q))
+        };
+        let knots = longest
+            .map_or_else(Vec::new, |(_, motion)| knots(motion).into_iter().map(at).collect());
+        Self { encountered, moved, knots }
+    }
+
+    /// Poses of the parts that move.
+    fn parts(&self) -> Vec<PlannedPart> {
+        let moved = self.encountered.model().parts.iter().filter(|p| self.moved[p.id]);
+        moved.map(|p| self.path(p.id, &Point3::origin())).collect()
+    }
+
+    /// Paths of what a gripper holds: the request's grasp, or the demonstrator's on each part.
+    fn handles(
+        &self,
+        request: &Request,
+        motions: &[(usize, JointMotion)],
+    ) -> Result<Vec<PlannedPart>, PlanError> {
+        let model = self.encountered.model();
+        let Some(grasp) = request.grasp else {
+            let held = model.parts.iter().filter(|p| self.moved[p.id]);
+            return Ok(held
+                .filter_map(|p| Some(self.path(p.id, &Point3::from(p.grasp?))))
+                .collect());
+        };
+        let [(joint, _)] = motions else {
+            return Err(PlanError::WhoseGrasp { joints: motions.len() });
+        };
+        let part = model.joints[*joint].child;
+        let camera_from_part = &self.encountered.part_poses(&[])[part];
+        Ok(vec![self.path(part, &camera_from_part.inverse_transform_point(&grasp))])
+    }
+
+    /// The way of a point of a part.
+    fn path(&self, part: usize, point: &Point3<f64>) -> PlannedPart {
+        let to_point = Translation3::from(point.coords);
+        let pose = |(t, camera_from_parts): &(f64, Vec<Pose>)| {
+            let [x, y, z, qx, qy, qz, qw] = pose_to_array(&(camera_from_parts[part] * to_point));
+            [*t, x, y, z, qx, qy, qz, qw]
+        };
+        let name = self.encountered.model().parts[part].name.clone();
+        PlannedPart { part, name, poses: self.knots.iter().map(pose).collect() }
     }
 }
 
@@ -192,7 +300,7 @@ pub(crate) mod tests {
             parts: ["base", "part1"]
                 .iter()
                 .enumerate()
-                .map(|(id, name)| Part { id, name: (*name).into(), features: 9 })
+                .map(|(id, name)| Part::new(id, *name, 9))
                 .collect(),
             joints: vec![joint],
             demonstrations: 1,
@@ -220,7 +328,9 @@ pub(crate) mod tests {
     #[test]
     fn opening_starts_at_the_present_configuration_and_ends_at_the_range() {
         let (model, recognised) = fridge();
-        let p = predict(&model, &recognised, None, Target::Open, &Rig::default()).unwrap();
+        let p = predict(&model, &recognised, &Request::to(Target::Open), &Rig::default())
+            .unwrap()
+            .prediction;
         let trajectory = &p.joints[0].trajectory;
         assert_eq!(trajectory[0], [0.0, 0.3, 0.0, 0.0]);
         assert_eq!(trajectory.last().unwrap()[1], 1.5);
@@ -231,7 +341,7 @@ pub(crate) mod tests {
     #[test]
     fn a_target_outside_the_learned_range_is_refused() {
         let (model, recognised) = fridge();
-        let error = predict(&model, &recognised, None, Target::Value(2.5), &Rig::default());
+        let error = predict(&model, &recognised, &Request::to(Target::Value(2.5)), &Rig::default());
         let message = error.unwrap_err().to_string();
         assert!(message.contains("2.500 lies outside"), "{message}");
     }
@@ -239,8 +349,57 @@ pub(crate) mod tests {
     #[test]
     fn an_unknown_joint_is_named_with_what_there_is() {
         let (model, recognised) = fridge();
-        let error = predict(&model, &recognised, Some("lid"), Target::Open, &Rig::default());
+        let error = predict(
+            &model,
+            &recognised,
+            &Request { joint: Some("lid"), ..Request::to(Target::Open) },
+            &Rig::default(),
+        );
         let message = error.unwrap_err().to_string();
         assert!(message.contains("\"lid\"") && message.contains("joint1"), "{message}");
+    }
+
+    #[test]
+    fn a_target_outside_the_range_may_be_allowed() {
+        let (model, recognised) = fridge();
+        let request = Request::to(Target::Unseen(1.7));
+        let plan = predict(&model, &recognised, &request, &Rig::default()).unwrap();
+        assert_eq!(plan.prediction.joints[0].trajectory.last().unwrap()[1], 1.7);
+    }
+
+    #[test]
+    fn a_joint_that_is_not_known_well_is_refused_with_what_is_not() {
+        let refusal = |change: fn(&mut Joint)| {
+            let (mut model, recognised) = fridge();
+            change(&mut model.joints[0]);
+            let plan = predict(&model, &recognised, &Request::to(Target::Open), &Rig::default());
+            plan.unwrap_err().to_string()
+        };
+        assert!(refusal(|j| j.covariance[2][2] = 0.04).contains("axis deviates by 11.5°"));
+        assert!(refusal(|j| j.covariance[5][5] = 0.0025).contains("hinge deviates by 5.0 cm"));
+        assert!(refusal(|j| j.undecided = true).contains("revolute is only its likeliest type"));
+    }
+
+    #[test]
+    fn a_handle_turns_about_the_hinge() {
+        let (mut model, recognised) = fridge();
+        let hinge = Vector3::new(0.4, 0.0, 1.3);
+        let request = Request::to(Target::Open);
+        let given = Request { grasp: Some(Point3::new(-0.1, 0.1, 1.3)), ..request };
+        model.parts[1].grasp = Some([-0.1, 0.1, 1.1]);
+        for request in [request, given] {
+            let plan = predict(&model, &recognised, &request, &Rig::default()).unwrap();
+            let [handle] = plan.prediction.handles.as_slice() else { panic!("one handle") };
+            assert_eq!(handle.poses.len(), plan.prediction.joints[0].trajectory.len());
+            let place = |k: &[f64; 8]| Vector3::new(k[1], k[2], k[3]);
+            for pose in &handle.poses {
+                let arm = place(pose) - hinge;
+                assert!((arm.x.hypot(arm.z) - 0.5).abs() < 1e-9 && (arm.y - 0.1).abs() < 1e-9);
+            }
+            if request.grasp.is_some() {
+                let start = place(&handle.poses[0]);
+                assert!((start - Vector3::new(-0.1, 0.1, 1.3)).norm() < 1e-9);
+            }
+        }
     }
 }

@@ -2,6 +2,7 @@
 //! and jerk (Berscheid & Kröger 2021, through rsruckig).
 
 use crate::limits::MotionLimits;
+use linkage_realtime::{JointMotion, Segment};
 use rsruckig::prelude::*;
 
 /// One instant of a trajectory.
@@ -40,59 +41,84 @@ pub enum TrajectoryError {
     },
 }
 
-/// Seconds between knots.
-pub const KNOT_PERIOD: f64 = 0.02;
+/// Seconds between knots at least, and hardly more where that does not make too many.
+const KNOT_PERIOD: f64 = 0.02;
+/// Knots at most: a slow motion has them farther apart.
+const MAX_KNOTS: usize = 400;
+/// Share of the limits that is used at least.
+const LEAST_USED: f64 = 0.5;
 
-/// Knots every [`KNOT_PERIOD`] from `from` to `to`, at rest at both ends; at least two, the
-/// last exactly at the target.
+/// Limits below the given ones by what rounding positions to single floats makes of their
+/// differences from knot to knot, so that a planner which receives them finds the given ones held.
+fn with_room_for_rounding(limits: &MotionLimits, largest: f64) -> MotionLimits {
+    let nearest = largest.abs() as f32;
+    let step = f64::from(nearest.next_up()) - f64::from(nearest);
+    let less = |limit: f64, noise: f64| (0.9995 * limit - noise).max(LEAST_USED * limit);
+    MotionLimits {
+        velocity: less(limits.velocity, step / KNOT_PERIOD),
+        acceleration: less(limits.acceleration, 2.0 * step / KNOT_PERIOD.powi(2)),
+        jerk: less(limits.jerk, 4.0 * step / KNOT_PERIOD.powi(3)),
+    }
+}
+
+/// The motion of a joint from rest to rest as fast as the limits allow.
 ///
 /// # Errors
 /// [`TrajectoryError`].
-pub fn time_parameterise(
+pub fn time_optimal(
+    joint: &str,
     from: f64,
     to: f64,
     limits: &MotionLimits,
-) -> Result<Vec<Knot>, TrajectoryError> {
+) -> Result<JointMotion, TrajectoryError> {
     if !(from.is_finite() && to.is_finite()) {
         return Err(TrajectoryError::NotFinite { from, to });
     }
-    let at_rest = |t, q| Knot { t, q, qd: 0.0, qdd: 0.0 };
-    if (to - from).abs() < 1e-9 {
-        return Ok(vec![at_rest(0.0, from), at_rest(KNOT_PERIOD, to)]);
-    }
     let unsolved = |reason: String| TrajectoryError::Unsolved { from, to, reason };
+    let built = |segments: &[Segment], duration| {
+        JointMotion::new(joint, segments, duration, to)
+            .map_err(|_| unsolved(format!("\"{joint}\" is too long a name")))
+    };
+    if (to - from).abs() < 1e-9 {
+        return built(&[Segment { position: from, ..Segment::default() }], KNOT_PERIOD);
+    }
     let mut solver = Ruckig::<1, ThrowErrorHandler>::new(None, KNOT_PERIOD);
     let mut input = InputParameter::new(None);
     input.current_position[0] = from;
     input.target_position[0] = to;
+    let limits = with_room_for_rounding(limits, from.abs().max(to.abs()));
     input.max_velocity[0] = limits.velocity;
     input.max_acceleration[0] = limits.acceleration;
     input.max_jerk[0] = limits.jerk;
     let mut trajectory = Trajectory::new(None);
     solver.calculate(&input, &mut trajectory).map_err(|e| unsolved(e.to_string()))?;
-    let duration = trajectory.get_duration();
-    let steps = ((duration / KNOT_PERIOD).ceil() as usize).max(1);
-    let mut knots = Vec::with_capacity(steps + 1);
-    for i in 0..steps {
-        // Knots are spread evenly, so that the last comes out at the end.
-        let t = duration * i as f64 / steps as f64;
-        let (mut q, mut qd, mut qdd) = (
-            DataArrayOrVec::new(None, 0.0),
-            DataArrayOrVec::new(None, 0.0),
-            DataArrayOrVec::new(None, 0.0),
-        );
-        trajectory.at_time(
-            t,
-            &mut Some(&mut q),
-            &mut Some(&mut qd),
-            &mut Some(&mut qdd),
-            &mut None,
-            &mut None,
-        );
-        knots.push(Knot { t, q: q[0], qd: qd[0], qdd: qdd[0] });
+    let profile = &trajectory.get_profiles()[0][0];
+    let mut start = 0.0;
+    let mut segments = [Segment::default(); 7];
+    for (i, segment) in segments.iter_mut().enumerate() {
+        *segment = Segment {
+            start,
+            position: profile.p[i],
+            velocity: profile.v[i],
+            acceleration: profile.a[i],
+            jerk: profile.j[i],
+        };
+        start = profile.t_sum[i];
     }
-    knots.push(at_rest(duration, to));
-    Ok(knots)
+    built(&segments, trajectory.get_duration())
+}
+
+/// Knots of a motion, evenly spread, at least two: each at a whole microsecond, the first at 0,
+/// the last at rest at the target.
+pub fn knots(motion: &JointMotion) -> Vec<Knot> {
+    let steps = ((motion.duration() / KNOT_PERIOD) as usize).clamp(1, MAX_KNOTS - 1);
+    (0..=steps)
+        .map(|i| {
+            let t = (motion.duration() * i as f64 / steps as f64 * 1e6).ceil() * 1e-6;
+            let sample = motion.at(t);
+            Knot { t, q: sample.position, qd: sample.velocity, qdd: sample.acceleration }
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -107,7 +133,7 @@ mod tests {
             velocity in 0.1..2.0_f64, acceleration in 0.2..4.0_f64, jerk in 0.5..20.0_f64,
         ) {
             let limits = MotionLimits { velocity, acceleration, jerk };
-            let knots = time_parameterise(from, to, &limits).unwrap();
+            let knots = knots(&time_optimal("joint1", from, to, &limits).unwrap());
             prop_assert!(knots.len() >= 2);
             prop_assert_eq!(knots[0].t, 0.0);
             prop_assert!((knots[0].q - from).abs() < 1e-9);
@@ -127,6 +153,6 @@ mod tests {
     #[test]
     fn nan_is_refused() {
         let limits = MotionLimits { velocity: 1.0, acceleration: 1.0, jerk: 1.0 };
-        assert!(time_parameterise(f64::NAN, 1.0, &limits).is_err());
+        assert!(time_optimal("joint1", f64::NAN, 1.0, &limits).is_err());
     }
 }

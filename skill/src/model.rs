@@ -19,6 +19,17 @@ pub struct Part {
     pub name: String,
     /// Tracks that lay on it.
     pub features: usize,
+    /// Where the demonstrator's hand held it: a point in the object frame, at configuration 0 of
+    /// all joints, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grasp: Option<[f64; 3]>,
+}
+
+impl Part {
+    /// A part of which no grasp is known.
+    pub fn new(id: usize, name: impl Into<String>, features: usize) -> Self {
+        Self { id, name: name.into(), features, grasp: None }
+    }
 }
 
 /// A joint between two parts. Line and covariance are in the object frame, at the reference
@@ -157,10 +168,7 @@ mod tests {
             schema: MODEL_SCHEMA.to_owned(),
             object: "door".to_owned(),
             reference_frame: ReferenceFrame::at_camera(0.0),
-            parts: vec![
-                Part { id: 0, name: "base".into(), features: 10 },
-                Part { id: 1, name: "part1".into(), features: 10 },
-            ],
+            parts: vec![Part::new(0, "base", 10), Part::new(1, "part1", 10)],
             joints: vec![Joint {
                 name: "joint1".into(),
                 parent: 0,

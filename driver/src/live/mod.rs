@@ -11,7 +11,8 @@ pub use pairing::{Paired, Pairing};
 use crate::frame::RgbdFrame;
 use crate::source::{RgbdSource, SourceError};
 use crate::statistics::{Gate, SourceStatistics};
-use queue::FrameQueue;
+use queue::{FrameReader, FrameWriter, frame_queue};
+pub use queue::{LatestReader, LatestWriter, Nothing, latest};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -81,7 +82,7 @@ impl Default for LiveConfig {
 /// A camera with its thread and queue.
 pub struct LiveSource {
     name: String,
-    queue: Arc<FrameQueue>,
+    queue: FrameReader,
     dropped: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -105,13 +106,13 @@ impl LiveSource {
         stop: Arc<AtomicBool>,
     ) -> Result<Self, SourceError> {
         let camera = opener()?;
-        let queue = Arc::new(FrameQueue::new(config.queue));
+        let (writer, reader) = frame_queue(config.queue);
         let dropped = Arc::new(AtomicBool::new(false));
         let watch = Watch {
             name: name.to_owned(),
             opener,
             config,
-            queue: Arc::clone(&queue),
+            queue: writer,
             stop: [stop, Arc::clone(&dropped)],
             gate: Gate::default(),
             unpaired_before: 0,
@@ -122,7 +123,7 @@ impl LiveSource {
             .name("capture".to_owned())
             .spawn(move || watch.run(camera))
             .map_err(|e| SourceError::Device { name: name.to_owned(), reason: e.to_string() })?;
-        Ok(Self { name: name.to_owned(), queue, dropped, thread: Some(thread) })
+        Ok(Self { name: name.to_owned(), queue: reader, dropped, thread: Some(thread) })
     }
 }
 
@@ -164,7 +165,7 @@ struct Watch {
     name: String,
     opener: Box<Opener>,
     config: LiveConfig,
-    queue: Arc<FrameQueue>,
+    queue: FrameWriter,
     /// Either one ends it: the user's, or that nobody takes frames any more.
     stop: [Arc<AtomicBool>; 2],
     gate: Gate,
@@ -238,7 +239,7 @@ impl Watch {
         self.queue.note(statistics);
         if self.last_report.elapsed() > REPORT_EVERY {
             self.last_report = Instant::now();
-            let statistics = self.queue.statistics();
+            let statistics = SourceStatistics { dropped: self.queue.dropped(), ..*statistics };
             tracing::info!(source = self.name, ?statistics, "capturing");
         }
         if let Some(frame) = frame {
@@ -398,9 +399,9 @@ mod tests {
 
     #[test]
     fn a_slow_consumer_loses_the_oldest_and_the_count_is_right() {
-        let queue = FrameQueue::new(3);
-        (1..=10).for_each(|utime| queue.push(frame(utime)));
-        queue.close(None);
+        let (writer, mut queue) = frame_queue(3);
+        (1..=10).for_each(|utime| writer.push(frame(utime)));
+        writer.close(None);
         let mut times = Vec::new();
         while let Some(frame) = queue.pop().unwrap() {
             times.push(frame.utime);

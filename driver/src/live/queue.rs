@@ -1,79 +1,161 @@
-//! The bounded queue between the capture thread and whoever takes the frames.
+//! Bounded queues without locks whose writer never waits, and the one between the capture thread
+//! and whoever takes the frames.
 
 use crate::frame::RgbdFrame;
 use crate::statistics::SourceStatistics;
-use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
 
-/// Frames in order; the oldest gives way to a new one.
-pub struct FrameQueue {
-    capacity: usize,
-    state: Mutex<State>,
-    filled: Condvar,
+/// A queue with room for so many, at least one; when it is full the oldest gives way to a new one.
+pub fn latest<T>(capacity: usize) -> (LatestWriter<T>, LatestReader<T>) {
+    let (sender, receiver) = bounded(capacity.max(1));
+    let dropped = Arc::new(AtomicU64::new(0));
+    let reader = LatestReader { receiver: receiver.clone(), dropped: Arc::clone(&dropped) };
+    (LatestWriter { sender, oldest: receiver, dropped }, reader)
 }
 
+/// The writer's end; the queue is closed once every one is gone.
+pub struct LatestWriter<T> {
+    sender: Sender<T>,
+    oldest: Receiver<T>,
+    dropped: Arc<AtomicU64>,
+}
+
+impl<T> Clone for LatestWriter<T> {
+    fn clone(&self) -> Self {
+        Self {
+            sender: self.sender.clone(),
+            oldest: self.oldest.clone(),
+            dropped: Arc::clone(&self.dropped),
+        }
+    }
+}
+
+impl<T> LatestWriter<T> {
+    /// Adds one; never waits.
+    pub fn push(&self, value: T) {
+        let mut value = value;
+        while let Err(full) = self.sender.try_send(value) {
+            value = full.into_inner();
+            if self.oldest.try_recv().is_ok() {
+                self.dropped.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+}
+
+/// The reader's end.
+pub struct LatestReader<T> {
+    receiver: Receiver<T>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// Why a reader was given nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Nothing {
+    /// None came in time.
+    Yet,
+    /// None will come any more.
+    Ever,
+}
+
+impl<T> LatestReader<T> {
+    /// The oldest, as soon as there is one.
+    ///
+    /// # Errors
+    /// [`Nothing`] came in time, or ever will.
+    pub fn pop(&self, timeout: Duration) -> Result<T, Nothing> {
+        self.receiver.recv_timeout(timeout).map_err(|e| match e {
+            RecvTimeoutError::Timeout => Nothing::Yet,
+            RecvTimeoutError::Disconnected => Nothing::Ever,
+        })
+    }
+
+    /// How many gave way.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+/// What is told about frames, beside them.
 #[derive(Default)]
-struct State {
-    frames: VecDeque<RgbdFrame>,
-    /// Why no more will come: `Some(None)` at a recording's end.
-    closed: Option<Option<String>>,
-    delivered: u64,
-    dropped: u64,
-    source: SourceStatistics,
+struct Told {
+    /// Why no more came; unset at a recording's end.
+    failure: OnceLock<String>,
+    source: Mutex<SourceStatistics>,
 }
 
-impl FrameQueue {
-    /// Room for so many frames, at least one.
-    pub fn new(capacity: usize) -> Self {
-        Self { capacity: capacity.max(1), state: Mutex::default(), filled: Condvar::new() }
-    }
+/// The capture thread's end of the queue of frames.
+pub struct FrameWriter {
+    frames: LatestWriter<RgbdFrame>,
+    told: Arc<Told>,
+}
 
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// The other end.
+pub struct FrameReader {
+    frames: LatestReader<RgbdFrame>,
+    told: Arc<Told>,
+    delivered: u64,
+}
 
+/// A queue of frames.
+pub fn frame_queue(capacity: usize) -> (FrameWriter, FrameReader) {
+    let (writer, reader) = latest(capacity);
+    let told = Arc::new(Told::default());
+    let reader = FrameReader { frames: reader, told: Arc::clone(&told), delivered: 0 };
+    (FrameWriter { frames: writer, told }, reader)
+}
+
+impl FrameWriter {
     /// Adds a frame; never waits.
     pub fn push(&self, frame: RgbdFrame) {
-        let mut state = self.lock();
-        if state.frames.len() == self.capacity {
-            state.frames.pop_front();
-            state.dropped += 1;
-        }
-        state.frames.push_back(frame);
-        self.filled.notify_one();
+        self.frames.push(frame);
     }
 
     /// Keeps what the capture thread has counted.
     pub fn note(&self, source: &SourceStatistics) {
-        self.lock().source = *source;
+        *self.told.source.lock().unwrap_or_else(PoisonError::into_inner) = *source;
     }
 
     /// No more will come; what waits can still be taken.
-    pub fn close(&self, reason: Option<String>) {
-        self.lock().closed = Some(reason);
-        self.filled.notify_all();
+    pub fn close(self, failure: Option<String>) {
+        if let Some(reason) = failure {
+            // Only this end sets it, and it ends here.
+            let _ = self.told.failure.set(reason);
+        }
     }
 
+    /// Frames that gave way to newer ones.
+    pub fn dropped(&self) -> u64 {
+        self.frames.dropped.load(Ordering::Relaxed)
+    }
+}
+
+/// How long a reader waits at a time; it is woken as soon as there is something.
+const WAIT: Duration = Duration::from_secs(3600);
+
+impl FrameReader {
     /// Waits for the next frame; `Ok(None)` at the end, `Err` with the reason after a failure.
-    pub fn pop(&self) -> Result<Option<RgbdFrame>, String> {
-        let mut state = self.lock();
+    pub fn pop(&mut self) -> Result<Option<RgbdFrame>, String> {
         loop {
-            if let Some(frame) = state.frames.pop_front() {
-                state.delivered += 1;
-                return Ok(Some(frame));
+            match self.frames.pop(WAIT) {
+                Ok(frame) => {
+                    self.delivered += 1;
+                    return Ok(Some(frame));
+                }
+                Err(Nothing::Yet) => {}
+                Err(Nothing::Ever) => {
+                    return self.told.failure.get().cloned().map_or(Ok(None), Err);
+                }
             }
-            match &state.closed {
-                Some(Some(reason)) => return Err(reason.clone()),
-                Some(None) => return Ok(None),
-                None => {}
-            }
-            state = self.filled.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
     /// All counts.
     pub fn statistics(&self) -> SourceStatistics {
-        let state = self.lock();
-        SourceStatistics { delivered: state.delivered, dropped: state.dropped, ..state.source }
+        let source = *self.told.source.lock().unwrap_or_else(PoisonError::into_inner);
+        SourceStatistics { delivered: self.delivered, dropped: self.frames.dropped(), ..source }
     }
 }

@@ -111,6 +111,11 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
         dir.path(),
         &linkage::Recognition { utime: 2, schema: 1, matches: vec![recognised.clone()] },
     );
+    let path = linkage::PartPath {
+        part: "part1".into(),
+        time_from_start_us: vec![0],
+        poses: vec![linkage::Pose { position: [1.0, 2.0, 3.0], quaternion: [0.0, 0.0, 0.0, 1.0] }],
+    };
     check(
         dir.path(),
         &linkage::Prediction {
@@ -125,14 +130,8 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
                 velocity: vec![0.0, 0.0],
                 acceleration: vec![0.5, -0.5],
             }],
-            paths: vec![linkage::PartPath {
-                part: "part1".into(),
-                time_from_start_us: vec![0],
-                poses: vec![linkage::Pose {
-                    position: [1.0, 2.0, 3.0],
-                    quaternion: [0.0, 0.0, 0.0, 1.0],
-                }],
-            }],
+            paths: vec![path.clone()],
+            handles: vec![path],
         },
     );
     check(
@@ -145,6 +144,13 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             frames: 100,
             dropped_frames: 1,
             tracks: 900,
+            object: "fridge".into(),
+            joint_kind: vec!["revolute".into()],
+            joint_certainty: vec![0.99],
+            command_utime: 3,
+            command_accepted: true,
+            command_answer: "demonstrating".into(),
+            refused: 2,
             last_error: String::new(),
         },
     );
@@ -157,6 +163,23 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             object: String::new(),
             joint: "joint1".into(),
             target: "open".into(),
+            outside_range: false,
+            has_grasp: true,
+            grasp: [0.1, 0.2, 1.3],
+        },
+    );
+    check(
+        dir.path(),
+        &linkage::Setpoint {
+            utime: 6,
+            schema: 1,
+            sequence: 77,
+            last: true,
+            object: "fridge".into(),
+            joint_name: vec!["joint1".into()],
+            position: vec![0.1],
+            velocity: vec![-0.2],
+            acceleration: vec![0.3],
         },
     );
     let pose = articulation::PoseMsg {

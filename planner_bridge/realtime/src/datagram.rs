@@ -6,7 +6,7 @@ use crate::motion::Motion;
 pub const DATAGRAM_CAPACITY: usize = 1400;
 
 /// Fingerprint of `linkage.setpoint_t`; a test holds it against the type's own.
-pub const SETPOINT_FINGERPRINT: u64 = 0;
+pub const SETPOINT_FINGERPRINT: u64 = 0x7bb0682d5fedf374;
 
 /// Version of the message.
 const SCHEMA: i32 = 1;

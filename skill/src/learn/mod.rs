@@ -182,12 +182,12 @@ fn assemble(
 ) -> Demonstration {
     let mut track_parts: Vec<Option<usize>> =
         base.tracks.iter().map(|t| (!t.moves).then_some(0)).collect();
-    let mut parts = vec![Part { id: 0, name: "base".to_owned(), features: base.static_count }];
+    let mut parts = vec![Part::new(0, "base", base.static_count)];
     let mut camera_from_part: Vec<Trajectory> =
         vec![base.camera_from_base.iter().copied().map(Some).collect()];
     for learned in &joints {
         let id = parts.len();
-        parts.push(Part { id, name: format!("part{id}"), features: learned.tracks.len() });
+        parts.push(Part::new(id, format!("part{id}"), learned.tracks.len()));
         for &track in &learned.tracks {
             track_parts[track] = Some(id);
         }

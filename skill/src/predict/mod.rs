@@ -16,8 +16,10 @@ pub enum Target {
     Open,
     /// Where the demonstration began, or the end of the range nearest to it.
     Closed,
-    /// A configuration, radians or metres.
+    /// A configuration that was seen, radians or metres.
     Value(f64),
+    /// A configuration, whether it was seen or not.
+    Unseen(f64),
 }
 
 impl std::str::FromStr for Target {
@@ -212,5 +214,6 @@ fn resolve(joint: &Joint, target: Target) -> Result<f64, PredictError> {
             }
             Ok(value.clamp(low, high))
         }
+        Target::Unseen(value) => Ok(value),
     }
 }

@@ -15,7 +15,7 @@ use crate::simulate::Take;
 use anyhow::{Context, anyhow};
 use linkage_lcm::messages::{drake, linkage};
 use linkage_lcm::{Lcm, Message, Packet, decode};
-use linkage_planner_bridge::{Rig, channel, predict};
+use linkage_planner_bridge::{Request, Rig, channel, predict};
 use linkage_skill::geometry::{distance_to_line, line_angle};
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::Recognised;
@@ -70,15 +70,15 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     say(common, "4/5 predicting how it opens");
     let rig = Rig::default();
     let model = &demonstration.model;
-    let prediction = predict(model, best, None, Target::Open, &rig)?;
-    write_json(&out.join("prediction.json"), &prediction)?;
+    let plan = predict(model, best, &Request::to(Target::Open), &rig)?;
+    write_json(&out.join("prediction.json"), &plan.prediction)?;
     let picture = out.join("prediction.png");
-    report::save_prediction_picture(&frame, best, &prediction, &stored.appearance, &picture)?;
+    report::save_prediction_picture(&frame, best, &plan.prediction, &stored.appearance, &picture)?;
 
     say(common, "5/5 publishing over LCM");
     let mut listener = Lcm::new(&rig.lcm_url)?;
     listener.subscribe("LINKAGE_.*")?;
-    publish(&Lcm::new(&rig.lcm_url)?, &frame, &recognition, &prediction, model)?;
+    publish(&Lcm::new(&rig.lcm_url)?, &frame, &recognition, &plan, model)?;
     let received = Received::listen(&mut listener)?;
 
     print!("{}", errors(&watched, &met, &demonstration.model.joints[0], best)?);

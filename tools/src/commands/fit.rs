@@ -77,7 +77,7 @@ fn to_model(
         undecided: is_undecided(&probabilities),
         type_probabilities: probabilities,
     };
-    let part = |id: usize, name: &str| Part { id, name: name.to_owned(), features: 0 };
+    let part = |id: usize, name: &str| Part::new(id, name, 0);
     ObjectModel {
         schema: MODEL_SCHEMA.to_owned(),
         object: name.to_owned(),

@@ -5,8 +5,7 @@ use super::{Failure, Outcome, skill_config, source, write_json};
 use crate::cli::{Common, PredictArgs};
 use linkage_driver::RgbdFrame;
 use linkage_lcm::Lcm;
-use linkage_planner_bridge::plan::PlanError;
-use linkage_planner_bridge::{Prediction, Rig, channel, messages, predict};
+use linkage_planner_bridge::{Plan, PlanError, Request, Rig, channel, messages, predict};
 use linkage_skill::ObjectModel;
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::Recognition;
@@ -27,19 +26,21 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
         return Err(Failure::no_answer(format!("{}: nothing is recognised", args.source)));
     };
     let model = store.get(&best.object)?.model;
-    let prediction = predict(&model, best, args.joint.as_deref(), target, &rig).map_err(|e| {
+    let request = Request { joint: args.joint.as_deref(), ..Request::to(target) };
+    let plan = predict(&model, best, &request, &rig).map_err(|e| {
         let unseen = matches!(e, PlanError::Predict(PredictError::Unseen { .. }));
         Failure {
             status: if unseen { super::NO_ANSWER } else { super::BAD_INPUT },
             cause: e.into(),
         }
     })?;
+    let prediction = &plan.prediction;
     if let Some(path) = &args.json {
-        write_json(path, &prediction)?;
+        write_json(path, prediction)?;
     }
     if let Some(url) = &args.publish {
         let url = if url.is_empty() { &rig.lcm_url } else { url };
-        publish(&Lcm::new(url)?, &frame, &recognition, &prediction, &model)?;
+        publish(&Lcm::new(url)?, &frame, &recognition, &plan, &model)?;
     }
     if !common.quiet {
         eprint!("{}", describe(best));
@@ -65,18 +66,18 @@ pub fn publish(
     lcm: &Lcm,
     frame: &RgbdFrame,
     recognition: &Recognition,
-    prediction: &Prediction,
+    plan: &Plan,
     model: &ObjectModel,
 ) -> Outcome {
     if lcm.url().starts_with("udpm") {
         lcm.self_test(std::time::Duration::from_secs(2))?;
     }
     let utime = frame.utime;
-    let plan = messages::robot_plan(prediction, utime)?;
+    let robot_plan = messages::robot_plan(plan, utime)?;
     let model_of = |name: &str| (name == model.object).then_some(model);
     lcm.publish(channel::MODEL, &messages::model(model, utime))?;
     lcm.publish(channel::RECOGNITION, &messages::recognition(recognition, model_of, utime))?;
-    lcm.publish(channel::PREDICTION, &messages::prediction(prediction, model, utime))?;
-    lcm.publish(channel::PLAN, &plan)?;
+    lcm.publish(channel::PREDICTION, &messages::prediction(&plan.prediction, model, utime))?;
+    lcm.publish(channel::PLAN, &robot_plan)?;
     Ok(())
 }
