@@ -25,6 +25,7 @@ mod view;
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
 use crate::keyframes::Keyframes;
+use crate::model::Joint;
 use crate::structure::LearnedJoint;
 use crate::track::TrackSet;
 pub use config::JointsConfig;
@@ -61,12 +62,20 @@ impl Watched<'_> {
         search.learned()
     }
 
-    /// Searches the first frames of a demonstration, so that the rest is found sooner. When
-    /// `cancelled`, what is found is of no use.
-    pub fn remember(&self, earlier: &Memory, cancelled: &AtomicBool) -> Memory {
+    /// Searches the first frames of a demonstration, so that the rest is found sooner, and tells
+    /// what it believes by then, if asked to. When `cancelled`, what is found is of no use.
+    pub fn remember(
+        &self,
+        earlier: &Memory,
+        cancelled: &AtomicBool,
+        tell: Option<&dyn Fn(Vec<Joint>)>,
+    ) -> Memory {
         let view = self.view();
         let mut search = Search::new(*self, &view, earlier, Some(cancelled));
         search.run();
+        if let Some(tell) = tell {
+            tell(search.learned().into_iter().map(|l| l.joint).collect());
+        }
         search.remember()
     }
 

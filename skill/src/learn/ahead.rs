@@ -8,11 +8,12 @@ use crate::base::find_base;
 use crate::config::SkillConfig;
 use crate::joints::{Memory, Watched};
 use crate::keyframes::Keyframes;
+use crate::model::Joint;
 use crate::track::TrackSet;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A search that runs beside the tracker.
 pub struct SearchAhead {
@@ -21,6 +22,9 @@ pub struct SearchAhead {
     every: usize,
     found: Memory,
     running: Option<Running>,
+    tells: bool,
+    /// What the last search believes, as soon as it is over.
+    so_far: Arc<Mutex<Vec<Joint>>>,
 }
 
 struct Running {
@@ -31,11 +35,18 @@ struct Running {
 }
 
 impl SearchAhead {
-    /// Searches every `every` frames; never if 0.
-    pub fn new(every: usize) -> Self {
+    /// Searches every `every` frames; never if 0. Only if it `tells` is it known what it believes.
+    pub fn new(every: usize, tells: bool) -> Self {
         let pool = (every > 0)
             .then(|| ThreadPoolBuilder::new().num_threads(1).panic_handler(|_| {}).build().ok());
-        Self { pool: pool.flatten(), every, found: Memory::default(), running: None }
+        Self {
+            pool: pool.flatten(),
+            every,
+            found: Memory::default(),
+            running: None,
+            tells,
+            so_far: Arc::default(),
+        }
     }
 
     /// Starts a search if one is due after `frames` frames, on what `snapshot` gives.
@@ -55,15 +66,23 @@ impl SearchAhead {
         let (sender, result) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
         let (config, earlier, stop) = (config.clone(), self.found.clone(), cancelled.clone());
+        let (so_far, tells) = (Arc::clone(&self.so_far), self.tells);
         let (set, keyframes) = snapshot();
         pool.spawn(move || {
             let base = find_base(&set, &config.base, config.seed);
             let watched =
                 Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
+            let tell = |joints| *so_far.lock().unwrap_or_else(PoisonError::into_inner) = joints;
+            let tell: Option<&dyn Fn(Vec<Joint>)> = if tells { Some(&tell) } else { None };
             // Nobody waits for a search that was dropped.
-            let _ = sender.send(watched.remember(&earlier, &stop));
+            let _ = sender.send(watched.remember(&earlier, &stop, tell));
         });
         self.running = Some(Running { frames, result, cancelled });
+    }
+
+    /// Joints that the last finished search believes in.
+    pub fn so_far(&self) -> Vec<Joint> {
+        self.so_far.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// What is known when `frames` frames have come and no more will. A search that began late

@@ -9,7 +9,7 @@ use crate::config::{LearningWay, SkillConfig};
 use crate::geometry::Pose;
 use crate::joints::Watched;
 use crate::keyframes::Keyframes;
-use crate::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use crate::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use crate::planes;
 use crate::structure::{self, LearnedJoint};
 use crate::timing::StageTimes;
@@ -82,6 +82,7 @@ pub struct Learner {
     tracker: Tracker,
     keyframes: Keyframes,
     ahead: SearchAhead,
+    first_utime: i64,
     last_utime: Option<i64>,
     times: StageTimes,
 }
@@ -89,14 +90,26 @@ pub struct Learner {
 impl Learner {
     /// A learner that has seen nothing.
     pub fn new(config: &SkillConfig) -> Self {
+        Self::telling(config, false)
+    }
+
+    /// A learner that can tell its best guess while the demonstration runs, for a twentieth more
+    /// work.
+    pub fn live(config: &SkillConfig) -> Self {
+        Self::telling(config, true)
+    }
+
+    fn telling(config: &SkillConfig, tells: bool) -> Self {
+        let every = match config.learn.way {
+            LearningWay::Joints => config.learn.search_every,
+            LearningWay::Clusters | LearningWay::Katz => 0,
+        };
         Self {
             tracker: Tracker::new(config.track.clone()),
             keyframes: Keyframes::new(config.learn.keyframes),
-            ahead: SearchAhead::new(match config.learn.way {
-                LearningWay::Joints => config.learn.search_every,
-                LearningWay::Clusters | LearningWay::Katz => 0,
-            }),
+            ahead: SearchAhead::new(every, tells),
             config: config.clone(),
+            first_utime: 0,
             last_utime: None,
             times: StageTimes::default(),
         }
@@ -116,6 +129,9 @@ impl Learner {
         if index >= self.config.track.max_frames {
             return Err(LearnError::TooLong { limit: self.config.track.max_frames });
         }
+        if self.last_utime.is_none() {
+            self.first_utime = frame.utime;
+        }
         self.last_utime = Some(frame.utime);
         self.times.measure("track", || self.tracker.push(frame))?;
         self.keyframes.offer(index, frame);
@@ -129,6 +145,25 @@ impl Learner {
     /// The tracker, for drawing what it follows.
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
+    }
+
+    /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
+    /// demonstration believes in. How long that part is depends on how fast this machine is.
+    pub fn so_far(&self, object: &str) -> ObjectModel {
+        let joints = self.ahead.so_far();
+        let part = |(i, _): (usize, &Joint)| Part::new(i + 1, format!("part{}", i + 1), 0);
+        let base = Part::new(0, "base", self.tracker.live_count());
+        let parts = std::iter::once(base).chain(joints.iter().enumerate().map(part)).collect();
+        ObjectModel {
+            schema: MODEL_SCHEMA.to_owned(),
+            object: object.to_owned(),
+            reference_frame: ReferenceFrame::at_camera(self.first_utime as f64 * 1e-6),
+            parts,
+            joints,
+            demonstrations: 0,
+            profile: self.config.profile.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        }
     }
 
     /// Learns from what was seen.

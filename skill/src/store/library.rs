@@ -87,6 +87,11 @@ impl Library {
             .collect()
     }
 
+    /// The number of an object.
+    pub fn number(&self, name: &str) -> Option<usize> {
+        self.objects.iter().position(|entry| entry.name == name)
+    }
+
     /// An object by its number, below [`Self::len`].
     ///
     /// # Errors
