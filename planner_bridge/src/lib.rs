@@ -4,6 +4,7 @@
 pub mod limits;
 pub mod messages;
 pub mod plan;
+pub mod service;
 pub mod trajectory;
 
 pub use limits::{MotionLimits, Rig, RigError, Safety};

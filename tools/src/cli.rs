@@ -41,6 +41,10 @@ pub enum Command {
     Recognise(RecogniseArgs),
     /// Predict a recognised object's motion to a target, and publish it
     Predict(PredictArgs),
+    /// Watch a source, take commands over LCM, publish models, recognitions and plans
+    Serve(ServeArgs),
+    /// Tell a running service what to do
+    Command(CommandArgs),
     /// Record what a source delivers
     Record(RecordArgs),
     /// Send what a source delivers over LCM, as kinect.frame_msg_t
@@ -130,6 +134,81 @@ pub struct PredictArgs {
     /// Write linkage.prediction/1; - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// Where frames come from, as for learn
+    #[arg(long, value_name = "SOURCE")]
+    pub source: String,
+    /// camera.toml of a source that does not tell its camera (LCM, V4L2, a log)
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Store with the learned objects; made with the first of them
+    #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
+    pub store: PathBuf,
+    /// LCM network; the rig's where none is given
+    #[arg(long, value_name = "URL")]
+    pub publish: Option<String>,
+    /// Rig file with motion limits and what is refused
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// Stream so many setpoints a second while a prediction is executed
+    #[arg(long, value_name = "HZ")]
+    pub stream_hz: Option<f64>,
+    /// Play a recording so many times as fast as it was made; 0: as fast as it can be read
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub rate: f64,
+    /// Play a recording again and again
+    #[arg(long)]
+    pub repeat: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct CommandArgs {
+    #[command(subcommand)]
+    pub action: ServiceAction,
+    /// LCM network of the service
+    #[arg(long, global = true, value_name = "URL", default_value = linkage_lcm::DEFAULT_URL)]
+    pub publish: String,
+    /// Seconds to wait for its answer
+    #[arg(long, global = true, value_name = "S", default_value_t = 10.0)]
+    pub wait: f64,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum ServiceAction {
+    /// Watch how a person moves an object
+    Start {
+        /// The name that it gets
+        object: String,
+    },
+    /// The person is done: learn
+    Finish,
+    /// Look for an object, or for anything known, and follow it
+    Recognise {
+        /// Its name
+        object: Option<String>,
+    },
+    /// Plan an object's motion from where it is
+    Predict {
+        /// Its name; anything known where none is given
+        object: Option<String>,
+        /// Joint to move; all that are seen where none is named
+        #[arg(long, value_name = "NAME")]
+        joint: Option<String>,
+        /// open, closed, or a configuration in radians or metres
+        #[arg(long, default_value = "open", value_name = "TARGET", allow_hyphen_values = true)]
+        to: String,
+        /// Allow a target outside the range that was seen
+        #[arg(long)]
+        outside_range: bool,
+        /// What the gripper holds now, camera frame, metres; else where the demonstrator's hand was
+        #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true)]
+        grasp: Option<Vec<f64>>,
+    },
+    /// Stop whatever is being done
+    Cancel,
 }
 
 #[derive(Debug, Args)]

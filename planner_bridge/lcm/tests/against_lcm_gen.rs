@@ -149,6 +149,7 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             joint_certainty: vec![0.99],
             command_utime: 3,
             command_accepted: true,
+            command_done: false,
             command_answer: "demonstrating".into(),
             refused: 2,
             last_error: String::new(),

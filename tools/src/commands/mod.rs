@@ -1,5 +1,6 @@
 //! One file a command.
 
+mod command;
 mod config;
 mod demo;
 mod doctor;
@@ -10,6 +11,7 @@ mod predict;
 mod recognise;
 mod record;
 mod replay;
+mod serve;
 mod simulate;
 mod source;
 mod store;
@@ -66,6 +68,8 @@ pub fn run(cli: Cli) -> Outcome {
         Command::Learn(args) => learn::run(&args, common),
         Command::Recognise(args) => recognise::run(&args, common),
         Command::Predict(args) => predict::run(&args, common),
+        Command::Serve(args) => serve::run(&args, common),
+        Command::Command(args) => command::run(&args),
         Command::Record(args) => record::run(&args, common),
         Command::Replay(args) => replay::run(&args, common),
         Command::Fit(args) => fit::run(&args, common),

@@ -28,7 +28,7 @@ pub fn open(name: &str, take: &SourceArgs) -> Outcome<Taken> {
 }
 
 /// Set by the first Ctrl-C or SIGTERM.
-fn interrupted() -> Arc<AtomicBool> {
+pub fn interrupted() -> Arc<AtomicBool> {
     static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     let stop = STOP.get_or_init(|| {
         let stop = Arc::new(AtomicBool::new(false));

@@ -1,0 +1,156 @@
+//! The thread that captures: a camera at its own pace, a recording at that of its time stamps.
+
+use super::publisher::{Note, Outbox};
+use super::{Playback, SourceOpener};
+use linkage_driver::live::LatestWriter;
+use linkage_driver::{RgbdFrame, RgbdSource};
+use std::time::{Duration, Instant};
+
+/// A frame, and when it came.
+pub struct Arrived {
+    pub frame: RgbdFrame,
+    pub at: Instant,
+}
+
+pub struct Capture {
+    source: Box<dyn RgbdSource>,
+    open: Box<SourceOpener>,
+    playback: Playback,
+    frames: LatestWriter<Arrived>,
+    out: Outbox,
+    /// Time stamps of a recording that is repeated go on.
+    clock: PlayClock,
+}
+
+/// Wait before a lost source is opened again.
+const REOPEN_AFTER: Duration = Duration::from_secs(1);
+/// Longest sleep without a look whether to stop.
+const POLL: Duration = Duration::from_millis(50);
+
+impl Capture {
+    pub fn new(
+        source: Box<dyn RgbdSource>,
+        open: Box<SourceOpener>,
+        playback: Playback,
+        frames: LatestWriter<Arrived>,
+        out: Outbox,
+    ) -> Self {
+        Self { source, open, playback, frames, out, clock: PlayClock::default() }
+    }
+
+    pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
+        while !is_stopped() {
+            match self.source.next_frame() {
+                Ok(Some(frame)) => self.take(frame, is_stopped),
+                Ok(None) if is_stopped() => return,
+                Ok(None) if self.playback.repeat => self.reopen(Duration::ZERO, is_stopped),
+                Ok(None) => {
+                    self.out.note(Note::Error(format!("{}: it is over", self.source.name())));
+                    return;
+                }
+                Err(e) => {
+                    self.out.note(Note::Error(e.to_string()));
+                    if !self.source.is_live() {
+                        return;
+                    }
+                    self.reopen(REOPEN_AFTER, is_stopped);
+                }
+            }
+        }
+    }
+
+    fn take(&mut self, mut frame: RgbdFrame, is_stopped: &dyn Fn() -> bool) {
+        if !self.source.is_live() {
+            frame.utime = self.clock.stamp(frame.utime);
+            if self.playback.rate > 0.0 {
+                sleep_until(self.clock.due(frame.utime, self.playback.rate), is_stopped);
+            }
+        }
+        self.frames.push(Arrived { frame, at: Instant::now() });
+    }
+
+    fn reopen(&mut self, wait: Duration, is_stopped: &dyn Fn() -> bool) {
+        sleep_until(Instant::now() + wait, is_stopped);
+        while !is_stopped() {
+            match (self.open)() {
+                Ok(source) => {
+                    self.source = source;
+                    self.clock.again();
+                    return;
+                }
+                Err(e) => self.out.note(Note::Error(e.to_string())),
+            }
+            sleep_until(Instant::now() + REOPEN_AFTER, is_stopped);
+        }
+    }
+}
+
+fn sleep_until(due: Instant, is_stopped: &dyn Fn() -> bool) {
+    while !is_stopped() {
+        let left = due.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return;
+        }
+        std::thread::sleep(left.min(POLL));
+    }
+}
+
+/// Time of a recording that is played, perhaps more than once.
+#[derive(Debug, Default)]
+struct PlayClock {
+    /// Added to the recording's own time stamps; not known before the first frame of a round.
+    shift: Option<i64>,
+    last: Option<i64>,
+    period: i64,
+    start: Option<(i64, Instant)>,
+}
+
+/// Time between rounds where a recording of one frame tells none.
+const DEFAULT_PERIOD_US: i64 = 33_333;
+
+impl PlayClock {
+    /// The next frame begins a new round.
+    fn again(&mut self) {
+        self.shift = None;
+    }
+
+    /// A time stamp in time that goes on from round to round.
+    fn stamp(&mut self, utime: i64) -> i64 {
+        let next =
+            self.last.map(|l| l + if self.period > 0 { self.period } else { DEFAULT_PERIOD_US });
+        let shift = *self.shift.get_or_insert_with(|| next.map_or(0, |next| next - utime));
+        let stamp = utime + shift;
+        if let Some(last) = self.last {
+            self.period = stamp - last;
+        }
+        self.last = Some(stamp);
+        stamp
+    }
+
+    /// When a stamp is due at a rate.
+    fn due(&mut self, stamp: i64, rate: f64) -> Instant {
+        let (first, start) = *self.start.get_or_insert_with(|| (stamp, Instant::now()));
+        start + Duration::from_secs_f64(((stamp - first) as f64 * 1e-6 / rate).max(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_goes_on_when_a_recording_is_played_again() {
+        let mut clock = PlayClock::default();
+        let mut stamps: Vec<i64> = [100, 200, 300].map(|t| clock.stamp(t)).to_vec();
+        clock.again();
+        stamps.extend([100, 200].map(|t| clock.stamp(t)));
+        assert_eq!(stamps, [100, 200, 300, 400, 500]);
+    }
+
+    #[test]
+    fn frames_are_due_in_the_recordings_time() {
+        let mut clock = PlayClock::default();
+        let first = clock.due(1_000_000, 2.0);
+        assert_eq!(clock.due(3_000_000, 2.0) - first, Duration::from_secs(1));
+    }
+}

@@ -1,0 +1,128 @@
+//! A demonstration that is over, learned and stored on a thread of its own, so that frames and
+//! commands are taken meanwhile and the service can stop at any moment.
+
+use crate::channel as on;
+use crate::messages;
+use crate::service::publisher::Outbox;
+use linkage_driver::live::host_utime;
+use linkage_skill::encounter::{combine, to_stored};
+use linkage_skill::store::{Library, Provenance, Store, StoreError, StoredObject};
+use linkage_skill::{Demonstration, Learner, SkillConfig};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+/// What a demonstration is learned with.
+#[derive(Clone)]
+pub struct Teacher {
+    pub config: SkillConfig,
+    pub store: PathBuf,
+    pub out: Outbox,
+}
+
+/// A demonstration that is being learned.
+pub struct Learning {
+    pub object: String,
+    result: Receiver<Result<Learned, String>>,
+    cancelled: Arc<AtomicBool>,
+}
+
+/// What was learned, and all that is known now.
+pub struct Learned {
+    pub summary: String,
+    pub library: Library,
+}
+
+impl Teacher {
+    /// Starts to learn.
+    pub fn learn(&self, learner: Learner, object: String) -> std::io::Result<Learning> {
+        let (sender, result) = channel();
+        let cancelled = Arc::new(AtomicBool::new(false));
+        let learning =
+            Learning { object: object.clone(), result, cancelled: Arc::clone(&cancelled) };
+        let teacher = self.clone();
+        std::thread::Builder::new().name("learn".to_owned()).spawn(move || {
+            // Nobody waits for a demonstration that was cancelled.
+            let _ = sender.send(teacher.learned(learner, &object, &cancelled));
+        })?;
+        Ok(learning)
+    }
+
+    fn learned(
+        &self,
+        learner: Learner,
+        object: &str,
+        cancelled: &AtomicBool,
+    ) -> Result<Learned, String> {
+        let demonstration = learner.finish(object).map_err(|e| e.to_string())?;
+        if demonstration.model.joints.is_empty() {
+            return Err("nothing articulated moves; nothing was learned".to_owned());
+        }
+        let mut store = Store::open_or_create(&self.store).map_err(|e| e.to_string())?;
+        let known = match store.get(object) {
+            Ok(known) => Some(known),
+            Err(StoreError::UnknownObject { .. }) => None,
+            Err(e) => return Err(e.to_string()),
+        };
+        let is_cancelled = || cancelled.load(Ordering::Relaxed);
+        // A new object's model is told before it is stored, which takes longer than to learn it.
+        if known.is_none() && !is_cancelled() {
+            self.publish(&demonstration, &demonstration.model);
+        }
+        let stored = self.remembered(known.as_ref(), &demonstration)?;
+        if is_cancelled() {
+            return Err("cancelled".to_owned());
+        }
+        store.put(&stored).map_err(|e| e.to_string())?;
+        if known.is_some() {
+            self.publish(&demonstration, &stored.model);
+        }
+        let library = store.load().map_err(|e| e.to_string())?;
+        let kinds: Vec<&str> = stored.model.joints.iter().map(|j| j.kind.name()).collect();
+        let summary = format!(
+            "learned {object}: {}, {} demonstration(s)",
+            kinds.join(", "),
+            stored.model.demonstrations
+        );
+        Ok(Learned { summary, library })
+    }
+
+    /// Registered into what is known of the object already.
+    fn remembered(
+        &self,
+        known: Option<&StoredObject>,
+        demonstration: &Demonstration,
+    ) -> Result<StoredObject, String> {
+        let now = host_utime();
+        let provenance = Provenance { source: "demonstrated live".to_owned(), learned_utime: now };
+        match known {
+            None => to_stored(demonstration, provenance, &self.config).map_err(|e| e.to_string()),
+            Some(known) => {
+                combine(known, demonstration, provenance, &self.config).map_err(|e| e.to_string())
+            }
+        }
+    }
+
+    fn publish(&self, demonstration: &Demonstration, model: &linkage_skill::ObjectModel) {
+        let utime = demonstration.frame_utimes.last().copied().unwrap_or_default();
+        self.out.send(on::MODEL, &messages::model(model, utime));
+        self.out.send(on::ARTICULATED_OBJECT, &messages::articulated_object(demonstration));
+    }
+}
+
+impl Learning {
+    /// What came of it, once it is over.
+    pub fn poll(&self) -> Option<Result<Learned, String>> {
+        match self.result.try_recv() {
+            Ok(result) => Some(result),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(Err("learning failed".to_owned())),
+        }
+    }
+
+    /// Its result is not wanted any more.
+    pub fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Relaxed);
+    }
+}

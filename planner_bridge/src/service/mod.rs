@@ -1,0 +1,181 @@
+//! The live skill: watches a source, is told what to do over LCM, answers there.
+//!
+//! A thread captures, one perceives, one publishes, one listens for commands, and one streams
+//! setpoints; bounded queues join them, and none of them waits for a slower one.
+
+mod capture;
+mod command;
+mod learning;
+mod perception;
+mod publisher;
+mod stream;
+
+pub use command::{Action, Command, Refusal};
+pub use stream::{StreamError, StreamReport, Streamer};
+
+use crate::limits::Rig;
+use capture::Capture;
+use command::Listener;
+use linkage_driver::live::latest;
+use linkage_driver::{RgbdSource, SourceError};
+use linkage_lcm::{Lcm, LcmError};
+use linkage_realtime::OrderQueue;
+use linkage_skill::SkillConfig;
+use linkage_skill::store::StoreError;
+use perception::Perception;
+use publisher::Publisher;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// What a service works with.
+#[derive(Debug, Clone)]
+pub struct ServiceConfig {
+    /// Perception.
+    pub skill: SkillConfig,
+    /// Motion limits, and what is refused.
+    pub rig: Rig,
+    /// Where learned objects are kept; made with the first of them.
+    pub store: PathBuf,
+    /// LCM network.
+    pub url: String,
+    /// Setpoints a second while a prediction is executed; none are streamed without it.
+    pub stream_hz: Option<f64>,
+    /// How a recording is played.
+    pub playback: Playback,
+}
+
+/// How a recording is played; a live camera has its own pace.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Playback {
+    /// So many times as fast as it was recorded; 0: as fast as it can be read.
+    pub rate: f64,
+    /// Again and again, in time that goes on.
+    pub repeat: bool,
+}
+
+impl Default for Playback {
+    fn default() -> Self {
+        Self { rate: 1.0, repeat: false }
+    }
+}
+
+/// A service that cannot start, or not go on.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// The source.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The network.
+    #[error(transparent)]
+    Lcm(#[from] LcmError),
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The stream of setpoints.
+    #[error(transparent)]
+    Stream(#[from] StreamError),
+    /// A thread that cannot be started.
+    #[error("a thread cannot be started: {0}")]
+    Thread(#[from] std::io::Error),
+    /// A fault of this program.
+    #[error("the {0} thread failed; what was stored is safe: start again, and report this")]
+    Internal(&'static str),
+}
+
+/// What a service did.
+#[derive(Debug, Clone, Default)]
+pub struct ServiceReport {
+    /// Frames that were looked at.
+    pub frames: u64,
+    /// Frames that came faster than they were taken.
+    pub dropped_frames: u64,
+    /// Commands and packets that were refused.
+    pub refused: u64,
+    /// How the stream kept its time.
+    pub stream: Option<StreamReport>,
+}
+
+/// Opens the source, again after it was lost or when a recording is repeated.
+pub type SourceOpener = dyn FnMut() -> Result<Box<dyn RgbdSource>, SourceError> + Send;
+
+/// Frames that wait for perception; more push out the oldest.
+const WAITING_FRAMES: usize = 8;
+/// Commands that wait for it; more are refused.
+const WAITING_COMMANDS: usize = 16;
+/// Packets that wait to be published; more push out the oldest.
+const WAITING_PACKETS: usize = 64;
+/// Longest wait for the network's own answer at the start.
+const SELF_TEST: Duration = Duration::from_secs(2);
+
+/// Serves until `stop` is set.
+///
+/// # Errors
+/// [`ServiceError`] when the source, the network or the store cannot be used at the start. What
+/// fails later is told in the status, and the service goes on.
+pub fn serve(
+    mut open: Box<SourceOpener>,
+    config: &ServiceConfig,
+    stop: &Arc<AtomicBool>,
+) -> Result<ServiceReport, ServiceError> {
+    let lcm = Lcm::new(&config.url)?;
+    if config.url.starts_with("udpm") {
+        lcm.self_test(SELF_TEST)?;
+    }
+    let source = open()?;
+    let (frame_writer, frames) = latest(WAITING_FRAMES);
+    let (packet_writer, packets) = latest(WAITING_PACKETS);
+    let (note_writer, notes) = latest(WAITING_PACKETS);
+    let (command_writer, commands) = crossbeam_channel::bounded(WAITING_COMMANDS);
+    let out = publisher::Outbox { packets: packet_writer, notes: note_writer };
+
+    let capture = Capture::new(source, open, config.playback, frame_writer, out.clone());
+    let listener = Listener::new(&config.url, command_writer, out.clone())?;
+    let publisher = Publisher::new(lcm, packets, notes);
+    let mut queue = OrderQueue::new();
+    let (orders, taken) = queue.split();
+    let streamer = config.stream_hz.map(|hz| Streamer::new(&config.url, hz, taken)).transpose()?;
+    let orders = streamer.as_ref().map(|s| stream::Orders::new(orders, s));
+    let perception = Perception::new(config, frames, commands, out, orders)?;
+
+    let is_stopped = || stop.load(Ordering::Relaxed);
+    std::thread::scope(|scope| {
+        let start = |name: &str| std::thread::Builder::new().name(name.to_owned());
+        let capturing =
+            start("capture").spawn_scoped(scope, || guarded(stop, || capture.run(&is_stopped)))?;
+        let listening = start("commands")
+            .spawn_scoped(scope, || guarded(stop, || listener.run(&is_stopped)))?;
+        let publishing = start("publish")
+            .spawn_scoped(scope, || guarded(stop, || publisher.run(&is_stopped)))?;
+        let streaming = streamer
+            .map(|s| start("stream").spawn_scoped(scope, || guarded(stop, || s.run(&is_stopped))))
+            .transpose()?;
+        let perceiving = start("perceive")
+            .spawn_scoped(scope, || guarded(stop, || perception.run(&is_stopped)))?;
+
+        let (frames, dropped_frames) =
+            perceiving.join().map_err(|_| ServiceError::Internal("perception"))?;
+        capturing.join().map_err(|_| ServiceError::Internal("capture"))?;
+        listening.join().map_err(|_| ServiceError::Internal("command"))?;
+        let refused = publishing.join().map_err(|_| ServiceError::Internal("publishing"))?;
+        let stream = streaming
+            .map(|s| s.join().map_err(|_| ServiceError::Internal("stream")))
+            .transpose()?;
+        Ok(ServiceReport { frames, dropped_frames, refused, stream })
+    })
+}
+
+/// Stops all the others when one of the threads fails.
+fn guarded<T>(stop: &AtomicBool, work: impl FnOnce() -> T) -> T {
+    struct StopAll<'s>(&'s AtomicBool);
+    impl Drop for StopAll<'_> {
+        fn drop(&mut self) {
+            if std::thread::panicking() {
+                self.0.store(true, Ordering::Relaxed);
+            }
+        }
+    }
+    let _stop_all = StopAll(stop);
+    work()
+}

@@ -1,0 +1,588 @@
+//! The thread that perceives: takes frames and commands, and is always in one of the states that
+//! the status tells.
+
+use super::ServiceConfig;
+use super::capture::Arrived;
+use super::command::{Action, Command};
+use super::learning::{Learning, Teacher};
+use super::publisher::{Answer, Note, Outbox, Situation};
+use super::stream::Orders;
+use crate::channel;
+use crate::messages;
+use crate::plan::{PlanError, Request, predict};
+use crossbeam_channel::Receiver;
+use linkage_driver::RgbdFrame;
+use linkage_driver::live::{LatestReader, Nothing};
+use linkage_skill::predict::Target;
+use linkage_skill::recognise::{
+    Follower, KnownObject, RecogniseConfig, Recognised, Recognition, Scene, recognise,
+};
+use linkage_skill::store::{Library, Store, StoreError};
+use linkage_skill::{LearnError, Learner, ObjectModel};
+use nalgebra::Point3;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+pub struct Perception<'q> {
+    config: ServiceConfig,
+    teacher: Teacher,
+    frames: LatestReader<Arrived>,
+    commands: Receiver<Command>,
+    out: Outbox,
+    orders: Option<Orders<'q>>,
+    /// The stream is still to be told to stop.
+    stop_owed: bool,
+    library: Library,
+    state: State,
+    looked_at: u64,
+    arrivals: VecDeque<Instant>,
+    told: Option<(Instant, Situation)>,
+}
+
+enum State {
+    /// Idle, or ready where something is known.
+    Resting,
+    Demonstrating(Box<Demonstrating>),
+    Learning {
+        learning: Learning,
+        command: i64,
+    },
+    Watching(Watching),
+    Tracking(Box<Tracking>),
+}
+
+struct Demonstrating {
+    object: String,
+    learner: Learner,
+    so_far: ObjectModel,
+    told: Instant,
+}
+
+struct Watching {
+    /// Any where none is named.
+    object: Option<String>,
+    pending: Option<Pending>,
+    /// Best score so far of what was not believed.
+    best_refused: f64,
+}
+
+struct Tracking {
+    object: Arc<KnownObject>,
+    follower: Follower,
+    recognised: Recognised,
+    /// The newest frame shows it.
+    seen: bool,
+    utime: i64,
+    arrived: Instant,
+    pending: Option<Pending>,
+}
+
+/// A prediction that waits for its object to be found.
+struct Pending {
+    command: i64,
+    joint: Option<String>,
+    target: Target,
+    grasp: Option<Point3<f64>>,
+    since: Instant,
+}
+
+/// Longest wait for a frame without a look at commands.
+const POLL: Duration = Duration::from_millis(20);
+/// Time between two tellings of what is believed while a demonstration runs, and of the situation
+/// where it changes in figures alone.
+const TELL_EVERY: Duration = Duration::from_millis(450);
+/// A prediction whose object is not found for so long is refused.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Arrivals that the frame rate is taken over, and how old they may be.
+const RATE_FRAMES: usize = 30;
+const RATE_WINDOW: Duration = Duration::from_secs(3);
+
+impl<'q> Perception<'q> {
+    pub fn new(
+        config: &ServiceConfig,
+        frames: LatestReader<Arrived>,
+        commands: Receiver<Command>,
+        out: Outbox,
+        orders: Option<Orders<'q>>,
+    ) -> Result<Self, StoreError> {
+        let library = match Store::open(&config.store) {
+            Ok(store) => store.load()?,
+            Err(StoreError::Missing { .. }) => Library::new(Vec::new()),
+            Err(e) => return Err(e),
+        };
+        let (skill, store) = (config.skill.clone(), config.store.clone());
+        Ok(Self {
+            config: config.clone(),
+            teacher: Teacher { config: skill, store, out: out.clone() },
+            frames,
+            commands,
+            out,
+            orders,
+            stop_owed: false,
+            library,
+            state: State::Resting,
+            looked_at: 0,
+            arrivals: VecDeque::new(),
+            told: None,
+        })
+    }
+
+    /// Perceives until it is stopped; frames that were looked at, and that were dropped.
+    pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) -> (u64, u64) {
+        while !is_stopped() {
+            while let Ok(command) = self.commands.try_recv() {
+                self.obey(command);
+            }
+            match self.frames.pop(POLL) {
+                Ok(arrived) => self.look(arrived),
+                Err(Nothing::Yet) => {}
+                // The source is over, commands are not.
+                Err(Nothing::Ever) => std::thread::sleep(POLL),
+            }
+            self.poll();
+            self.tell();
+        }
+        (self.looked_at, self.frames.dropped())
+    }
+
+    /// Tells what became of a command.
+    fn answer(&self, command: i64, result: Result<String, String>) {
+        let accepted = result.is_ok();
+        let text = result.unwrap_or_else(|reason| reason);
+        self.out.note(Note::Answer(Answer { utime: command, accepted, done: true, text }));
+    }
+
+    /// Tells that a command is being done.
+    fn acknowledge(&self, command: i64, text: String) {
+        let answer = Answer { utime: command, accepted: true, done: false, text };
+        self.out.note(Note::Answer(answer));
+    }
+
+    fn obey(&mut self, Command { utime, action }: Command) {
+        let begun = match action {
+            Action::StartDemonstration { object } => {
+                return self.answer_with(utime, |it| it.start_demonstration(object));
+            }
+            Action::Recognise { object } => {
+                return self.answer_with(utime, |it| it.watch(object, None));
+            }
+            Action::Cancel => return self.answer_with(utime, |it| Ok(it.cancel())),
+            Action::FinishDemonstration => self.finish_demonstration(utime),
+            Action::Predict { object, joint, target, grasp } => {
+                let since = Instant::now();
+                let pending = Pending { command: utime, joint, target, grasp, since };
+                self.predict(object, pending)
+            }
+        };
+        match begun {
+            Ok(text) => {
+                self.acknowledge(utime, text);
+                self.fulfil();
+            }
+            Err(reason) => self.answer(utime, Err(reason)),
+        }
+    }
+
+    fn answer_with(
+        &mut self,
+        command: i64,
+        work: impl FnOnce(&mut Self) -> Result<String, String>,
+    ) {
+        let result = work(self);
+        self.answer(command, result);
+    }
+
+    /// Refuses what must not interrupt a demonstration.
+    fn interruptible(&self) -> Result<(), String> {
+        match &self.state {
+            State::Demonstrating(d) => {
+                Err(format!("{} is being demonstrated; finish or cancel first", d.object))
+            }
+            State::Learning { learning, .. } => {
+                Err(format!("{} is being learned; wait, or cancel", learning.object))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn start_demonstration(&mut self, object: String) -> Result<String, String> {
+        self.interruptible()?;
+        self.rest();
+        let learner = Learner::live(&self.config.skill);
+        let so_far = learner.so_far(&object);
+        let answer = format!("watching how {object} is moved");
+        let demonstrating = Demonstrating { object, learner, so_far, told: Instant::now() };
+        self.state = State::Demonstrating(Box::new(demonstrating));
+        Ok(answer)
+    }
+
+    fn finish_demonstration(&mut self, command: i64) -> Result<String, String> {
+        match std::mem::replace(&mut self.state, State::Resting) {
+            State::Demonstrating(d) => {
+                let Demonstrating { object, learner, .. } = *d;
+                let frames = learner.tracker().frames();
+                let learning =
+                    self.teacher.learn(learner, object.clone()).map_err(|e| e.to_string())?;
+                self.state = State::Learning { learning, command };
+                Ok(format!("learning {object} from {frames} frames"))
+            }
+            other => {
+                self.state = other;
+                Err("no demonstration runs; start one first".to_owned())
+            }
+        }
+    }
+
+    fn watch(
+        &mut self,
+        object: Option<String>,
+        pending: Option<Pending>,
+    ) -> Result<String, String> {
+        self.interruptible()?;
+        if self.library.is_empty() {
+            return Err("nothing is known yet; demonstrate something first".to_owned());
+        }
+        if let Some(name) = &object
+            && self.library.number(name).is_none()
+        {
+            return Err(format!("no object \"{name}\" is known"));
+        }
+        self.rest();
+        let answer = match &object {
+            Some(name) => format!("looking for {name}"),
+            None => "looking for anything known".to_owned(),
+        };
+        self.state = State::Watching(Watching { object, pending, best_refused: 0.0 });
+        Ok(answer)
+    }
+
+    fn predict(&mut self, object: Option<String>, pending: Pending) -> Result<String, String> {
+        if let State::Tracking(t) = &mut self.state {
+            let name = &t.object.model.object;
+            if object.as_ref().is_none_or(|wanted| wanted == name) {
+                let answer = format!("predicting {name}");
+                if t.arrived.elapsed().as_secs_f64() > self.config.rig.safety.frame_age {
+                    return Err(stale(t.arrived.elapsed()));
+                }
+                t.pending = Some(pending);
+                return Ok(answer);
+            }
+        }
+        self.watch(object, Some(pending))
+    }
+
+    fn cancel(&mut self) -> String {
+        if let State::Learning { learning, .. } = &self.state {
+            learning.cancel();
+        }
+        self.rest();
+        "cancelled".to_owned()
+    }
+
+    /// Nothing is looked for, nothing moves.
+    fn rest(&mut self) {
+        let pending = match &mut self.state {
+            State::Watching(w) => w.pending.take(),
+            State::Tracking(t) => t.pending.take(),
+            _ => None,
+        };
+        if let Some(pending) = pending {
+            let reason = "another command came before it was planned".to_owned();
+            self.answer(pending.command, Err(reason));
+        }
+        self.stop_stream();
+        self.state = State::Resting;
+    }
+
+    fn stop_stream(&mut self) {
+        if let Some(orders) = &mut self.orders {
+            self.stop_owed = !orders.stop();
+        }
+    }
+
+    fn look(&mut self, Arrived { frame, at }: Arrived) {
+        self.looked_at += 1;
+        if self.arrivals.len() == RATE_FRAMES {
+            self.arrivals.pop_front();
+        }
+        self.arrivals.push_back(at);
+        match &mut self.state {
+            State::Resting | State::Learning { .. } => {}
+            State::Demonstrating(_) => self.demonstrate(&frame),
+            State::Watching(_) => {
+                // An older frame tells nothing that the newest does not.
+                let mut newest = Arrived { frame, at };
+                while let Ok(newer) = self.frames.pop(Duration::ZERO) {
+                    self.looked_at += 1;
+                    newest = newer;
+                }
+                self.search(&newest);
+            }
+            State::Tracking(_) => self.follow(&frame, at),
+        }
+    }
+
+    fn demonstrate(&mut self, frame: &RgbdFrame) {
+        let State::Demonstrating(d) = &mut self.state else { return };
+        match d.learner.push(frame) {
+            Ok(()) => {}
+            Err(e @ LearnError::TooLong { .. }) => {
+                // What was seen is not lost: it is learned from.
+                let command = frame.utime;
+                self.out.note(Note::Error(format!("{}: {e}; it is finished here", d.object)));
+                if let Err(reason) = self.finish_demonstration(command) {
+                    self.out.note(Note::Error(reason));
+                }
+                return;
+            }
+            Err(e) => self.out.note(Note::Error(format!("{}: {e}", d.object))),
+        }
+        if d.told.elapsed() >= TELL_EVERY {
+            d.told = Instant::now();
+            d.so_far = d.learner.so_far(&d.object);
+            self.out.send(channel::MODEL, &messages::model(&d.so_far, frame.utime));
+        }
+    }
+
+    /// Looks for objects in a frame.
+    fn search(&mut self, Arrived { frame, at }: &Arrived) {
+        let State::Watching(w) = &mut self.state else { return };
+        let threshold = self.config.skill.recognise.min_score;
+        // All scores are wanted, to say how near it was.
+        let all = RecogniseConfig { min_score: 0.0, ..self.config.skill.recognise.clone() };
+        let found =
+            match search(&self.library, frame, w.object.as_deref(), &all, self.config.skill.seed) {
+                Ok(found) => found,
+                Err(reason) => return self.out.note(Note::Error(reason)),
+            };
+        let (believed, refused): (Vec<Recognised>, Vec<Recognised>) =
+            found.matches.into_iter().partition(|m| m.score >= threshold);
+        w.best_refused = refused.iter().map(|m| m.score).fold(w.best_refused, f64::max);
+        let believed = Recognition::new(believed);
+        let numbers = believed.matches.iter().filter_map(|m| self.library.number(&m.object));
+        let known: Vec<Arc<KnownObject>> =
+            numbers.filter_map(|n| self.library.object(n).ok()).collect();
+        let model_of = |name: &str| known.iter().map(|k| &k.model).find(|m| m.object == name);
+        let message = messages::recognition(&believed, model_of, frame.utime);
+        self.out.send(channel::RECOGNITION, &message);
+        let Some((best, object)) = believed.matches.into_iter().next().zip(known.first()) else {
+            return;
+        };
+        let follow = self.config.skill.follow.clone();
+        if let Some(follower) = Follower::new(Arc::clone(object), &best, follow) {
+            let pending = w.pending.take();
+            self.state = State::Tracking(Box::new(Tracking {
+                object: Arc::clone(object),
+                follower,
+                recognised: best,
+                seen: true,
+                utime: frame.utime,
+                arrived: *at,
+                pending,
+            }));
+            self.fulfil();
+        }
+    }
+
+    /// Follows the object that was found.
+    fn follow(&mut self, frame: &RgbdFrame, at: Instant) {
+        let State::Tracking(t) = &mut self.state else { return };
+        match t.follower.follow(frame) {
+            Ok(followed) => {
+                (t.seen, t.utime, t.arrived) = (followed.seen, frame.utime, at);
+                if followed.seen {
+                    t.recognised = followed.recognised;
+                    let now = Recognition::new(vec![t.recognised.clone()]);
+                    let model = &t.object.model;
+                    let message = messages::recognition(&now, |_| Some(model), frame.utime);
+                    self.out.send(channel::RECOGNITION, &message);
+                }
+                self.fulfil();
+            }
+            Err(lost) => {
+                self.out.note(Note::Error(lost.to_string()));
+                // Its configuration may be any by now: it is looked for again.
+                let object = Some(t.object.model.object.clone());
+                let pending = t.pending.take();
+                self.state = State::Watching(Watching { object, pending, best_refused: 0.0 });
+                self.stop_stream();
+            }
+        }
+    }
+
+    /// Plans what was asked for, if the newest frame is fresh and shows the object.
+    fn fulfil(&mut self) {
+        let State::Tracking(t) = &mut self.state else { return };
+        let fresh = t.arrived.elapsed().as_secs_f64() <= self.config.rig.safety.frame_age;
+        if !(t.seen && fresh) {
+            return;
+        }
+        let Some(pending) = t.pending.take() else { return };
+        let request = Request {
+            joint: pending.joint.as_deref(),
+            target: pending.target,
+            grasp: pending.grasp,
+        };
+        let model = &t.object.model;
+        let planned = predict(model, &t.recognised, &request, &self.config.rig)
+            .map_err(|e: PlanError| e.to_string())
+            .and_then(|plan| {
+                let robot_plan = messages::robot_plan(&plan, t.utime).map_err(|e| e.to_string())?;
+                Ok((plan, robot_plan))
+            });
+        let (plan, robot_plan) = match planned {
+            Ok(planned) => planned,
+            Err(reason) => return self.answer(pending.command, Err(reason)),
+        };
+        let message = messages::prediction(&plan.prediction, model, t.utime);
+        self.out.send(channel::PREDICTION, &message);
+        self.out.send(channel::PLAN, &robot_plan);
+        let knots = robot_plan.plan.len();
+        let streamed = self.orders.as_mut().map(|orders| match plan.motion() {
+            Err(_) => "; not streamed: too many joints",
+            Ok(motion) if !self.stop_owed && orders.run(&motion) => ", which are streamed",
+            Ok(_) => "; not streamed: orders come too fast",
+        });
+        let text = format!("planned {} in {knots} knots{}", model.object, streamed.unwrap_or(""));
+        self.answer(pending.command, Ok(text));
+    }
+
+    /// Looks after what does not come with frames.
+    fn poll(&mut self) {
+        if self.stop_owed {
+            self.stop_stream();
+        }
+        if let State::Learning { learning, command } = &self.state
+            && let Some(result) = learning.poll()
+        {
+            let (command, object) = (*command, learning.object.clone());
+            self.state = State::Resting;
+            match result {
+                Ok(learned) => {
+                    self.library = learned.library;
+                    self.answer(command, Ok(learned.summary));
+                }
+                Err(reason) => {
+                    let reason = format!("{object}: {reason}");
+                    self.out.note(Note::Error(reason.clone()));
+                    self.answer(command, Err(reason));
+                }
+            }
+        }
+        self.expire();
+    }
+
+    /// Refuses a prediction that has waited too long.
+    fn expire(&mut self) {
+        let threshold = self.config.skill.recognise.min_score;
+        let since = self.arrivals.back().map(Instant::elapsed);
+        let (pending, reason) = match &mut self.state {
+            State::Watching(w) => {
+                let what = w.object.as_deref().unwrap_or("anything known");
+                let reason = match since {
+                    Some(since) if since < PATIENCE => format!(
+                        "{what} is not recognised: the best score is {:.2}, {threshold:.2} is needed",
+                        w.best_refused
+                    ),
+                    Some(since) => stale(since),
+                    None => "no frame has come yet".to_owned(),
+                };
+                (&mut w.pending, reason)
+            }
+            State::Tracking(t) => {
+                let reason = match t.seen {
+                    true => stale(t.arrived.elapsed()),
+                    false => format!("{} is not seen now", t.object.model.object),
+                };
+                (&mut t.pending, reason)
+            }
+            _ => return,
+        };
+        if pending.as_ref().is_some_and(|p| p.since.elapsed() > PATIENCE)
+            && let Some(refused) = pending.take()
+        {
+            self.answer(refused.command, Err(reason));
+        }
+    }
+
+    /// Tells the situation when it changes, and now and then.
+    fn tell(&mut self) {
+        let now = self.situation();
+        let due = self.told.as_ref().is_none_or(|(at, told)| {
+            told.state != now.state || told.object != now.object || at.elapsed() >= TELL_EVERY / 2
+        });
+        if due {
+            self.out.note(Note::Situation(now.clone()));
+            self.told = Some((Instant::now(), now));
+        }
+    }
+
+    fn situation(&self) -> Situation {
+        let (mut tracks, mut joints) = (0, Vec::new());
+        let (state, object) = match &self.state {
+            State::Resting if self.library.is_empty() => ("idle", ""),
+            State::Resting => ("ready", ""),
+            State::Demonstrating(d) => {
+                tracks = d.learner.tracker().live_count();
+                joints = certainties(&d.so_far);
+                ("demonstrating", d.object.as_str())
+            }
+            State::Learning { learning, .. } => ("learning", learning.object.as_str()),
+            State::Watching(w) => ("watching", w.object.as_deref().unwrap_or("")),
+            State::Tracking(t) => {
+                joints = certainties(&t.object.model);
+                let moves = self.orders.as_ref().is_some_and(Orders::is_running);
+                let state = if moves || t.pending.is_some() { "predicting" } else { "tracking" };
+                (state, t.object.model.object.as_str())
+            }
+        };
+        Situation {
+            state,
+            object: object.to_owned(),
+            frame_rate: self.frame_rate(),
+            frames: self.looked_at,
+            dropped_frames: self.frames.dropped(),
+            tracks,
+            joints,
+        }
+    }
+
+    fn frame_rate(&self) -> f64 {
+        let (Some(first), Some(last)) = (self.arrivals.front(), self.arrivals.back()) else {
+            return 0.0;
+        };
+        let span = last.duration_since(*first).as_secs_f64();
+        if last.elapsed() > RATE_WINDOW || span <= 0.0 {
+            return 0.0;
+        }
+        (self.arrivals.len() - 1) as f64 / span
+    }
+}
+
+fn search(
+    library: &Library,
+    frame: &RgbdFrame,
+    object: Option<&str>,
+    config: &RecogniseConfig,
+    seed: u64,
+) -> Result<Recognition, String> {
+    let scene = Scene::new(frame).map_err(|e| e.to_string())?;
+    match object.and_then(|name| library.number(name)) {
+        Some(number) => {
+            let object = library.object(number).map_err(|e| e.to_string())?;
+            Ok(recognise(&scene, &[object], config, seed))
+        }
+        None => library.recognise(&scene, config, seed).map_err(|e| e.to_string()),
+    }
+}
+
+/// Kind and certainty of each joint.
+fn certainties(model: &ObjectModel) -> Vec<(&'static str, f64)> {
+    let certainty = |j: &linkage_skill::Joint| j.type_probabilities.get(&j.kind).copied();
+    model.joints.iter().map(|j| (j.kind.name(), certainty(j).unwrap_or(1.0))).collect()
+}
+
+fn stale(age: Duration) -> String {
+    format!("the newest frame is {:.1} s old: is the camera still there?", age.as_secs_f64())
+}

@@ -1,0 +1,74 @@
+//! `linkage serve`: the live skill until Ctrl-C or SIGTERM.
+
+use super::source::interrupted;
+use super::{Outcome, skill_config};
+use crate::cli::{Common, ServeArgs};
+use anyhow::anyhow;
+use linkage_driver::live::LiveConfig;
+use linkage_driver::{PinholeCamera, SourceOptions, open_with};
+use linkage_planner_bridge::Rig;
+use linkage_planner_bridge::service::{
+    Playback, ServiceConfig, ServiceReport, StreamReport, serve,
+};
+use std::sync::Arc;
+use std::time::Duration;
+
+pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
+    if !(args.rate.is_finite() && args.rate >= 0.0) {
+        return Err(anyhow!("--rate must be 0 or above").into());
+    }
+    let rig = match &args.rig {
+        Some(path) => Rig::read(path)?,
+        None => Rig::default(),
+    };
+    let stop = interrupted();
+    let config = ServiceConfig {
+        skill: skill_config(common)?,
+        url: args.publish.clone().unwrap_or_else(|| rig.lcm_url.clone()),
+        rig,
+        store: args.store.clone(),
+        stream_hz: args.stream_hz,
+        playback: Playback { rate: args.rate, repeat: args.repeat },
+    };
+    let options = SourceOptions {
+        camera: args.camera.as_deref().map(PinholeCamera::read_or_explain).transpose()?,
+        // A camera that is away for long may still come back.
+        live: LiveConfig { give_up: Duration::MAX, ..LiveConfig::default() },
+        stop: Arc::clone(&stop),
+    };
+    let name = args.source.clone();
+    if !common.quiet {
+        eprintln!("serving {name} on {}; Ctrl-C ends it", config.url);
+    }
+    let report = serve(Box::new(move || open_with(&name, &options)), &config, &stop)?;
+    if !common.quiet {
+        eprint!("{}", summary(&report));
+    }
+    Ok(())
+}
+
+/// What was done, for people.
+fn summary(report: &ServiceReport) -> String {
+    let mut text = format!(
+        "{} frames looked at, {} dropped, {} commands or packets refused\n",
+        report.frames, report.dropped_frames, report.refused
+    );
+    if let Some(stream) = &report.stream {
+        text += &describe_stream(stream);
+    }
+    text
+}
+
+/// How a stream kept its time, for people.
+pub fn describe_stream(stream: &StreamReport) -> String {
+    let l = &stream.lateness;
+    format!(
+        "{} setpoints sent, {} not taken by the network; {} deadlines missed, late by {} us median, {} us p99, {} us at most\n",
+        stream.sent,
+        stream.failed,
+        l.missed(),
+        l.quantile_us(0.5),
+        l.quantile_us(0.99),
+        l.longest_us()
+    )
+}
