@@ -15,7 +15,7 @@ pub struct SourceStatistics {
     pub damaged: u64,
     /// Frames that were not later than the one before them: repeated, or out of order.
     pub out_of_order: u64,
-    /// How often the device was opened again.
+    /// How often the device was opened again, or its clock began again.
     pub reconnections: u64,
     /// Largest difference of time between colour and depth of one frame, microseconds.
     pub largest_pair_gap_us: i64,
@@ -42,7 +42,20 @@ pub struct Gate {
     pub statistics: SourceStatistics,
 }
 
+/// A step back in time this long is no disorder but another beginning, microseconds.
+const NEW_BEGINNING_US: i64 = 1_000_000;
+
 impl Gate {
+    /// The same for a camera that may begin again: one that was restarted, or another recording
+    /// on its channel.
+    pub fn pass_again(&mut self, frame: RgbdFrame) -> Option<RgbdFrame> {
+        if self.last_utime.is_some_and(|last| frame.utime < last - NEW_BEGINNING_US) {
+            self.statistics.reconnections += 1;
+            (self.first_utime, self.last_utime, self.passed) = (None, None, 0);
+        }
+        self.pass(frame)
+    }
+
     /// Lets a frame pass that is later than the one before it.
     pub fn pass(&mut self, frame: RgbdFrame) -> Option<RgbdFrame> {
         if self.last_utime.is_some_and(|last| frame.utime <= last) {

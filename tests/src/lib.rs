@@ -2,6 +2,7 @@
 //! simulated recordings, and the third-party data where it is at hand.
 
 pub mod fixtures;
+pub mod service;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -79,13 +80,18 @@ pub fn shared_data(what: &str) -> Option<PathBuf> {
 
 /// The Python that tools/setup made, if it carries LCM.
 pub fn python_with_lcm() -> Option<PathBuf> {
+    python_with(&["lcm"])
+}
+
+/// The Python that tools/setup made, if it carries these packages.
+pub fn python_with(packages: &[&str]) -> Option<PathBuf> {
     let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/python/bin/python");
-    let works =
-        Command::new(&python).args(["-c", "import lcm"]).status().is_ok_and(|s| s.success());
+    let import = format!("import {}", packages.join(", "));
+    let works = Command::new(&python).args(["-c", &import]).status().is_ok_and(|s| s.success());
     if works {
         return Some(python);
     }
-    eprintln!("ignored: no Python with lcm; run tools/setup");
+    eprintln!("ignored: no Python with {}; run tools/setup", packages.join(" and "));
     None
 }
 

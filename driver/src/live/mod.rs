@@ -232,7 +232,7 @@ impl Watch {
 
     fn take(&mut self, frame: RgbdFrame, (unpaired, gap_us): (u64, i64)) {
         self.last_frame = Instant::now();
-        let frame = self.gate.pass(frame);
+        let frame = self.gate.pass_again(frame);
         let statistics = &mut self.gate.statistics;
         statistics.unpaired = self.unpaired_before + unpaired;
         statistics.largest_pair_gap_us = statistics.largest_pair_gap_us.max(gap_us);
@@ -395,6 +395,14 @@ mod tests {
         assert_eq!(times, [10, 20, 30, 40]);
         assert_eq!((statistics.out_of_order, statistics.damaged), (2, 1));
         assert_eq!((statistics.delivered, statistics.lost()), (4, 3));
+    }
+
+    #[test]
+    fn a_camera_whose_clock_begins_again_goes_on() {
+        let acts = [9_000_000, 9_100_000, 2_000_000, 2_100_000].map(Act::Frame);
+        let (times, _, statistics) = play(&acts, 0, config());
+        assert_eq!(times, [9_000_000, 9_100_000, 2_000_000, 2_100_000]);
+        assert_eq!((statistics.reconnections, statistics.lost()), (1, 0));
     }
 
     #[test]

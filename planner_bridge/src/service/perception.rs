@@ -177,6 +177,7 @@ impl<'q> Perception<'q> {
         };
         match begun {
             Ok(text) => {
+                self.tell();
                 self.acknowledge(utime, text);
                 self.fulfil();
             }
@@ -190,6 +191,8 @@ impl<'q> Perception<'q> {
         work: impl FnOnce(&mut Self) -> Result<String, String>,
     ) {
         let result = work(self);
+        // Who reads the answer finds the state that it led to.
+        self.tell();
         self.answer(command, result);
     }
 
@@ -461,6 +464,7 @@ impl<'q> Perception<'q> {
             match result {
                 Ok(learned) => {
                     self.library = learned.library;
+                    self.tell();
                     self.answer(command, Ok(learned.summary));
                 }
                 Err(reason) => {

@@ -1,0 +1,116 @@
+//! A running `linkage serve`, and what it publishes.
+
+use crate::{build, linkage, program};
+use linkage_lcm::messages::linkage::Status;
+use linkage_lcm::{Lcm, Message, Packet, decode};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// A service in a process of its own; killed when a test fails.
+pub struct Service {
+    process: Child,
+    url: String,
+}
+
+impl Service {
+    /// Starts one on an LCM network and waits until it tells its status.
+    pub fn start(url: &str, source: &str, store: &Path, options: &[&str]) -> Self {
+        build();
+        let mut listener = Listener::new(url, "LINKAGE_STATUS");
+        let process = Command::new(program())
+            .args(["serve", "--quiet", "--source", source, "--publish", url, "--store"])
+            .arg(store)
+            .args(options)
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the built program starts");
+        let service = Self { process, url: url.to_owned() };
+        listener.wait::<Status>("LINKAGE_STATUS", Duration::from_secs(20), |_| true);
+        service
+    }
+
+    /// Tells it to do something; its answer.
+    pub fn command(&self, words: &[&str]) -> Output {
+        linkage(&[&["command", "--publish", &self.url, "--wait", "30"], words].concat())
+    }
+
+    /// Its answer, which must be no refusal.
+    pub fn done(&self, words: &[&str]) -> String {
+        let output = self.command(words);
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        said
+    }
+
+    /// Resident memory, MiB.
+    pub fn resident_mib(&self) -> f64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id()))
+            .expect("the service runs");
+        let line = status.lines().find(|l| l.starts_with("VmRSS:")).expect("Linux tells VmRSS");
+        let kib: f64 = line.split_whitespace().nth(1).and_then(|n| n.parse().ok()).unwrap_or(0.0);
+        kib / 1024.0
+    }
+
+    /// Asks it to end; how it did, and how long that took.
+    pub fn terminate(mut self) -> (ExitStatus, Duration) {
+        let start = Instant::now();
+        let pid = self.process.id().to_string();
+        let killed = Command::new("kill").args(["-TERM", &pid]).status();
+        assert!(killed.is_ok_and(|s| s.success()), "the service runs until it is told to end");
+        (self.process.wait().expect("it ends"), start.elapsed())
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// What is published on some channels.
+pub struct Listener {
+    lcm: Lcm,
+}
+
+impl Listener {
+    /// Listens on channels that match a regular expression.
+    pub fn new(url: &str, channels: &str) -> Self {
+        let mut lcm = Lcm::new(url).expect("LCM works on this host");
+        lcm.subscribe(channels).expect("a channel");
+        Self { lcm }
+    }
+
+    /// The next message of a channel that is as wanted.
+    ///
+    /// # Panics
+    /// When none comes in time.
+    pub fn wait<M: Message>(
+        &mut self,
+        channel: &str,
+        patience: Duration,
+        mut wanted: impl FnMut(&M) -> bool,
+    ) -> M {
+        let start = Instant::now();
+        while start.elapsed() < patience {
+            let packet = self.lcm.receive(Duration::from_millis(200)).expect("LCM receives");
+            let Some(packet) = packet.filter(|p| p.channel == channel) else { continue };
+            let message: M = decode(&packet.bytes).expect("what is published can be decoded");
+            if wanted(&message) {
+                return message;
+            }
+        }
+        panic!("nothing that was waited for came on {channel} within {patience:?}");
+    }
+
+    /// All packets of some time.
+    pub fn gather(&mut self, time: Duration) -> Vec<Packet> {
+        let start = Instant::now();
+        let mut packets = Vec::new();
+        while start.elapsed() < time {
+            packets.extend(self.lcm.receive(Duration::from_millis(50)).expect("LCM receives"));
+        }
+        packets
+    }
+}
