@@ -11,6 +11,10 @@ mod tags;
 use clap::Parser;
 use std::process::ExitCode;
 
+/// Memory that one thread takes and another gives back stays bounded.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> ExitCode {
     sigpipe::reset();
     let cli = match cli::Cli::try_parse() {
