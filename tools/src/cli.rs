@@ -413,7 +413,8 @@ pub struct BenchArgs {
     /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
     /// a folder of recordings; recognise: look for learned things in stills, known ones and
     /// look-alikes, and in libraries of up to 100 000; follow: follow
-    /// what was learned from a recording through it; logs: fit pose logs of known type; tracking: play clips forward
+    /// what was learned from a recording through it; serve: time from a frame to its prediction
+    /// over LCM, and how a stream of setpoints keeps its time; logs: fit pose logs of known type; tracking: play clips forward
     /// and back
     #[arg(long, default_value = "dir")]
     pub suite: String,

@@ -44,6 +44,34 @@ typedef enum {
 } linkage_result;
 
 /*
+ How depth is given; registered to colour either way.
+ */
+typedef enum {
+  /*
+   uint16_t, millimetres, 0 where there is no reading.
+   */
+  LINKAGE_DEPTH_FORMAT_MILLIMETRES_U16 = 0,
+  /*
+   float, metres, 0 or NaN where there is no reading.
+   */
+  LINKAGE_DEPTH_FORMAT_METRES_F32 = 1,
+} linkage_depth_format;
+
+/*
+ Which paths are meant.
+ */
+typedef enum {
+  /*
+   Of the parts' own frames.
+   */
+  LINKAGE_PATH_KIND_PART = 0,
+  /*
+   Of what a gripper holds.
+   */
+  LINKAGE_PATH_KIND_HANDLE = 1,
+} linkage_path_kind;
+
+/*
  A planned motion: a trajectory for each joint that moves, a path for each part that it moves,
  and one for what a gripper holds on such a part.
  */

@@ -8,6 +8,7 @@ mod motion;
 mod paper;
 mod recognise;
 mod score;
+mod serve;
 mod tags;
 mod tracking;
 pub mod truth;
@@ -24,9 +25,10 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         "logs" => logs::run(args, common),
         "paper" => paper::run(args, common),
         "recognise" => recognise::run(args, common),
+        "serve" => serve::run(args, common),
         "tracking" => tracking::run(args, common),
         other => Err(anyhow!(
-            "no suite \"{other}\"; known: ablation, dir, follow, logs, paper, recognise, tracking"
+            "no suite \"{other}\"; known: ablation, dir, follow, logs, paper, recognise, serve, tracking"
         )
         .into()),
     }

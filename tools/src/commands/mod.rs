@@ -25,6 +25,7 @@ use std::path::Path;
 
 pub use learn::{demonstrate, demonstrate_past, remember, summary};
 pub use recognise::{describe, last_frame};
+pub use serve::describe_stream;
 pub use simulate::film;
 
 /// A command that failed, with its exit status (DESIGN 4.3).

@@ -16,6 +16,7 @@ use linkage_skill::recognise::{Recognised, Scene, find};
 use linkage_skill::store::{Library, StoreError, StoredObject};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+pub use scale::made_up;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -104,7 +104,7 @@ fn ask(index: &Index, questions: &[Question], insertion_milliseconds: f64) -> Ro
 
 /// An object with as many features as the index takes of a learned one: each descriptor is half of one learned
 /// feature's and half of another's.
-fn made_up(features: &[&ModelFeature], seed: u64) -> Appearance {
+pub fn made_up(features: &[&ModelFeature], seed: u64) -> Appearance {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let features = (0..FEATURES)
         .map(|_| {
