@@ -314,16 +314,24 @@ impl<'q> Perception<'q> {
             State::Resting | State::Learning { .. } => {}
             State::Demonstrating(_) => self.demonstrate(&frame),
             State::Watching(_) => {
-                // An older frame tells nothing that the newest does not.
-                let mut newest = Arrived { frame, at };
-                while let Ok(newer) = self.frames.pop(Duration::ZERO) {
-                    self.looked_at += 1;
-                    newest = newer;
-                }
+                let newest = self.newest(Arrived { frame, at });
                 self.search(&newest);
             }
-            State::Tracking(_) => self.follow(&frame, at),
+            State::Tracking(_) => {
+                let newest = self.newest(Arrived { frame, at });
+                self.follow(&newest);
+            }
         }
+    }
+
+    /// The newest frame that waits: what is there now counts, not what was.
+    fn newest(&mut self, oldest: Arrived) -> Arrived {
+        let mut newest = oldest;
+        while let Ok(newer) = self.frames.pop(Duration::ZERO) {
+            self.looked_at += 1;
+            newest = newer;
+        }
+        newest
     }
 
     fn demonstrate(&mut self, frame: &RgbdFrame) {
@@ -389,11 +397,11 @@ impl<'q> Perception<'q> {
     }
 
     /// Follows the object that was found.
-    fn follow(&mut self, frame: &RgbdFrame, at: Instant) {
+    fn follow(&mut self, Arrived { frame, at }: &Arrived) {
         let State::Tracking(t) = &mut self.state else { return };
         match t.follower.follow(frame) {
             Ok(followed) => {
-                (t.seen, t.utime, t.arrived) = (followed.seen, frame.utime, at);
+                (t.seen, t.utime, t.arrived) = (followed.seen, frame.utime, *at);
                 if followed.seen {
                     t.recognised = followed.recognised;
                     let now = Recognition::new(vec![t.recognised.clone()]);

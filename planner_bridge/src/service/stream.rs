@@ -8,6 +8,10 @@ use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
 
 /// A stream that cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -85,6 +89,7 @@ impl<'q> Streamer<'q> {
 
     /// Streams until it is stopped.
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) -> StreamReport {
+        go_before_others();
         let (start, start_utime) = (Instant::now(), host_utime());
         let mut due = start;
         while !is_stopped() {
@@ -122,6 +127,23 @@ impl<'q> Streamer<'q> {
         &self.report
     }
 }
+
+/// Lets this thread run as soon as it is due. Needs CAP_SYS_NICE or an rtprio limit; without them
+/// setpoints come late where perception keeps all cores busy.
+fn go_before_others() {
+    let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    let priority = ThreadPriorityValue::try_from(REALTIME_PRIORITY)
+        .map(ThreadPriority::Crossplatform)
+        .unwrap_or(ThreadPriority::Max);
+    if let Err(e) = set_thread_priority_and_policy(thread_native_id(), priority, policy) {
+        tracing::warn!(
+            "the stream has no real-time priority ({e}): give it with setcap cap_sys_nice+ep, or an rtprio limit"
+        );
+    }
+}
+
+/// Above ordinary threads, below those that drive hardware; 0 to 99.
+const REALTIME_PRIORITY: u8 = 50;
 
 /// Perception's end: what is to be streamed.
 pub struct Orders<'q> {

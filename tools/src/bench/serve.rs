@@ -103,6 +103,9 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     Ok(())
 }
 
+/// After so long an object that was recognised is followed.
+const SETTLED: Duration = Duration::from_millis(400);
+
 /// A store of the learned object among made-up ones.
 fn store_of(work: &Path, object: &StoredObject, objects: usize) -> Outcome<PathBuf> {
     let path = work.join(format!("objects-{objects}.linkage"));
@@ -247,6 +250,8 @@ impl Running {
                 Some(ms) => recognised.push(ms),
                 None => unanswered += 1,
             }
+            // Until it is followed, the newest frame is the one that it was recognised in.
+            std::thread::sleep(SETTLED);
             self.tell(Command::PREDICT, "closed")?;
             match self.prediction()? {
                 Some(ms) => followed.push(ms),
