@@ -170,6 +170,7 @@ fn add_joint(
     let mut part = newer.model.parts[joint.child].clone();
     part.id = id;
     part.name = format!("part{id}");
+    part.grasp = part.grasp.map(|g| (object_from_newer * Point3::from(g)).into());
     model.parts.push(part);
     stored.appearance =
         with_part(&stored.appearance, appearance, joint.child, id, object_from_newer);

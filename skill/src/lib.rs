@@ -8,6 +8,7 @@ pub mod base;
 pub mod config;
 pub mod encounter;
 pub mod geometry;
+pub mod grasp;
 pub mod joints;
 pub mod katz;
 pub mod keyframes;

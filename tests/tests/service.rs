@@ -271,27 +271,26 @@ fn hostile_traffic_harms_nothing_and_is_counted() {
     let told: Status = statuses.wait("LINKAGE_STATUS", wait, |s: &Status| s.refused > 60);
     assert!(!told.last_error.is_empty());
 
-    // Ten thousand commands a second for two seconds, each another one.
-    let before = service.resident_mib();
-    let start = Instant::now();
+    // Ten thousand commands a second, each another one; twice, for what is used once is no growth.
     let mut sent = 0;
-    while start.elapsed() < Duration::from_secs(2) {
-        if f64::from(sent) < start.elapsed().as_secs_f64() * 10_000.0 {
-            sent += 1;
-            let action = (sent % 5) as i8;
-            let order = Order {
-                utime: i64::from(sent) + 100,
-                object: "drawer".into(),
-                action,
-                ..order.clone()
-            };
-            lcm.publish("LINKAGE_COMMAND", &order).unwrap();
+    let mut flood = || {
+        let (start, before) = (Instant::now(), sent);
+        while start.elapsed() < Duration::from_secs(2) {
+            if f64::from(sent - before) < start.elapsed().as_secs_f64() * 10_000.0 {
+                sent += 1;
+                let (utime, action) = (i64::from(sent) + 100, (sent % 5) as i8);
+                let object = "drawer".to_owned();
+                let order = Order { utime, object, action, ..order.clone() };
+                lcm.publish("LINKAGE_COMMAND", &order).unwrap();
+            }
         }
-    }
-    assert!(sent > 15_000, "{sent} commands were sent");
+        assert!(sent - before > 15_000, "{} commands were sent", sent - before);
+        service.resident_mib()
+    };
+    let (first, second) = (flood(), flood());
     let told: Status = statuses.wait("LINKAGE_STATUS", wait, |s: &Status| s.refused > 1000);
-    let grown = service.resident_mib() - before;
-    assert!(grown < 150.0, "memory grew by {grown:.0} MiB, {} refused", told.refused);
+    let refused = told.refused;
+    assert!(second < first + 100.0, "{first:.0} MiB, then {second:.0}; {refused} refused");
     service.done(&["cancel"]);
     assert!(service.done(&["predict", "drawer"]).contains("planned drawer"));
     assert!(service.terminate().0.success());

@@ -7,6 +7,7 @@ use crate::articulate::JointKind;
 use crate::base::{BaseMotion, find_base};
 use crate::config::{LearningWay, SkillConfig};
 use crate::geometry::Pose;
+use crate::grasp::Held;
 use crate::joints::Watched;
 use crate::keyframes::Keyframes;
 use crate::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
@@ -16,6 +17,7 @@ use crate::timing::StageTimes;
 use crate::track::{TrackSet, Tracker, Trajectory};
 use ahead::SearchAhead;
 use linkage_driver::RgbdFrame;
+use nalgebra::Point3;
 
 /// A demonstration that nothing can be learned from, or not any more.
 #[derive(Debug, thiserror::Error)]
@@ -213,7 +215,7 @@ fn assemble(
     base: &BaseMotion,
     joints: Vec<LearnedJoint>,
     keyframes: Keyframes,
-    times: StageTimes,
+    mut times: StageTimes,
 ) -> Demonstration {
     let mut track_parts: Vec<Option<usize>> =
         base.tracks.iter().map(|t| (!t.moves).then_some(0)).collect();
@@ -234,6 +236,17 @@ fn assemble(
             .collect();
         camera_from_part.push(poses);
     }
+    times.measure("grasp", || {
+        for learned in &joints {
+            let (parent, child) = (learned.joint.parent, learned.joint.child);
+            let held = Held {
+                camera_from_part: &camera_from_part[child],
+                camera_from_parent: &camera_from_part[parent],
+                surface: surface_of(&set, &learned.tracks, &camera_from_part[child]),
+            };
+            parts[child].grasp = held.grasp(&keyframes).map(Into::into);
+        }
+    });
     let model = ObjectModel {
         schema: MODEL_SCHEMA.to_owned(),
         object: object.to_owned(),
@@ -254,4 +267,15 @@ fn assemble(
         keyframes,
         times,
     }
+}
+
+/// Places of tracks on their part, in its coordinates: where each was first seen while the part's
+/// pose is known.
+fn surface_of(set: &TrackSet, tracks: &[usize], camera_from_part: &Trajectory) -> Vec<Point3<f64>> {
+    let place = |&track: &usize| {
+        set.tracks[track]
+            .lifted()
+            .find_map(|(f, p)| Some(camera_from_part[f]?.inverse_transform_point(&p)))
+    };
+    tracks.iter().filter_map(place).collect()
 }

@@ -77,6 +77,9 @@ pub struct TrueJoint {
     /// False in encounters and for joints that stay still.
     #[serde(default = "yes")]
     pub moved: bool,
+    /// Where the hand holds the child, camera frame of the first frame, metres.
+    #[serde(default)]
+    pub grasp: Option<[f64; 3]>,
 }
 
 fn yes() -> bool {

@@ -369,6 +369,12 @@ impl<'s> Film<'s> {
             configuration,
             range_observed: [low, high],
             moved: high - low > 1e-6,
+            grasp: Some(
+                (self.camera_from_world(0.0)
+                    * self.scene.world_from_part(&configurations[0])[joint.child]
+                    * joint.grasp)
+                    .into(),
+            ),
         }
     }
 }
