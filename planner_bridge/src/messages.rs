@@ -346,8 +346,8 @@ mod tests {
             from in 0.0..1.5_f64, to in 0.0..1.5_f64,
             velocity in 0.1..2.0_f64, acceleration in 0.2..4.0_f64, jerk in 1.0..20.0_f64,
         ) {
-            let mut rig = Rig::default();
-            rig.revolute = crate::limits::MotionLimits { velocity, acceleration, jerk };
+            let revolute = crate::limits::MotionLimits { velocity, acceleration, jerk };
+            let rig = Rig { revolute, ..Rig::default() };
             let plan = robot_plan(&planned(from, to, &rig), 5).unwrap();
             prop_assert!(plan.plan.len() >= 2 && plan.plan[0].utime == 0);
             let names_fit = plan.plan.iter().all(|s| s.joint_name == ["fridge/joint1"]);
@@ -393,8 +393,7 @@ mod tests {
     fn a_long_prediction_stays_within_a_datagram_and_keeps_its_ends() {
         let (model, _) = fridge();
         let mut p = planned(0.3, 1.5, &Rig::default()).prediction;
-        let long = |k: &[f64; 8]| vec![*k; 2000];
-        p.parts[0].poses = long(&p.parts[0].poses[0]);
+        p.parts[0].poses = vec![p.parts[0].poses[0]; 2000];
         p.parts[0].poses[1999][0] = 40.0;
         p.handles = vec![p.parts[0].clone(); 3];
         let message = prediction(&p, &model, 77);

@@ -44,7 +44,8 @@ pub enum Command {
     /// Watch a source, take commands over LCM, publish models, recognitions and plans
     Serve(ServeArgs),
     /// Tell a running service what to do
-    Command(CommandArgs),
+    #[command(name = "command")]
+    Tell(CommandArgs),
     /// Record what a source delivers
     Record(RecordArgs),
     /// Send what a source delivers over LCM, as kinect.frame_msg_t

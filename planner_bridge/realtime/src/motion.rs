@@ -77,7 +77,7 @@ impl JointMotion {
 
     /// What the joint does at a time; at rest before the start and after the end.
     pub fn at(&self, time: f64) -> Sample {
-        if !(time < self.duration) {
+        if time >= self.duration || time.is_nan() {
             return Sample { position: self.target, ..Sample::default() };
         }
         let begun = self.segments.iter().rev().find(|s| s.start <= time);

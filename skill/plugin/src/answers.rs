@@ -163,9 +163,12 @@ pub unsafe extern "C" fn linkage_free_recognition(recognition: *mut linkage_reco
 #[allow(non_camel_case_types)]
 pub struct linkage_prediction {
     trajectories: Vec<(CString, Vec<[f64; 4]>)>,
-    parts: Vec<(CString, Vec<[f64; 8]>)>,
-    handles: Vec<(CString, Vec<[f64; 8]>)>,
+    parts: Vec<Path>,
+    handles: Vec<Path>,
 }
+
+/// A part's name, and `[t, x, y, z, qx, qy, qz, qw]`.
+type Path = (CString, Vec<[f64; 8]>);
 
 impl linkage_prediction {
     pub(crate) fn new(prediction: Prediction) -> Self {
@@ -178,7 +181,7 @@ impl linkage_prediction {
         }
     }
 
-    fn paths(&self, kind: u32) -> Result<&[(CString, Vec<[f64; 8]>)], Failure> {
+    fn paths(&self, kind: u32) -> Result<&[Path], Failure> {
         if kind == linkage_path_kind::Part as u32 {
             Ok(&self.parts)
         } else if kind == linkage_path_kind::Handle as u32 {

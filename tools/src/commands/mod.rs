@@ -70,7 +70,7 @@ pub fn run(cli: Cli) -> Outcome {
         Command::Recognise(args) => recognise::run(&args, common),
         Command::Predict(args) => predict::run(&args, common),
         Command::Serve(args) => serve::run(&args, common),
-        Command::Command(args) => command::run(&args),
+        Command::Tell(args) => command::run(&args),
         Command::Record(args) => record::run(&args, common),
         Command::Replay(args) => replay::run(&args, common),
         Command::Fit(args) => fit::run(&args, common),
