@@ -64,6 +64,22 @@ pub fn to_stored(
     })
 }
 
+/// A demonstration as an object, registered into what is known of it already, if anything is.
+///
+/// # Errors
+/// As [`combine`].
+pub fn remember(
+    known: Option<&StoredObject>,
+    demonstration: &Demonstration,
+    provenance: Provenance,
+    config: &SkillConfig,
+) -> Result<StoredObject, CombineError> {
+    match known {
+        None => Ok(to_stored(demonstration, provenance, config)?),
+        Some(known) => combine(known, demonstration, provenance, config),
+    }
+}
+
 /// Registers a newer demonstration into the first object frame: the ranges of joints that
 /// both saw are united, joints that are new are added with their parts.
 ///

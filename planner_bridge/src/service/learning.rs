@@ -5,9 +5,9 @@ use crate::channel as on;
 use crate::messages;
 use crate::service::publisher::Outbox;
 use linkage_driver::live::host_utime;
-use linkage_skill::encounter::{combine, to_stored};
-use linkage_skill::store::{Library, Provenance, Store, StoreError, StoredObject};
-use linkage_skill::{Demonstration, Learner, SkillConfig};
+use linkage_skill::encounter::remember;
+use linkage_skill::store::{Library, Provenance, Store};
+use linkage_skill::{Demonstration, Learner, ObjectModel, SkillConfig};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -60,17 +60,16 @@ impl Teacher {
             return Err("nothing articulated moves; nothing was learned".to_owned());
         }
         let mut store = Store::open_or_create(&self.store).map_err(|e| e.to_string())?;
-        let known = match store.get(object) {
-            Ok(known) => Some(known),
-            Err(StoreError::UnknownObject { .. }) => None,
-            Err(e) => return Err(e.to_string()),
-        };
+        let known = store.find(object).map_err(|e| e.to_string())?;
         let is_cancelled = || cancelled.load(Ordering::Relaxed);
         // A new object's model is told before it is stored, which takes longer than to learn it.
         if known.is_none() && !is_cancelled() {
             self.publish(&demonstration, &demonstration.model);
         }
-        let stored = self.remembered(known.as_ref(), &demonstration)?;
+        let provenance =
+            Provenance { source: "demonstrated live".to_owned(), learned_utime: host_utime() };
+        let stored = remember(known.as_ref(), &demonstration, provenance, &self.config)
+            .map_err(|e| e.to_string())?;
         if is_cancelled() {
             return Err("cancelled".to_owned());
         }
@@ -88,23 +87,7 @@ impl Teacher {
         Ok(Learned { summary, library })
     }
 
-    /// Registered into what is known of the object already.
-    fn remembered(
-        &self,
-        known: Option<&StoredObject>,
-        demonstration: &Demonstration,
-    ) -> Result<StoredObject, String> {
-        let now = host_utime();
-        let provenance = Provenance { source: "demonstrated live".to_owned(), learned_utime: now };
-        match known {
-            None => to_stored(demonstration, provenance, &self.config).map_err(|e| e.to_string()),
-            Some(known) => {
-                combine(known, demonstration, provenance, &self.config).map_err(|e| e.to_string())
-            }
-        }
-    }
-
-    fn publish(&self, demonstration: &Demonstration, model: &linkage_skill::ObjectModel) {
+    fn publish(&self, demonstration: &Demonstration, model: &ObjectModel) {
         let utime = demonstration.frame_utimes.last().copied().unwrap_or_default();
         self.out.send(on::MODEL, &messages::model(model, utime));
         self.out.send(on::ARTICULATED_OBJECT, &messages::articulated_object(demonstration));

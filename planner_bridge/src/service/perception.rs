@@ -46,7 +46,8 @@ enum State {
     Demonstrating(Box<Demonstrating>),
     Learning {
         learning: Learning,
-        command: i64,
+        /// That asked for it, if one did.
+        command: Option<i64>,
     },
     Watching(Watching),
     Tracking(Box<Tracking>),
@@ -168,7 +169,7 @@ impl<'q> Perception<'q> {
                 return self.answer_with(utime, |it| it.watch(object, None));
             }
             Action::Cancel => return self.answer_with(utime, |it| Ok(it.cancel())),
-            Action::FinishDemonstration => self.finish_demonstration(utime),
+            Action::FinishDemonstration => self.finish_demonstration(Some(utime)),
             Action::Predict { object, joint, target, grasp } => {
                 let since = Instant::now();
                 let pending = Pending { command: utime, joint, target, grasp, since };
@@ -220,7 +221,7 @@ impl<'q> Perception<'q> {
         Ok(answer)
     }
 
-    fn finish_demonstration(&mut self, command: i64) -> Result<String, String> {
+    fn finish_demonstration(&mut self, command: Option<i64>) -> Result<String, String> {
         match std::mem::replace(&mut self.state, State::Resting) {
             State::Demonstrating(d) => {
                 let Demonstrating { object, learner, .. } = *d;
@@ -276,8 +277,11 @@ impl<'q> Perception<'q> {
     }
 
     fn cancel(&mut self) -> String {
-        if let State::Learning { learning, .. } = &self.state {
+        if let State::Learning { learning, command } = &self.state {
             learning.cancel();
+            if let Some(command) = *command {
+                self.answer(command, Err("cancelled".to_owned()));
+            }
         }
         self.rest();
         "cancelled".to_owned()
@@ -340,9 +344,8 @@ impl<'q> Perception<'q> {
             Ok(()) => {}
             Err(e @ LearnError::TooLong { .. }) => {
                 // What was seen is not lost: it is learned from.
-                let command = frame.utime;
                 self.out.note(Note::Error(format!("{}: {e}; it is finished here", d.object)));
-                if let Err(reason) = self.finish_demonstration(command) {
+                if let Err(reason) = self.finish_demonstration(None) {
                     self.out.note(Note::Error(reason));
                 }
                 return;
@@ -469,17 +472,20 @@ impl<'q> Perception<'q> {
         {
             let (command, object) = (*command, learning.object.clone());
             self.state = State::Resting;
-            match result {
+            let result = match result {
                 Ok(learned) => {
                     self.library = learned.library;
-                    self.tell();
-                    self.answer(command, Ok(learned.summary));
+                    Ok(learned.summary)
                 }
                 Err(reason) => {
                     let reason = format!("{object}: {reason}");
                     self.out.note(Note::Error(reason.clone()));
-                    self.answer(command, Err(reason));
+                    Err(reason)
                 }
+            };
+            self.tell();
+            if let Some(command) = command {
+                self.answer(command, result);
             }
         }
         self.expire();

@@ -4,7 +4,7 @@ use crate::answers::{linkage_prediction, linkage_recognition};
 use crate::border::{Failure, call, free, given, linkage_result, optional_text, place, text};
 use crate::frame::{linkage_frame, taken};
 use linkage_planner_bridge::{PlanError, Request, Rig, predict};
-use linkage_skill::encounter::{combine, to_stored};
+use linkage_skill::encounter::{CombineError, remember};
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{KnownObject, Scene};
 use linkage_skill::store::{Library, Provenance, Store, StoreError};
@@ -82,15 +82,13 @@ impl Skill {
             learned_utime: linkage_driver::live::host_utime(),
         };
         let mut store = Store::open_or_create(&self.path).map_err(stored)?;
-        let learned = match store.get(&object) {
-            Ok(known) => {
-                combine(&known, &demonstration, provenance, &self.config).map_err(Failure::bad)?
-            }
-            Err(StoreError::UnknownObject { .. }) => {
-                to_stored(&demonstration, provenance, &self.config).map_err(Failure::internal)?
-            }
-            Err(e) => return Err(stored(e)),
-        };
+        let known = store.find(&object).map_err(stored)?;
+        let learned = remember(known.as_ref(), &demonstration, provenance, &self.config).map_err(
+            |e| match &e {
+                CombineError::Vision(_) => Failure::internal(e),
+                _ => Failure::bad(e),
+            },
+        )?;
         store.put(&learned).map_err(stored)?;
         self.library = store.load().map_err(stored)?;
         Ok(())

@@ -129,6 +129,18 @@ impl Store {
         self.sql(rows.collect())
     }
 
+    /// An object, if one goes by that name.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`], [`StoreError::Database`].
+    pub fn find(&self, name: &str) -> Result<Option<StoredObject>, StoreError> {
+        match self.get(name) {
+            Ok(object) => Ok(Some(object)),
+            Err(StoreError::UnknownObject { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
     /// An object.
     ///
     /// # Errors

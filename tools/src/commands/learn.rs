@@ -8,7 +8,7 @@ use crate::tags::TagLog;
 use anyhow::Context;
 use linkage_driver::RgbdSource;
 use linkage_driver::live::host_utime;
-use linkage_skill::encounter::{combine, to_stored};
+use linkage_skill::encounter;
 use linkage_skill::geometry::pose_to_array;
 use linkage_skill::store::{Provenance, Store, StoreError, StoredObject};
 use linkage_skill::{Demonstration, LearnError, Learner, ObjectModel, SkillConfig};
@@ -74,10 +74,7 @@ pub fn remember(
     config: &SkillConfig,
 ) -> Outcome<StoredObject> {
     let provenance = Provenance { source: source.to_owned(), learned_utime: host_utime() };
-    Ok(match known {
-        None => to_stored(demonstration, provenance, config)?,
-        Some(known) => combine(known, demonstration, provenance, config)?,
-    })
+    Ok(encounter::remember(known, demonstration, provenance, config)?)
 }
 
 fn put(path: &Path, object: StoredObject) -> Outcome {
