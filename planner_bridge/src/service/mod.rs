@@ -141,6 +141,8 @@ pub fn serve(
 
     let is_stopped = || stop.load(Ordering::Relaxed);
     std::thread::scope(|scope| {
+        // The scope waits for those that run already when another cannot be started.
+        let _stop_all = StopAll(stop);
         let start = |name: &str| std::thread::Builder::new().name(name.to_owned());
         let capturing =
             start("capture").spawn_scoped(scope, || guarded(stop, || capture.run(&is_stopped)))?;
@@ -168,14 +170,17 @@ pub fn serve(
 
 /// Stops all the others when one of the threads fails.
 fn guarded<T>(stop: &AtomicBool, work: impl FnOnce() -> T) -> T {
-    struct StopAll<'s>(&'s AtomicBool);
-    impl Drop for StopAll<'_> {
-        fn drop(&mut self) {
-            if std::thread::panicking() {
-                self.0.store(true, Ordering::Relaxed);
-            }
-        }
+    let stop_all = StopAll(stop);
+    let done = work();
+    std::mem::forget(stop_all);
+    done
+}
+
+/// Stops all threads where it is dropped.
+struct StopAll<'s>(&'s AtomicBool);
+
+impl Drop for StopAll<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
     }
-    let _stop_all = StopAll(stop);
-    work()
 }

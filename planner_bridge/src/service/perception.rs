@@ -380,9 +380,8 @@ impl<'q> Perception<'q> {
         let model_of = |name: &str| known.iter().map(|k| &k.model).find(|m| m.object == name);
         let message = messages::recognition(&believed, model_of, frame.utime);
         self.out.send(channel::RECOGNITION, &message);
-        let Some((best, object)) = believed.matches.into_iter().next().zip(known.first()) else {
-            return;
-        };
+        let Some(best) = believed.matches.into_iter().next() else { return };
+        let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
         let follow = self.config.skill.follow.clone();
         if let Some(follower) = Follower::new(Arc::clone(object), &best, follow) {
             let pending = w.pending.take();
