@@ -274,6 +274,12 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
+/// Points that more than so many others lie within `radius` of, themselves counted.
+pub fn without_strays(points: &[Point3<f64>], radius: f64, neighbours: usize) -> Vec<Point3<f64>> {
+    let near = |p: &Point3<f64>| points.iter().filter(|o| (*o - p).norm() < radius).count();
+    points.iter().copied().filter(|p| near(p) > neighbours).collect()
+}
+
 /// Component-wise median of points.
 pub fn median_point(points: &[Point3<f64>]) -> Option<Point3<f64>> {
     let of = |k: usize| median(&mut points.iter().map(|p| p[k]).collect::<Vec<_>>());

@@ -1,7 +1,7 @@
 //! Where the demonstrator's hand held a part: what moved with the part while it moved, and was
 //! not there while it rested. A planner may hold it in the same place.
 
-use crate::geometry::{Pose, median_point};
+use crate::geometry::{Pose, median_point, without_strays};
 use crate::keyframes::Keyframes;
 use crate::track::Trajectory;
 use linkage_driver::RgbdFrame;
@@ -31,7 +31,8 @@ const REACH_M: f64 = 0.15;
 const HAND_M: f64 = 0.1;
 const GRIP_M: f64 = 0.02;
 /// A hand is where it moves the part with little force: where things go at least this share of the
-/// farthest way. What is near a hinge hardly moves, whatever it is.
+/// farthest way of the part's tracks, strays among them. What is near a hinge hardly moves, whatever
+/// it is.
 const LEVER: f64 = 0.5;
 /// Cells so many sides apart hang together; so many make a hand.
 const LINKED: f64 = 2.0;
@@ -66,7 +67,8 @@ impl Held<'_> {
             return None;
         }
         let cell = CELL_M * (moving[0].0 * middle).z.max(1.0);
-        let near = Cells::around(&without_strays(&self.surface), REACH_M, REACH_M / 2.0);
+        let surface = without_strays(&self.surface, STRAY_M, STRAY_NEIGHBOURS);
+        let near = Cells::around(&surface, REACH_M, REACH_M / 2.0);
         let far = self.surface.iter().map(|p| way(&moving, p)).fold(0.0, f64::max);
         let (mut hand, mut own) = (Vec::new(), Vec::new());
         for place in filled(&moving, &near, cell) {
@@ -97,11 +99,6 @@ impl Held<'_> {
 /// A place that so few others are so near to is no part of the surface, metres.
 const STRAY_M: f64 = 0.1;
 const STRAY_NEIGHBOURS: usize = 4;
-
-fn without_strays(places: &[Point3<f64>]) -> Vec<Point3<f64>> {
-    let near = |p: &Point3<f64>| places.iter().filter(|o| (*o - p).norm() < STRAY_M).count();
-    places.iter().copied().filter(|p| near(p) > STRAY_NEIGHBOURS).collect()
-}
 
 /// Cells of space.
 struct Cells {

@@ -4,7 +4,7 @@ use super::describe::{FeatureSpread, Keypoints};
 use super::descriptor::{product, quantise, similarity};
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
-use crate::geometry::plane_through;
+use crate::geometry::{plane_through, without_strays};
 use crate::learn::Demonstration;
 use crate::vision::lab_picture;
 use linkage_driver::RgbdFrame;
@@ -255,14 +255,8 @@ fn tracked_points(
         .filter(|(at_rest, in_base)| belongs(posed, part, at_rest, in_base))
         .map(|(at_rest, _)| at_rest)
         .collect::<Vec<_>>();
-    without_strays(points)
-}
-
-/// Leaves out places that hardly any other is near: one stray would make an object of the
-/// room round it.
-fn without_strays(points: Vec<Point3<f64>>) -> Vec<Point3<f64>> {
-    let near = |p: &Point3<f64>| points.iter().filter(|o| (*o - p).norm() < STRAY_M).count();
-    points.iter().copied().filter(|p| near(p) > STRAY_NEIGHBOURS).collect()
+    // One stray would make an object of the room round it.
+    without_strays(&points, STRAY_M, STRAY_NEIGHBOURS)
 }
 
 /// Median depth of the moving parts' features, metres.
