@@ -1,6 +1,5 @@
 //! Surface normals from depth: a plane fitted in *inverse* depth, where a plane of the world
-//! is a plane of the picture whatever its slant, so that box sums give the fit at any pixel
-//! in constant time.
+//! is a plane of the picture whatever its slant, so that sums over a window give the fit.
 
 use super::depth_sigma;
 use crate::camera::PinholeCamera;
@@ -22,15 +21,125 @@ pub struct SurfacePatch {
     pub z: f64,
 }
 
-/// Box sums over one depth picture, from which normals are read.
+impl SurfacePatch {
+    /// The surface round column `u`, row `v`; `None` at borders, holes, edges and corners. For a
+    /// few thousand pixels; [`NormalMap`] reads more of them sooner.
+    pub fn at(depth: &DepthImage, camera: &PinholeCamera, u: usize, v: usize) -> Option<Self> {
+        largest_window([depth.width(), depth.height()], u, v, |half| {
+            fit(&window_sums(depth, camera, u, v, half), camera, u, v, half)
+        })
+    }
+}
+
+/// What the first window that fits says.
+fn largest_window(
+    [width, height]: [usize; 2],
+    u: usize,
+    v: usize,
+    fit: impl Fn(usize) -> Option<SurfacePatch>,
+) -> Option<SurfacePatch> {
+    let inside = |half: usize| half <= u && half <= v && u + half < width && v + half < height;
+    HALF_WINDOWS.into_iter().filter(|&half| inside(half)).find_map(fit)
+}
+
+/// Sums over a window of 1, x, y, d, xx, xy, yy, xd, yd, dd with (x, y) the ray through a pixel
+/// at unit depth and d the inverse depth.
+type Sums = [f64; 10];
+
+/// Columns of the largest window.
+const COLUMNS: usize = 2 * HALF_WINDOWS[0] + 1;
+
+fn window_sums(
+    depth: &DepthImage,
+    camera: &PinholeCamera,
+    u: usize,
+    v: usize,
+    half: usize,
+) -> Sums {
+    let columns = 2 * half + 1;
+    // Of each column 1, y, yy, d, yd, dd: the loop over columns has no sum to wait for.
+    let mut sums = [[0.0_f64; COLUMNS]; 6];
+    let [n, sy, syy, sd, syd, sdd] = &mut sums;
+    for row in v - half..=v + half {
+        let y = (row as f64 - camera.cy) / camera.fy;
+        let start = row * depth.width() + u - half;
+        let readings = &depth.as_metres()[start..start + columns];
+        for (i, &z) in readings.iter().enumerate() {
+            let (there, d) = if z.is_nan() { (0.0, 0.0) } else { (1.0, 1.0 / f64::from(z)) };
+            n[i] += there;
+            sy[i] += there * y;
+            syy[i] += there * y * y;
+            sd[i] += d;
+            syd[i] += d * y;
+            sdd[i] += d * d;
+        }
+    }
+    let mut total = [0.0; 10];
+    for i in 0..columns {
+        let x = ((u - half + i) as f64 - camera.cx) / camera.fx;
+        let terms = [
+            n[i],
+            x * n[i],
+            sy[i],
+            sd[i],
+            x * x * n[i],
+            x * sy[i],
+            syy[i],
+            x * sd[i],
+            syd[i],
+            sdd[i],
+        ];
+        for (sum, term) in total.iter_mut().zip(terms) {
+            *sum += term;
+        }
+    }
+    total
+}
+
+/// d = p + q x + r y over a window of half width `half`, by least squares.
+fn fit(
+    sums: &Sums,
+    camera: &PinholeCamera,
+    u: usize,
+    v: usize,
+    half: usize,
+) -> Option<SurfacePatch> {
+    let [n, x, y, d, xx, xy, yy, xd, yd, dd] = *sums;
+    let area = ((2 * half + 1) * (2 * half + 1)) as f64;
+    if n < MIN_FILLED * area {
+        return None;
+    }
+    let (mx, my, md) = (x / n, y / n, d / n);
+    let (cxx, cxy, cyy) = (xx - n * mx * mx, xy - n * mx * my, yy - n * my * my);
+    let (cxd, cyd, cdd) = (xd - n * mx * md, yd - n * my * md, dd - n * md * md);
+    let det = cxx * cyy - cxy * cxy;
+    if det <= 1e-3 * cxx * cyy {
+        return None;
+    }
+    let q = (cyy * cxd - cxy * cyd) / det;
+    let r = (cxx * cyd - cxy * cxd) / det;
+    let p = md - q * mx - r * my;
+    let inverse =
+        p + q * (u as f64 - camera.cx) / camera.fx + r * (v as f64 - camera.cy) / camera.fy;
+    if inverse <= 0.0 {
+        return None;
+    }
+    let z = 1.0 / inverse;
+    let residual_m = ((cdd - q * cxd - r * cyd).max(0.0) / n).sqrt() * z * z;
+    if residual_m > 2.0 * depth_sigma(z) + 0.002 {
+        return None;
+    }
+    // The plane a X + b Y + c Z = 1 has inverse depth a x + b y + c.
+    let normal = -Vector3::new(q, r, p).normalize();
+    Some(SurfacePatch { normal, z })
+}
+
+/// Box sums over one depth picture, from which the normal of any pixel is read in constant time.
 pub struct NormalMap {
-    width: usize,
-    height: usize,
-    focal: [f64; 2],
-    centre: [f64; 2],
-    /// Integral pictures of 1, u, v, d, uu, uv, vv, ud, vd, dd with (u, v) relative to the
-    /// principal point and d the inverse depth; one row and column of zeros in front.
-    sums: Vec<[f64; 10]>,
+    camera: PinholeCamera,
+    size: [usize; 2],
+    /// Integral pictures of what [`Sums`] holds; one row and column of zeros in front.
+    sums: Vec<Sums>,
 }
 
 impl NormalMap {
@@ -59,59 +168,23 @@ impl NormalMap {
                 }
             }
         }
-        Self { width, height, focal: [camera.fx, camera.fy], centre: [camera.cx, camera.cy], sums }
+        Self { camera: camera.clone(), size: [width, height], sums }
     }
 
     /// The surface round column `u`, row `v`; `None` at borders, holes, edges and corners.
     pub fn at(&self, u: usize, v: usize) -> Option<SurfacePatch> {
-        HALF_WINDOWS.iter().find_map(|&half| self.fit(u, v, half))
+        largest_window(self.size, u, v, |half| {
+            fit(&self.box_sum(u, v, half), &self.camera, u, v, half)
+        })
     }
 
-    fn box_sum(&self, u: usize, v: usize, half: usize) -> [f64; 10] {
-        let stride = self.width + 1;
+    fn box_sum(&self, u: usize, v: usize, half: usize) -> Sums {
+        let stride = self.size[0] + 1;
         let (a, b) = ((v - half) * stride, (v + half + 1) * stride);
         let (l, r) = (u - half, u + half + 1);
         std::array::from_fn(|k| {
             self.sums[b + r][k] - self.sums[b + l][k] - self.sums[a + r][k] + self.sums[a + l][k]
         })
-    }
-
-    /// d = p + q x + r y over the window, by least squares.
-    fn fit(&self, u: usize, v: usize, half: usize) -> Option<SurfacePatch> {
-        if u < half || v < half || u + half >= self.width || v + half >= self.height {
-            return None;
-        }
-        let [n, x, y, d, xx, xy, yy, xd, yd, dd] = self.box_sum(u, v, half);
-        let area = ((2 * half + 1) * (2 * half + 1)) as f64;
-        if n < MIN_FILLED * area {
-            return None;
-        }
-        let (mx, my, md) = (x / n, y / n, d / n);
-        let (cxx, cxy, cyy) = (xx - n * mx * mx, xy - n * mx * my, yy - n * my * my);
-        let (cxd, cyd, cdd) = (xd - n * mx * md, yd - n * my * md, dd - n * md * md);
-        let det = cxx * cyy - cxy * cxy;
-        if det <= 1e-3 * cxx * cyy {
-            return None;
-        }
-        let q = (cyy * cxd - cxy * cyd) / det;
-        let r = (cxx * cyd - cxy * cxd) / det;
-        let p = md - q * mx - r * my;
-        let here = [
-            (u as f64 - self.centre[0]) / self.focal[0],
-            (v as f64 - self.centre[1]) / self.focal[1],
-        ];
-        let inverse = p + q * here[0] + r * here[1];
-        if inverse <= 0.0 {
-            return None;
-        }
-        let z = 1.0 / inverse;
-        let residual_m = ((cdd - q * cxd - r * cyd).max(0.0) / n).sqrt() * z * z;
-        if residual_m > 2.0 * depth_sigma(z) + 0.002 {
-            return None;
-        }
-        // The plane a X + b Y + c Z = 1 has inverse depth a x + b y + c.
-        let normal = -Vector3::new(q, r, p).normalize();
-        Some(SurfacePatch { normal, z })
     }
 }
 
@@ -144,6 +217,9 @@ mod tests {
             let depth = plane(&camera, normal, Point3::new(0.0, 0.0, 1.2));
             let patch = NormalMap::new(&depth, &camera).at(80, 60).unwrap();
             prop_assert!(patch.normal.dot(&normal) > 0.9999);
+            let alone = SurfacePatch::at(&depth, &camera, 80, 60).unwrap();
+            prop_assert!((alone.normal - patch.normal).norm() < 1e-9);
+            prop_assert!((alone.z - patch.z).abs() < 1e-9);
         }
     }
 
@@ -154,5 +230,6 @@ mod tests {
         let metres = (0..64 * 48).map(|i| if i % 64 < 32 { 1.0 } else { 1.5 }).collect();
         let depth = DepthImage::from_metres(64, 48, metres).unwrap();
         assert_eq!(NormalMap::new(&depth, &camera).at(32, 24), None);
+        assert_eq!(SurfacePatch::at(&depth, &camera, 32, 24), None);
     }
 }

@@ -107,113 +107,103 @@ struct MapPoint {
     disagreed: f64,
 }
 
-/// Registers every frame to the base.
-pub fn find_base(set: &TrackSet, config: &BaseConfig, seed: u64) -> BaseMotion {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut map: Vec<Option<MapPoint>> = set.tracks.iter().map(|_| None).collect();
-    let mut camera_from_base = Vec::with_capacity(set.frames());
-    let mut pose = Pose::identity();
-    let alive = alive_by_frame(set);
-    for (frame, ids) in alive.iter().enumerate() {
-        if frame > 0 {
-            pose = register(set, &map, ids, frame, &pose, config, &mut rng).unwrap_or(pose);
-        }
-        camera_from_base.push(pose);
-        update_map(set, &mut map, ids, frame, &pose);
-    }
-    let tracks: Vec<BaseTrack> =
-        set.tracks.par_iter().map(|t| into_base(t, &camera_from_base, config)).collect();
-    let static_count = tracks.iter().filter(|t| !t.moves).count();
-    BaseMotion { camera_from_base, tracks, static_count }
+/// Registers frames to the base as they come.
+pub struct BaseFinder {
+    config: BaseConfig,
+    rng: ChaCha8Rng,
+    /// By number of the track.
+    map: Vec<Option<MapPoint>>,
+    camera_from_base: Vec<Pose>,
 }
 
-/// Numbers of the tracks lifted in each frame.
-fn alive_by_frame(set: &TrackSet) -> Vec<Vec<usize>> {
-    let mut alive = vec![Vec::new(); set.frames()];
-    for (id, track) in set.tracks.iter().enumerate() {
-        for (frame, _) in track.lifted() {
-            alive[frame].push(id);
+impl BaseFinder {
+    /// One that has seen nothing.
+    pub fn new(config: &BaseConfig, seed: u64) -> Self {
+        Self {
+            config: config.clone(),
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            map: Vec::new(),
+            camera_from_base: Vec::new(),
         }
     }
-    alive
-}
 
-fn point_of(set: &TrackSet, id: usize, frame: usize) -> Point3<f64> {
-    set.tracks[id]
-        .at(frame)
-        .and_then(|o| o.point_in_camera)
-        .expect("the list of a frame names lifted tracks only")
-}
-
-fn register(
-    set: &TrackSet,
-    map: &[Option<MapPoint>],
-    ids: &[usize],
-    frame: usize,
-    guess: &Pose,
-    config: &BaseConfig,
-    rng: &mut ChaCha8Rng,
-) -> Option<Pose> {
-    let mut known: Vec<usize> = ids.iter().copied().filter(|&id| map[id].is_some()).collect();
-    if known.len() > config.max_points {
-        known.shuffle(rng);
-        known.truncate(config.max_points);
-    }
-    let pairs: Vec<Correspondence> = known
-        .iter()
-        .map(|&id| {
-            let mapped = map[id].as_ref().expect("filtered above");
-            let to = point_of(set, id, frame);
-            let proven = mapped.agreed > 4.0 * mapped.disagreed + 4.0;
-            Correspondence {
-                from: mapped.mean_in_base,
-                to,
-                sigma: coarse_sigma(to.z),
-                weight: if proven { 1.0 } else { 0.1 },
+    /// Takes the next frame: its lifted features by the numbers of their tracks, in the camera
+    /// frame.
+    pub fn push(&mut self, lifted: &[(usize, Point3<f64>)]) {
+        let guess = self.camera_from_base.last().copied();
+        let pose = guess.map_or_else(Pose::identity, |g| self.register(lifted, &g).unwrap_or(g));
+        self.camera_from_base.push(pose);
+        for (track, in_camera) in lifted {
+            if self.map.len() <= *track {
+                self.map.resize_with(track + 1, || None);
             }
-        })
-        .collect();
-    let options = RansacOptions { cut: 3.0, iterations: config.ransac_iterations, locality: None };
-    ransac_rigid(&pairs, &options, Some(guess), rng).map(|found| found.motion)
+            let in_base = pose.inverse_transform_point(in_camera);
+            match &mut self.map[*track] {
+                None => self.map[*track] = Some(MapPoint::new(in_base)),
+                Some(mapped) => mapped.update(in_base, 3.0 * coarse_sigma(in_camera.z)),
+            }
+        }
+    }
+
+    fn register(&mut self, lifted: &[(usize, Point3<f64>)], guess: &Pose) -> Option<Pose> {
+        let mapped = |track: usize| self.map.get(track)?.as_ref();
+        let mut pairs: Vec<Correspondence> = lifted
+            .iter()
+            .filter_map(|(track, in_camera)| {
+                let mapped = mapped(*track)?;
+                let proven = mapped.agreed > 4.0 * mapped.disagreed + 4.0;
+                Some(Correspondence {
+                    from: mapped.mean_in_base,
+                    to: *in_camera,
+                    sigma: coarse_sigma(in_camera.z),
+                    weight: if proven { 1.0 } else { 0.1 },
+                })
+            })
+            .collect();
+        if pairs.len() > self.config.max_points {
+            pairs.shuffle(&mut self.rng);
+            pairs.truncate(self.config.max_points);
+        }
+        let iterations = self.config.ransac_iterations;
+        let options = RansacOptions { cut: 3.0, iterations, locality: None };
+        ransac_rigid(&pairs, &options, Some(guess), &mut self.rng).map(|found| found.motion)
+    }
+
+    /// The camera's motion so far.
+    pub fn camera_from_base(&self) -> &[Pose] {
+        &self.camera_from_base
+    }
+}
+
+impl BaseMotion {
+    /// Tracks seen from the base, whose poses are given.
+    pub fn new(set: &TrackSet, camera_from_base: Vec<Pose>, config: &BaseConfig) -> Self {
+        let tracks: Vec<BaseTrack> =
+            set.tracks.par_iter().map(|t| into_base(t, &camera_from_base, config)).collect();
+        let static_count = tracks.iter().filter(|t| !t.moves).count();
+        Self { camera_from_base, tracks, static_count }
+    }
+}
+
+impl MapPoint {
+    fn new(in_base: Point3<f64>) -> Self {
+        Self { mean_in_base: in_base, count: 1.0, agreed: 0.0, disagreed: 0.0 }
+    }
+
+    fn update(&mut self, in_base: Point3<f64>, reach: f64) {
+        if (in_base - self.mean_in_base).norm() < reach {
+            self.agreed += 1.0;
+            self.count = (self.count + 1.0).min(60.0);
+            self.mean_in_base += (in_base - self.mean_in_base) / self.count;
+        } else {
+            self.disagreed += 1.0;
+        }
+    }
 }
 
 /// One figure for the noise of a lifted feature, metres.
 pub fn coarse_sigma(z: f64) -> f64 {
     0.002 + 0.0012 * z * z
-}
-
-fn update_map(
-    set: &TrackSet,
-    map: &mut [Option<MapPoint>],
-    ids: &[usize],
-    frame: usize,
-    camera_from_base: &Pose,
-) {
-    for &id in ids {
-        let in_camera = point_of(set, id, frame);
-        let in_base = camera_from_base.inverse_transform_point(&in_camera);
-        match &mut map[id] {
-            None => {
-                map[id] = Some(MapPoint {
-                    mean_in_base: in_base,
-                    count: 1.0,
-                    agreed: 0.0,
-                    disagreed: 0.0,
-                });
-            }
-            Some(mapped) => {
-                let agrees =
-                    (in_base - mapped.mean_in_base).norm() < 3.0 * coarse_sigma(in_camera.z);
-                if agrees {
-                    mapped.agreed += 1.0;
-                    mapped.count = (mapped.count + 1.0).min(60.0);
-                    mapped.mean_in_base += (in_base - mapped.mean_in_base) / mapped.count;
-                } else {
-                    mapped.disagreed += 1.0;
-                }
-            }
-        }
-    }
 }
 
 fn into_base(

@@ -118,6 +118,14 @@ impl Witness<'_> {
         }
     }
 
+    /// The depth pictures could still make a joint of it, or a stretch of one.
+    pub fn is_worth_asking(&self, joint: &Grown) -> bool {
+        joint.members.len() >= 5
+            && joint.gain > self.config.min_gain / 3.0
+            && joint.cost <= 1.2 * (self.config.max_cost + 1.8)
+            && joint.coupling <= MAX_COUPLING
+    }
+
     /// All limits are kept.
     pub fn accepts(&self, joint: &Grown) -> bool {
         let config = self.config;

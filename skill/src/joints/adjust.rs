@@ -292,6 +292,9 @@ fn step(joint: &Grown, view: &View, tracks: &[usize], cut: f64, damping: f64) ->
     Some(next)
 }
 
+/// Share of the cost before from which a step has changed nothing that counts.
+const SETTLED: f64 = 0.999;
+
 /// Refines a joint on the given tracks by at most `steps` steps, the first half with a wide
 /// cut. Part points of the tracks follow.
 pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps: usize) {
@@ -316,7 +319,8 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
         } else {
             follow_points(&mut next, view, tracks, cut);
         }
-        if total(&next) > 1.0001 * before {
+        let after = total(&next);
+        if after > 1.0001 * before {
             damping = f64::max(damping, 1e-3) * 30.0;
             if damping > 1e3 {
                 break;
@@ -324,6 +328,9 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
         } else {
             *joint = next;
             damping = f64::max(damping / 10.0, 1e-6);
+            if i >= steps / 2 && after > SETTLED * before {
+                break;
+            }
         }
     }
     if joint.dof.hinge {

@@ -29,24 +29,38 @@ const REFINE_EVERY: usize = 8;
 const REFINE_SHARE: usize = 6;
 /// Tracks that a refinement uses while growing.
 const REFINE_TRACKS: usize = 80;
+/// Rounds of refinement when growth has ended.
+const GROWTH_ROUNDS: usize = 3;
 /// Tracks that the last refinements use.
 const FINISH_TRACKS: usize = 150;
+/// Tracks that the very last one uses.
+const POLISH_TRACKS: usize = 300;
+/// Tracks that are asked for a frame's configuration when growth has ended.
+const VOTERS: usize = 100;
+/// Share of a track's observations that a joint must explain to be asked about it again.
+const HOPELESS_SHARE: f64 = 0.3;
+/// Frames that they use: neighbours say the same.
+const FINISH_FRAMES: usize = 60;
 /// A hinge must gain this much more than a slide: a large circle imitates any line.
 const HINGE_ADVANTAGE: f64 = 1.03;
 
-/// The better of slide and hinge grown from a hypothesis.
+/// The better of slide and hinge grown from a hypothesis; one that `is_hopeless` is not refined
+/// in the end.
 pub fn grow_hypothesis(
     view: &View,
     hypothesis: &Hypothesis,
     candidates: &[usize],
     config: &JointsConfig,
+    is_hopeless: impl Fn(&Grown) -> bool,
 ) -> Option<Grown> {
     let mut best: Option<Grown> = None;
     for (start, cost) in window_fits(view, hypothesis, config) {
         if cost > MAX_WINDOW_COST {
             continue;
         }
-        let grown = grow(view, start, candidates, config);
+        let mut grown = swept(view, start, candidates, config);
+        let rounds = if is_hopeless(&grown) { 0 } else { GROWTH_ROUNDS };
+        finish(view, &mut grown, candidates, config, rounds);
         if grown.members.len() < 4 {
             continue;
         }
@@ -196,14 +210,20 @@ impl Book {
 }
 
 /// Carries a joint to all frames, from those in which it is known.
-pub fn grow(view: &View, mut joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+pub fn grow(view: &View, joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+    let mut joint = swept(view, joint, candidates, config);
+    finish(view, &mut joint, candidates, config, GROWTH_ROUNDS);
+    joint
+}
+
+/// The same, not yet refined.
+fn swept(view: &View, mut joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
     let known = joint.known_frames();
     let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return joint };
     let mut book = Book::new(view, &joint, config.cut);
     let mut rng = ChaCha8Rng::seed_from_u64(first as u64);
     sweep(view, &mut joint, &mut book, candidates, config, &mut rng, first..view.frames);
     sweep(view, &mut joint, &mut book, candidates, config, &mut rng, (0..last + 1).rev());
-    finish(view, &mut joint, candidates, config, 3);
     joint
 }
 
@@ -327,28 +347,33 @@ fn refine_while_growing(
     locate_points(joint, view, &alive, 4.0 * config.cut);
 }
 
+/// A track that follows a joint: its cost if it stood still, its cost, and its observations.
+struct Follower {
+    track: usize,
+    still: f64,
+    cost: f64,
+    observations: usize,
+}
+
 /// Tracks that follow the joint: seen often enough, mostly right, better off than standing
-/// still, and moved by more than a centimetre.
-fn gather(
-    view: &View,
-    joint: &mut Grown,
-    candidates: &[usize],
-    cut: f64,
-) -> Vec<(usize, f64, f64, usize)> {
+/// still, and moved by more than a centimetre. Candidates that hardly ever do are dropped.
+fn gather(view: &View, joint: &mut Grown, candidates: &mut Vec<usize>, cut: f64) -> Vec<Follower> {
     locate_points(joint, view, candidates, 2.0 * cut);
     let motions = joint.motions();
-    candidates
-        .iter()
-        .filter_map(|&t| {
-            let cost = joint.cost_of(&motions, view, t, cut);
-            let still = view.static_cost(t, &joint.known, cut);
-            let follows = cost.observations >= 5
-                && cost.inliers as f64 > 0.7 * cost.observations as f64
-                && still - cost.sum > 2.0 * cut
-                && joint.travel(view, t) > 0.012;
-            follows.then_some((t, still, cost.sum, cost.observations))
-        })
-        .collect()
+    let mut followers = Vec::new();
+    candidates.retain(|&track| {
+        let cost = joint.cost_of(&motions, view, track, cut);
+        let right = cost.inliers as f64 / cost.observations.max(1) as f64;
+        if cost.observations >= 5 && right > 0.7 {
+            let still = view.static_cost(track, &joint.known, cut);
+            if still - cost.sum > 2.0 * cut && joint.travel(view, track) > 0.012 {
+                let observations = cost.observations;
+                followers.push(Follower { track, still, cost: cost.sum, observations });
+            }
+        }
+        cost.observations < 5 || right > HOPELESS_SHARE
+    });
+    followers
 }
 
 /// Gathers members, refines on them, recomputes every frame's configuration; `rounds` times.
@@ -360,10 +385,11 @@ pub fn finish(
     rounds: usize,
 ) {
     let mut rng = ChaCha8Rng::seed_from_u64(candidates.len() as u64);
+    let mut candidates = candidates.to_vec();
     for round in 0..rounds {
         let cut = if round == 0 { 2.0 * config.cut } else { config.cut };
         let members: Vec<usize> =
-            gather(view, joint, candidates, cut).into_iter().map(|m| m.0).collect();
+            gather(view, joint, &mut candidates, cut).into_iter().map(|m| m.track).collect();
         if members.len() < 4 {
             break;
         }
@@ -373,25 +399,52 @@ pub fn finish(
             some.truncate(FINISH_TRACKS);
             some.sort_unstable();
         }
+        let known = std::mem::take(&mut joint.known);
+        joint.known = thinned(&known, joint.anchor);
         refine(joint, view, &some, config.cut, config.finish_steps);
         locate_points(joint, view, &members, config.cut);
-        configure_all(view, joint, &members, config.cut);
+        joint.known = known;
+        configure_all(view, joint, &members, config.cut, VOTERS);
     }
-    let members = gather(view, joint, candidates, config.cut);
-    let (mut gain, mut cost, mut observations) = (0.0, 0.0, 0);
-    for (_, still, sum, n) in &members {
-        gain += still - sum;
-        cost += sum;
-        observations += n;
-    }
+    let followers = gather(view, joint, &mut candidates, config.cut);
+    let gain: f64 = followers.iter().map(|m| m.still - m.cost).sum();
+    let cost: f64 = followers.iter().map(|m| m.cost).sum();
+    let observations: usize = followers.iter().map(|m| m.observations).sum();
     let known = joint.known.iter().filter(|k| **k).count();
     joint.gain = gain / 5.0 - config.frame_penalty * (known + 5) as f64;
     joint.cost = cost / observations.max(1) as f64;
-    joint.members = members.into_iter().map(|m| m.0).collect();
+    joint.members = followers.into_iter().map(|m| m.track).collect();
     joint.summarise();
 }
 
-fn configure_all(view: &View, joint: &mut Grown, members: &[usize], cut: f64) {
+/// Refines a joint on its members in all frames.
+pub fn polish(view: &View, joint: &mut Grown, config: &JointsConfig) {
+    let members = joint.members.clone();
+    let some = some_of(members.clone(), POLISH_TRACKS);
+    refine(joint, view, &some, config.cut, config.finish_steps);
+    locate_points(joint, view, &members, config.cut);
+    configure_all(view, joint, &members, config.cut, POLISH_TRACKS);
+    joint.summarise();
+}
+
+/// At most about `most` of them, evenly spread.
+fn some_of(all: Vec<usize>, most: usize) -> Vec<usize> {
+    let stride = all.len().div_ceil(most).max(1);
+    all.into_iter().step_by(stride).collect()
+}
+
+/// At most [`FINISH_FRAMES`] of the known frames, evenly spread, and the anchor.
+fn thinned(known: &[bool], anchor: usize) -> Vec<bool> {
+    let stride = known.iter().filter(|k| **k).count().div_ceil(FINISH_FRAMES).max(1);
+    let mut before = 0;
+    let mut kept = |(f, &known): (usize, &bool)| {
+        before += usize::from(known);
+        known && (before % stride == 1 % stride || f == anchor)
+    };
+    known.iter().enumerate().map(&mut kept).collect()
+}
+
+fn configure_all(view: &View, joint: &mut Grown, members: &[usize], cut: f64, voters: usize) {
     for f in 0..view.frames {
         if !view.usable[f] || joint.contradicted.contains(&f) {
             joint.known[f] = false;
@@ -403,6 +456,7 @@ fn configure_all(view: &View, joint: &mut Grown, members: &[usize], cut: f64) {
             joint.known[f] &= alive.len() == 2;
             continue;
         }
+        let alive = some_of(alive, voters);
         let guess = joint.known[f].then_some(joint.q[f]);
         let ones = vec![1.0; alive.len()];
         let agreement = agree(joint, view, &alive, &ones, f, guess, cut);

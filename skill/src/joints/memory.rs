@@ -26,8 +26,6 @@ pub struct Memory {
     /// Rank of the strongest hypothesis.
     pub best_rank: f64,
     joints: Vec<Remembered>,
-    /// Parts in whose frames all windows are to be searched again.
-    open: Vec<Option<usize>>,
 }
 
 /// A grown joint without the rows of its view.
@@ -36,15 +34,17 @@ struct Remembered {
     joint: Grown,
     /// Its tracks by their numbers in the track set, with their points on the part.
     members: Vec<(usize, Point3<f64>)>,
+    /// Its type is certain.
+    is_certain: bool,
 }
 
 impl Remembered {
-    fn new(joint: &Grown, view: &View, set: &TrackSet) -> Self {
+    fn new(joint: &Grown, is_certain: bool, view: &View, set: &TrackSet) -> Self {
         let id = |t: usize| set.tracks[view.track_ids[t]].id;
         let members = joint.members.iter().map(|&t| (id(t), joint.points[t])).collect();
         let bare =
             Grown { points: Vec::new(), members: Vec::new(), seed: Vec::new(), ..joint.clone() };
-        Self { joint: bare, members }
+        Self { joint: bare, members, is_certain }
     }
 
     fn in_view(&self, view: &View, rows: &HashMap<usize, usize>) -> Grown {
@@ -75,32 +75,33 @@ impl Memory {
         config: &JointsConfig,
     ) -> Self {
         let view = view_from(None);
-        let uncertain = |j: &&Grown| {
+        let remembered = |j: &Grown| {
             let of_types = kinds::type_probabilities(j, &view_from(j.parent), config);
-            of_types.values().all(|p| *p < CERTAIN)
+            Remembered::new(j, of_types.values().any(|p| *p >= CERTAIN), &view, set)
         };
-        Self {
-            frames: view.frames,
-            best_rank,
-            open: joints.iter().filter(uncertain).map(|j| j.parent).collect(),
-            joints: joints.iter().map(|j| Remembered::new(j, &view, set)).collect(),
-        }
+        Self { frames: view.frames, best_rank, joints: joints.iter().map(remembered).collect() }
     }
 
     /// The first frame whose windows are new in the frame of a part.
     pub fn since(&self, parent: Option<usize>) -> usize {
-        if self.open.contains(&parent) { 0 } else { self.frames }
+        let is_open = |r: &Remembered| r.joint.parent == parent && !r.is_certain;
+        if self.joints.iter().any(is_open) { 0 } else { self.frames }
     }
 
     /// Joints in the frame of a part, which was number `parent` of the earlier search, in a view
-    /// of more frames.
-    pub fn recalled(&self, parent: Option<usize>, view: &View, set: &TrackSet) -> Vec<Grown> {
+    /// of more frames; and whether their types are certain.
+    pub fn recalled(
+        &self,
+        parent: Option<usize>,
+        view: &View,
+        set: &TrackSet,
+    ) -> Vec<(Grown, bool)> {
         let rows: HashMap<usize, usize> =
             view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect();
         self.joints
             .iter()
             .filter(|r| r.joint.parent == parent)
-            .map(|r| r.in_view(view, &rows))
+            .map(|r| (r.in_view(view, &rows), r.is_certain))
             .collect()
     }
 
@@ -151,10 +152,11 @@ mod tests {
         let config = JointsConfig::default();
         let memory = Memory::of(&tracks(), |_| Arc::clone(&early), &[door], 7.0, &config);
         let joints = memory.recalled(None, &view(30), &tracks());
-        assert_eq!(joints[0].members, [1, 4, 6]);
-        assert_eq!(joints[0].points[4], Point3::new(0.3, 0.1, 1.5));
-        assert_eq!(joints[0].known_frames(), (0..20).collect::<Vec<_>>());
-        assert_eq!(joints[0].q.len(), 30);
+        let (door, _) = &joints[0];
+        assert_eq!(door.members, [1, 4, 6]);
+        assert_eq!(door.points[4], Point3::new(0.3, 0.1, 1.5));
+        assert_eq!(door.known_frames(), (0..20).collect::<Vec<_>>());
+        assert_eq!(door.q.len(), 30);
     }
 
     #[test]

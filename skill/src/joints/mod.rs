@@ -59,6 +59,7 @@ impl Watched<'_> {
             search = Search::new(*self, &view, &nothing, None);
             search.run();
         }
+        search.polish();
         search.learned()
     }
 

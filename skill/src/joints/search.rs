@@ -31,8 +31,8 @@ pub struct Search<'s> {
     best_rank: f64,
     /// What is left is sought in all windows, those of the earlier search too.
     looks_back: bool,
-    /// Parts in whose frames the earlier search's joints are called back already.
-    recalled: Vec<Option<usize>>,
+    /// Parts in whose frames not all of the earlier search's joints are joints still.
+    fallen: Vec<Option<usize>>,
 }
 
 impl<'s> Search<'s> {
@@ -56,7 +56,7 @@ impl<'s> Search<'s> {
             joints: Vec::new(),
             best_rank: earlier.best_rank,
             looks_back: earlier.frames == 0,
-            recalled: Vec::new(),
+            fallen: Vec::new(),
         }
     }
 
@@ -65,7 +65,7 @@ impl<'s> Search<'s> {
         let config = &self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
         // What one round grew, the next need not grow again.
-        let mut grown: Vec<Grown> = Vec::new();
+        let mut grown = self.recall(&mut rest);
         for round in 0..config.rounds {
             let parents = if config.chains { self.joints.len() } else { 0 };
             let mut candidates: Vec<Grown> = Vec::new();
@@ -90,6 +90,53 @@ impl<'s> Search<'s> {
         }
     }
 
+    /// Carries the earlier search's joints on to the present. Those that are beyond doubt are
+    /// adopted; the others are to compete with what else can be grown.
+    fn recall(&mut self, rest: &mut Vec<usize>) -> Vec<Grown> {
+        let mut doubtful: Vec<Grown> = Vec::new();
+        let mut parents = vec![None];
+        let mut visited = 0;
+        while let Some(&parent) = parents.get(visited) {
+            visited += 1;
+            let Some(former) = self.former(parent) else { continue };
+            let view = self.view_from(parent);
+            let candidates = self.movers(parent, &view, rest);
+            if candidates.len() < 4 {
+                continue;
+            }
+            let (mut sound, mut others) = (Vec::new(), Vec::new());
+            for (joint, was_certain) in self.recalled(former, parent, &view, &candidates) {
+                let beyond_doubt = was_certain && self.goes_on(&joint);
+                if beyond_doubt { &mut sound } else { &mut others }.push(joint);
+            }
+            while let Some(best) = self.best_of(&sound) {
+                let explained = self.explained(&best, rest);
+                rest.retain(|t| !explained.contains(t));
+                let apart = |j: &Grown| overlap(&j.members, &explained) < 0.3;
+                sound.retain(|j| j.dof != best.dof && apart(j));
+                others.retain(apart);
+                doubtful.retain(apart);
+                let adopted = Some(self.adopt(best, rest));
+                if !parents.contains(&adopted) {
+                    parents.push(adopted);
+                }
+            }
+            if !others.iter().all(|j| self.witness.accepts(j)) {
+                self.fallen.push(parent);
+            }
+            doubtful.append(&mut others);
+            doubtful.append(&mut sound);
+        }
+        doubtful
+    }
+
+    /// A joint of the earlier search does in the frames since what it did before.
+    fn goes_on(&self, joint: &Grown) -> bool {
+        let new = &joint.known[self.earlier.frames..];
+        let followed = new.iter().filter(|k| **k).count();
+        10 * followed >= 9 * new.len() && self.witness.accepts(joint)
+    }
+
     fn is_cancelled(&self) -> bool {
         self.cancelled.is_some_and(|c| c.load(Ordering::Relaxed))
     }
@@ -109,26 +156,18 @@ impl<'s> Search<'s> {
     ) -> Vec<Grown> {
         let config = &self.config.joints;
         let view = self.view_from(parent);
-        let base = &self.config.base;
-        let moves = |&t: &usize| view.moves(t, base.min_extent_m, base.min_extent_sigmas);
-        let candidates: Vec<usize> =
-            rest.iter().copied().filter(|t| parent.is_none() || moves(t)).collect();
+        let candidates = self.movers(parent, &view, rest);
         if candidates.len() < 4 {
             return Vec::new();
         }
         let seed = self.config.seed.wrapping_add(round as u64);
         let mut grown = known;
+        let fallen = self.fallen.iter().position(|p| *p == parent);
         let since = match self.former(parent) {
-            _ if self.looks_back => 0,
-            None => 0,
-            Some(former) if self.recalled.contains(&parent) => self.earlier.since(former),
-            Some(former) => {
-                self.recalled.push(parent);
-                let (recalled, stand) = self.recall(former, parent, &view, &candidates);
-                grown.extend(recalled);
-                if stand { self.earlier.since(former) } else { 0 }
-            }
+            Some(former) if !self.looks_back && fallen.is_none() => self.earlier.since(former),
+            _ => 0,
         };
+        fallen.map(|i| self.fallen.swap_remove(i));
         let hypotheses = hypothesis::hypotheses(&view, &candidates, since, config, seed);
         self.best_rank = hypotheses.first().map_or(0.0, |h| h.rank).max(self.best_rank);
         let least_rank = config.min_rank_share * self.best_rank;
@@ -163,7 +202,8 @@ impl<'s> Search<'s> {
             let more: Vec<Option<Grown>> = batch
                 .par_iter()
                 .map(|h| {
-                    let mut joint = grow::grow_hypothesis(&view, h, &candidates, config)?;
+                    let mirrors = |j: &Grown| self.coupling(j, parent) > accept::MAX_COUPLING;
+                    let mut joint = grow::grow_hypothesis(&view, h, &candidates, config, mirrors)?;
                     joint.parent = parent;
                     joint.seed.clone_from(&h.tracks);
                     self.question(&view, &mut joint, &candidates);
@@ -185,24 +225,39 @@ impl<'s> Search<'s> {
         }
     }
 
-    /// The earlier search's joints in the frame of a part, carried on to the present; and whether
-    /// all of them are joints still.
-    fn recall(
+    /// The earlier search's joints in the frame of a part, carried on to the present, and whether
+    /// their types were certain.
+    fn recalled(
         &self,
         former: Option<usize>,
         parent: Option<usize>,
         view: &View,
         candidates: &[usize],
-    ) -> (Vec<Grown>, bool) {
+    ) -> Vec<(Grown, bool)> {
         let mut joints = self.earlier.recalled(former, view, self.seen.set);
-        joints.par_iter_mut().for_each(|joint| {
+        joints.par_iter_mut().for_each(|(joint, _)| {
             joint.parent = parent;
             *joint = grow::grow(view, joint.clone(), candidates, &self.config.joints);
             self.question(view, joint, candidates);
             self.report("recalled", joint);
         });
-        let stand = joints.iter().all(|j| self.witness.accepts(j));
-        (joints, stand)
+        joints
+    }
+
+    /// Those of `rest` that move as seen from a part.
+    fn movers(&self, parent: Option<usize>, view: &View, rest: &[usize]) -> Vec<usize> {
+        let base = &self.config.base;
+        let moves = |&t: &usize| view.moves(t, base.min_extent_m, base.min_extent_sigmas);
+        rest.iter().copied().filter(|t| parent.is_none() || moves(t)).collect()
+    }
+
+    /// Refines what it found on all frames, parents first.
+    pub fn polish(&mut self) {
+        for i in 0..self.joints.len() {
+            let view = self.view_from(self.joints[i].parent);
+            grow::polish(&view, &mut self.joints[i], &self.config.joints);
+            self.look_from(i);
+        }
     }
 
     /// What it found, as a model tells it.
@@ -260,6 +315,10 @@ impl<'s> Search<'s> {
     /// Confronts a joint with the depth pictures; takes back configurations that they
     /// contradict.
     fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
+        joint.coupling = self.coupling(joint, joint.parent);
+        if !self.witness.is_worth_asking(joint) {
+            return;
+        }
         self.dismiss_strangers(view, joint);
         self.witness.examine(joint, &self.joints);
         if !joint.contradicted.is_empty() && joint.through < 0.95 {
@@ -277,7 +336,12 @@ impl<'s> Search<'s> {
             }
         }
         joint.unruly = joint.unruly_share(view);
-        joint.coupling = joint.parent.map_or(0.0, |p| accept::coupling(joint, &self.joints[p]));
+        joint.coupling = self.coupling(joint, joint.parent);
+    }
+
+    /// Share of a joint's configuration that is a function of its parent's.
+    fn coupling(&self, joint: &Grown, parent: Option<usize>) -> f64 {
+        parent.map_or(0.0, |p| accept::coupling(joint, &self.joints[p]))
     }
 
     /// Takes out what only held the part, and lets the rest settle: strangers drew the line.

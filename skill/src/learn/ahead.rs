@@ -4,8 +4,9 @@
 //! What is found depends on frame numbers alone, not on how fast the threads run: a search
 //! starts every so many frames, and the end waits for it or drops it by how long ago that was.
 
-use crate::base::find_base;
+use crate::base::BaseMotion;
 use crate::config::SkillConfig;
+use crate::geometry::Pose;
 use crate::joints::{Memory, Watched};
 use crate::keyframes::Keyframes;
 use crate::model::Joint;
@@ -25,6 +26,16 @@ pub struct SearchAhead {
     tells: bool,
     /// What the last search believes, as soon as it is over.
     so_far: Arc<Mutex<Vec<Joint>>>,
+}
+
+/// What there is of a demonstration by now.
+pub struct Snapshot {
+    /// Its tracks.
+    pub set: TrackSet,
+    /// The camera's motion.
+    pub camera_from_base: Vec<Pose>,
+    /// Whole frames.
+    pub keyframes: Keyframes,
 }
 
 struct Running {
@@ -54,7 +65,7 @@ impl SearchAhead {
         &mut self,
         frames: usize,
         config: &SkillConfig,
-        snapshot: impl FnOnce() -> (TrackSet, Keyframes),
+        snapshot: impl FnOnce() -> Snapshot,
     ) {
         let Some(pool) = &self.pool else { return };
         if frames == 0 || !frames.is_multiple_of(self.every) {
@@ -67,9 +78,9 @@ impl SearchAhead {
         let cancelled = Arc::new(AtomicBool::new(false));
         let (config, earlier, stop) = (config.clone(), self.found.clone(), cancelled.clone());
         let (so_far, tells) = (Arc::clone(&self.so_far), self.tells);
-        let (set, keyframes) = snapshot();
+        let Snapshot { set, camera_from_base, keyframes } = snapshot();
         pool.spawn(move || {
-            let base = find_base(&set, &config.base, config.seed);
+            let base = BaseMotion::new(&set, camera_from_base, &config.base);
             let watched =
                 Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
             let tell = |joints| *so_far.lock().unwrap_or_else(PoisonError::into_inner) = joints;

@@ -4,7 +4,7 @@
 mod ahead;
 
 use crate::articulate::JointKind;
-use crate::base::{BaseMotion, find_base};
+use crate::base::{BaseFinder, BaseMotion};
 use crate::config::{LearningWay, SkillConfig};
 use crate::geometry::Pose;
 use crate::grasp::Held;
@@ -15,7 +15,7 @@ use crate::planes;
 use crate::structure::{self, LearnedJoint};
 use crate::timing::StageTimes;
 use crate::track::{TrackSet, Tracker, Trajectory};
-use ahead::SearchAhead;
+use ahead::{SearchAhead, Snapshot};
 use linkage_driver::RgbdFrame;
 use nalgebra::Point3;
 
@@ -82,6 +82,7 @@ pub struct Demonstration {
 pub struct Learner {
     config: SkillConfig,
     tracker: Tracker,
+    base: BaseFinder,
     keyframes: Keyframes,
     ahead: SearchAhead,
     first_utime: i64,
@@ -108,6 +109,7 @@ impl Learner {
         };
         Self {
             tracker: Tracker::new(config.track.clone()),
+            base: BaseFinder::new(&config.base, config.seed),
             keyframes: Keyframes::new(config.learn.keyframes),
             ahead: SearchAhead::new(every, tells),
             config: config.clone(),
@@ -136,11 +138,15 @@ impl Learner {
         }
         self.last_utime = Some(frame.utime);
         self.times.measure("track", || self.tracker.push(frame))?;
+        self.times.measure("camera", || self.base.push(&self.tracker.lifted()));
         self.keyframes.offer(index, frame);
-        let (tracker, keyframes) = (&self.tracker, &self.keyframes);
-        self.times.measure("ahead", || {
-            self.ahead.offer(index + 1, &self.config, || (tracker.snapshot(), keyframes.clone()));
-        });
+        let Self { tracker, base, keyframes, config, ahead, times, .. } = self;
+        let snapshot = || Snapshot {
+            set: tracker.snapshot(),
+            camera_from_base: base.camera_from_base().to_vec(),
+            keyframes: keyframes.clone(),
+        };
+        times.measure("ahead", || ahead.offer(index + 1, config, snapshot));
         Ok(())
     }
 
@@ -174,7 +180,7 @@ impl Learner {
     /// [`LearnError::TooShort`], [`LearnError::NoDepth`]. A demonstration in which nothing
     /// articulated moves is no error: its model has no joints.
     pub fn finish(self, object: &str) -> Result<Demonstration, LearnError> {
-        let Self { config, tracker, keyframes, ahead, mut times, .. } = self;
+        let Self { config, tracker, base, keyframes, ahead, mut times, .. } = self;
         if tracker.frames() < MIN_FRAMES {
             return Err(LearnError::TooShort { found: tracker.frames(), needed: MIN_FRAMES });
         }
@@ -182,7 +188,8 @@ impl Learner {
         if set.tracks.is_empty() {
             return Err(LearnError::NoDepth);
         }
-        let base = times.measure("base", || find_base(&set, &config.base, config.seed));
+        let poses = base.camera_from_base().to_vec();
+        let base = times.measure("base", || BaseMotion::new(&set, poses, &config.base));
         let joints = match config.learn.way {
             LearningWay::Clusters => {
                 structure::from_clusters(&set, &base, &keyframes, &config, &mut times)

@@ -1,8 +1,8 @@
 //! From a place in the picture to a place in space.
 
 use super::Observation;
-use linkage_driver::depth::{BilateralConfig, NormalMap, depth_sigma, smooth};
-use linkage_driver::{DepthImage, PinholeCamera, RgbdFrame};
+use linkage_driver::depth::{BilateralConfig, SurfacePatch, depth_sigma, smooth};
+use linkage_driver::{DepthImage, RgbdFrame};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -23,9 +23,8 @@ const HALF: usize = 2;
 
 /// Reads places and normals out of one frame.
 pub struct Lifter<'f> {
-    camera: &'f PinholeCamera,
+    frame: &'f RgbdFrame,
     depth: Cow<'f, DepthImage>,
-    normals: NormalMap,
     robust_mean: bool,
 }
 
@@ -36,26 +35,22 @@ impl<'f> Lifter<'f> {
             DepthLift::Bilateral(config) => Cow::Owned(smooth(&frame.depth, config)),
             DepthLift::RobustMean => Cow::Borrowed(&frame.depth),
         };
-        Self {
-            camera: &frame.camera,
-            normals: NormalMap::new(&frame.depth, &frame.camera),
-            depth,
-            robust_mean: matches!(lift, DepthLift::RobustMean),
-        }
+        Self { frame, depth, robust_mean: matches!(lift, DepthLift::RobustMean) }
     }
 
     /// The surface at a feature.
     pub fn observe(&self, pixel: Point2<f32>) -> Observation {
         let (u, v) = (f64::from(pixel.x), f64::from(pixel.y));
         let z = if self.robust_mean { self.robust_mean(u, v) } else { self.filtered(u, v) };
+        let RgbdFrame { depth, camera, .. } = self.frame;
         let normal = if u >= 0.0 && v >= 0.0 {
-            self.normals.at(u.round() as usize, v.round() as usize)
+            SurfacePatch::at(depth, camera, u.round() as usize, v.round() as usize)
         } else {
             None
         };
         Observation {
             pixel,
-            point_in_camera: z.map(|z| self.camera.back_project(u, v, z)),
+            point_in_camera: z.map(|z| camera.back_project(u, v, z)),
             normal_in_camera: normal.map(|n| n.normal),
         }
     }

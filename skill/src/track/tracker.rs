@@ -6,7 +6,7 @@ use super::lift::Lifter;
 use super::{Track, TrackConfig, TrackSet, detect};
 use crate::vision::Gray;
 use linkage_driver::RgbdFrame;
-use nalgebra::Point2;
+use nalgebra::{Point2, Point3};
 
 /// Pixels at the border in which a feature is given up.
 const BORDER_PX: f32 = 5.0;
@@ -59,6 +59,13 @@ impl Tracker {
     /// Places and track numbers of the features alive in the newest frame.
     pub fn live(&self) -> impl Iterator<Item = (usize, Point2<f32>)> + '_ {
         self.live.iter().map(|f| (f.track, f.pixel))
+    }
+
+    /// Features lifted out of the newest frame: numbers of their tracks, and places in the camera
+    /// frame.
+    pub fn lifted(&self) -> Vec<(usize, Point3<f64>)> {
+        let place = |f: &Feature| self.set.tracks[f.track].observations.last()?.point_in_camera;
+        self.live.iter().filter_map(|f| Some((f.track, place(f)?))).collect()
     }
 
     /// Tracks that are long enough to learn from already.

@@ -167,7 +167,7 @@ fn print_stage_times(rows: &[LearnRow]) {
 
 /// Seconds of the stages that run when all frames have come.
 pub fn after_last_frame(stage_seconds: &BTreeMap<String, f64>) -> f64 {
-    const WHILE_FRAMES_COME: [&str; 2] = ["track", "ahead"];
+    const WHILE_FRAMES_COME: [&str; 3] = ["camera", "track", "ahead"];
     let after = stage_seconds.iter().filter(|(s, _)| !WHILE_FRAMES_COME.contains(&s.as_str()));
     after.map(|(_, seconds)| seconds).sum()
 }
