@@ -6,6 +6,7 @@ use crate::vision::Gray;
 use opencv::core::{Mat, Size};
 use opencv::imgproc;
 use opencv::prelude::*;
+use std::sync::LazyLock;
 
 /// Samples along a side of a patch.
 const SIDE: usize = 20;
@@ -78,17 +79,26 @@ impl Level {
     }
 
     /// Bilinear; beyond the border as at it.
-    fn at(&self, x: f32, y: f32) -> f32 {
-        let x = x.clamp(0.0, (self.width - 1) as f32);
-        let y = y.clamp(0.0, (self.height - 1) as f32);
+    fn at(&self, [x, y]: [f32; 2]) -> f32 {
+        let most = |side: usize| side as f32 - 1.001;
+        self.inside([x.clamp(0.0, most(self.width)), y.clamp(0.0, most(self.height))])
+    }
+
+    /// True where four pixels surround a place.
+    fn is_inside(&self, [x, y]: [f32; 2]) -> bool {
+        x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f32 && y < (self.height - 1) as f32
+    }
+
+    /// Bilinear, for a place that four pixels surround.
+    fn inside(&self, [x, y]: [f32; 2]) -> f32 {
         let (u, v) = (x as usize, y as usize);
         let (du, dv) = (x - u as f32, y - v as f32);
-        let right = (u + 1).min(self.width - 1);
-        let below = (v + 1).min(self.height - 1);
-        let value = |u: usize, v: usize| f32::from(self.values[v * self.width + u]);
-        let upper = value(u, v) * (1.0 - du) + value(right, v) * du;
-        let lower = value(u, below) * (1.0 - du) + value(right, below) * du;
-        upper * (1.0 - dv) + lower * dv
+        let first = v * self.width + u;
+        let [upper, lower] = [first, first + self.width].map(|i| {
+            let (left, right) = (f32::from(self.values[i]), f32::from(self.values[i + 1]));
+            left + (right - left) * du
+        });
+        upper + (lower - upper) * dv
     }
 }
 
@@ -96,66 +106,110 @@ impl Level {
 pub fn gradients(pyramid: &Pyramid, patch: &Patch) -> [f32; DESCRIPTOR_LENGTH] {
     let samples = sampled(pyramid, patch);
     let mut histogram = [0.0_f32; DESCRIPTOR_LENGTH];
-    let middle = 0.5 * (SIDE + 1) as f32;
-    let cell = SIDE as f32 / (CELLS + 1) as f32;
-    for y in 1..=SIDE {
-        for x in 1..=SIDE {
-            let dx = samples[y][x + 1] - samples[y][x - 1];
-            let dy = samples[y + 1][x] - samples[y - 1][x];
-            let strength = dx.hypot(dy);
-            if strength <= 0.0 {
-                continue;
-            }
-            // In cells from the patch's centre; the outer half cell fades out.
-            let (across, down) = ((x as f32 - middle) / cell, (y as f32 - middle) / cell);
-            let fading = (-(across * across + down * down) / (2.0 * CELLS as f32)).exp();
-            let turn = dy.atan2(dx) / std::f32::consts::TAU;
-            let half = 0.5 * (CELLS - 1) as f32;
-            spread(
-                &mut histogram,
-                [down + half, across + half],
-                turn.rem_euclid(1.0) * DIRECTIONS as f32,
-                strength * fading,
-            );
+    let shares = &*SHARES;
+    for (y, (row, of_row)) in shares.iter().enumerate() {
+        let gathered = row_histogram(&samples, y, shares);
+        for (r, share) in of_row.iter().enumerate() {
+            let cells = &mut histogram[(row + r) * gathered.len()..][..gathered.len()];
+            cells.iter_mut().zip(gathered).for_each(|(sum, value)| *sum += value * share);
         }
     }
     rooted(histogram)
 }
 
-/// Values on a grid over the patch, with a rim of one.
-fn sampled(pyramid: &Pyramid, patch: &Patch) -> [[f32; SIDE + 2]; SIDE + 2] {
+/// By row or column of samples: the first row or column of cells that it shares what it has among,
+/// and the shares of this and the next.
+type Shares = [(usize, [f32; 2]); SIDE];
+
+/// The outer half cell fades out, and all fade with their distance from the patch's centre.
+static SHARES: LazyLock<Shares> = LazyLock::new(|| {
+    let cell = SIDE as f32 / (CELLS + 1) as f32;
+    std::array::from_fn(|i| {
+        let from_centre = (i as f32 + 1.0 - 0.5 * (SIDE + 1) as f32) / cell;
+        let fading = (-from_centre * from_centre / (2.0 * CELLS as f32)).exp();
+        let place = from_centre + 0.5 * (CELLS - 1) as f32;
+        let beyond = place - place.floor();
+        match place.floor() {
+            first if first < 0.0 => (0, [fading * beyond, 0.0]),
+            first if first as usize + 1 >= CELLS => (CELLS - 2, [0.0, fading * (1.0 - beyond)]),
+            first => (first as usize, [fading * (1.0 - beyond), fading * beyond]),
+        }
+    })
+});
+
+/// Gradients of a row, shared among its cells and the directions next to their own.
+fn row_histogram(samples: &Samples, row: usize, shares: &Shares) -> [f32; CELLS * DIRECTIONS] {
+    let (strengths, directions) = row_of_gradients(samples, row);
+    let mut histogram = [0.0; CELLS * DIRECTIONS];
+    for ((strength, direction), (column, of_column)) in
+        strengths.into_iter().zip(directions).zip(shares)
+    {
+        let first = direction as usize;
+        let beyond = direction - first as f32;
+        let (first, second) = (first % DIRECTIONS, (first + 1) % DIRECTIONS);
+        for (c, share) in of_column.iter().enumerate() {
+            let cell = (column + c) * DIRECTIONS;
+            histogram[cell + first] += strength * share * (1.0 - beyond);
+            histogram[cell + second] += strength * share * beyond;
+        }
+    }
+    histogram
+}
+
+/// Strengths of a row's gradients, and their directions in eighths of a turn, up to 8.
+fn row_of_gradients(samples: &Samples, row: usize) -> ([f32; SIDE], [f32; SIDE]) {
+    let [above, here, below] = [&samples[row], &samples[row + 1], &samples[row + 2]];
+    let (mut strengths, mut directions) = ([0.0; SIDE], [0.0; SIDE]);
+    for x in 0..SIDE {
+        let (dx, dy) = (here[x + 2] - here[x], below[x + 1] - above[x + 1]);
+        strengths[x] = (dx * dx + dy * dy).sqrt();
+        directions[x] = eighths(dx, dy);
+    }
+    (strengths, directions)
+}
+
+/// Direction of a vector in eighths of a turn, from 0 to 8, to 1e-4 of one; without a branch.
+fn eighths(dx: f32, dy: f32) -> f32 {
+    let (across, down) = (dx.abs(), dy.abs());
+    let (least, most) = (across.min(down), across.max(down));
+    let r = least / most.max(f32::MIN_POSITIVE);
+    let r2 = r * r;
+    // atan(r) / (pi / 4) for r from 0 to 1.
+    let octant = r
+        * (1.273_211
+            + r2 * (-0.423_514_3
+                + r2 * (0.246_427_2
+                    + r2 * (-0.148_247_1 + r2 * (0.067_040_3 - r2 * 0.014_923_9)))));
+    let quadrant = if down > across { 2.0 - octant } else { octant };
+    let half = if dx < 0.0 { 4.0 - quadrant } else { quadrant };
+    if dy < 0.0 { 8.0 - half } else { half }
+}
+
+/// Samples of a patch with a rim of one.
+type Samples = [[f32; SIDE + 2]; SIDE + 2];
+
+/// Values on a grid over the patch.
+fn sampled(pyramid: &Pyramid, patch: &Patch) -> Samples {
     let level = pyramid.level_of(patch);
     let picture = &pyramid.0[level];
     let scale = 0.5_f64.powi(level as i32);
-    let of_pixel = |p: f64| ((p + 0.5) * scale - 0.5) as f32;
-    let along = |k: usize| 2.0 * (k as f64 - 0.5) / SIDE as f64 - 1.0;
-    std::array::from_fn(|row| {
-        std::array::from_fn(|column| {
-            let (a, b) = (along(column), along(row));
-            picture.at(
-                of_pixel(patch.centre[0] + a * patch.right[0] + b * patch.down[0]),
-                of_pixel(patch.centre[1] + a * patch.right[1] + b * patch.down[1]),
-            )
-        })
-    })
+    let centre = patch.centre.map(|p| ((p + 0.5) * scale - 0.5) as f32);
+    let [right, down] = [patch.right, patch.down].map(|side| side.map(|p| (p * scale) as f32));
+    let along = |k: usize| (2 * k) as f32 / SIDE as f32 - (1.0 + 1.0 / SIDE as f32);
+    let place = |row: usize, column: usize| {
+        let (a, b) = (along(column), along(row));
+        [0, 1].map(|i| centre[i] + a * right[i] + b * down[i])
+    };
+    let corners = [0, SIDE + 1].into_iter().flat_map(|r| [0, SIDE + 1].map(|c| place(r, c)));
+    if corners.into_iter().all(|p| picture.is_inside(p)) {
+        grid(|row, column| picture.inside(place(row, column)))
+    } else {
+        grid(|row, column| picture.at(place(row, column)))
+    }
 }
 
-/// Shares a value among the cells and directions next to its own.
-fn spread(histogram: &mut [f32; DESCRIPTOR_LENGTH], place: [f32; 2], direction: f32, value: f32) {
-    let [row, column] = place.map(f32::floor);
-    let (dr, dc) = (place[0] - row, place[1] - column);
-    let first = direction as usize % DIRECTIONS;
-    let dd = direction - direction.floor();
-    for (r, wr) in [(row, 1.0 - dr), (row + 1.0, dr)] {
-        for (c, wc) in [(column, 1.0 - dc), (column + 1.0, dc)] {
-            if r < 0.0 || c < 0.0 || r >= CELLS as f32 || c >= CELLS as f32 {
-                continue;
-            }
-            let cell = (r as usize * CELLS + c as usize) * DIRECTIONS;
-            histogram[cell + first] += value * wr * wc * (1.0 - dd);
-            histogram[cell + (first + 1) % DIRECTIONS] += value * wr * wc * dd;
-        }
-    }
+fn grid(value: impl Fn(usize, usize) -> f32) -> Samples {
+    std::array::from_fn(|row| std::array::from_fn(|column| value(row, column)))
 }
 
 fn rooted(mut histogram: [f32; DESCRIPTOR_LENGTH]) -> [f32; DESCRIPTOR_LENGTH] {
@@ -211,6 +265,16 @@ mod tests {
         // A point (x, y) of the one is at (119 - y, x) of the other.
         let turned = Patch { centre: [69.0, 60.0], right: [0.0, 18.0], down: [-18.0, 0.0] };
         assert!(likeness(&upright, &gradients(&picture(true, 1.0), &turned)) > 0.99);
+    }
+
+    #[test]
+    fn a_direction_is_told_in_eighths_of_a_turn() {
+        for degrees in 0..360 {
+            let (sin, cos) = (degrees as f32).to_radians().sin_cos();
+            let error = (eighths(3.0 * cos, 3.0 * sin) - degrees as f32 / 45.0).abs();
+            assert!(error.min(8.0 - error) < 1e-4, "{degrees}: {error}");
+        }
+        assert_eq!(eighths(0.0, 0.0), 0.0);
     }
 
     #[test]
