@@ -176,6 +176,7 @@ pub struct Listener {
     /// Names of the commands that came last.
     known: VecDeque<i64>,
     refusals: Refusals,
+    repeats: Repeats,
 }
 
 /// Commands that are known again.
@@ -187,7 +188,8 @@ impl Listener {
     pub fn new(url: &str, commands: Sender<Command>, out: Outbox) -> Result<Self, LcmError> {
         let mut lcm = Lcm::new(url)?;
         lcm.subscribe(channel::COMMAND)?;
-        Ok(Self { lcm, commands, out, known: VecDeque::new(), refusals: Refusals::default() })
+        let (refusals, repeats) = (Refusals::default(), Repeats::default());
+        Ok(Self { lcm, commands, out, known: VecDeque::new(), refusals, repeats })
     }
 
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
@@ -205,6 +207,7 @@ impl Listener {
                 }
             }
             self.refusals.tell(&self.out);
+            self.repeats.tell(&self.out);
         }
     }
 
@@ -212,7 +215,7 @@ impl Listener {
         let command = Command::read(packet)?;
         let utime = command.utime;
         if self.known.contains(&utime) {
-            self.out.note(Note::Again(utime));
+            self.repeats.add(utime);
             return Ok(());
         }
         match self.commands.try_send(command) {
@@ -238,7 +241,32 @@ struct Refusals {
     told: Option<Instant>,
 }
 
-/// Time between two notes of refusals.
+/// Commands that came again since they were told last: a flood of them is a few notes.
+#[derive(Debug, Default)]
+struct Repeats {
+    utimes: Vec<i64>,
+    told: Option<Instant>,
+}
+
+/// Commands that came again of which one telling speaks.
+const REPEATS: usize = 8;
+
+impl Repeats {
+    fn add(&mut self, utime: i64) {
+        if self.utimes.len() < REPEATS && !self.utimes.contains(&utime) {
+            self.utimes.push(utime);
+        }
+    }
+
+    fn tell(&mut self, out: &Outbox) {
+        if !self.utimes.is_empty() && self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY) {
+            self.utimes.drain(..).for_each(|utime| out.note(Note::Again(utime)));
+            self.told = Some(Instant::now());
+        }
+    }
+}
+
+/// Time between two notes of refusals or of repeats.
 const TELL_EVERY: Duration = Duration::from_millis(50);
 
 impl Refusals {
@@ -259,6 +287,7 @@ impl Refusals {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use linkage_driver::live::latest;
     use linkage_lcm::encode;
     use proptest::prelude::*;
 
@@ -306,6 +335,20 @@ mod tests {
         assert!(refusal(|m| m.object = "x".repeat(64)).contains("63 bytes"));
         assert!(refusal(|m| m.object = "a\nb".into()).contains("control characters"));
         assert!(refusal(|m| (m.has_grasp, m.grasp[1]) = (true, f64::NAN)).contains("grasp"));
+    }
+
+    #[test]
+    fn a_flood_of_repeats_is_a_few_notes() {
+        let (packets, _unread) = latest(4);
+        let (notes, told) = latest(64);
+        let out = Outbox { packets, notes };
+        let mut repeats = Repeats::default();
+        for utime in 0..10_000 {
+            repeats.add(utime % 100);
+            repeats.tell(&out);
+        }
+        assert_eq!(told.dropped(), 0);
+        assert!(matches!(told.pop(Duration::ZERO), Ok(Note::Again(0))));
     }
 
     #[test]
