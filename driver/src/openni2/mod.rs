@@ -92,10 +92,9 @@ impl OniRecording {
         }
         let absolute = path.canonicalize().map_err(|e| broken(e.to_string()))?;
         let uri = absolute.to_str().ok_or_else(|| broken("its name is no UTF-8".to_owned()))?;
-        let mut device = Device::open(uri).map_err(|e| {
+        let device = Device::open_recording(uri).map_err(|e| {
             broken(format!("{e}; a file that is cut short lacks its index: record it again"))
         })?;
-        device.play_by_hand().map_err(broken)?;
         let frames = device.recorded(Sensor::Color).min(device.recorded(Sensor::Depth));
         if frames == 0 {
             return Err(broken("it holds no pair of colour and depth".to_owned()));

@@ -11,7 +11,7 @@ const API_VERSION: c_int = 2002;
 /// Size that is asked of live devices.
 const SIZE: (c_int, c_int) = (640, 480);
 const FRAMES_PER_SECOND: c_int = 30;
-/// Playback at the reader's pace.
+/// Playback speed that waits for the reader.
 const BY_HAND: f32 = -1.0;
 
 /// Which of the two pictures.
@@ -94,8 +94,26 @@ pub fn list_devices() -> Result<Vec<(String, String)>, String> {
 }
 
 impl Device {
-    /// Opens a device or file, any device where the URI is empty, and starts both streams.
+    /// Opens a device, any where the URI is empty, and starts both streams.
     pub fn open(uri: &str) -> Result<Self, String> {
+        let mut device = Self::without_streams(uri)?;
+        device.register();
+        device.start_both()?;
+        Ok(device)
+    }
+
+    /// Opens a recording and starts both streams. It waits for the reader, and ends at its end.
+    ///
+    /// A recording plays from when it is opened, on a thread that looks at the streams without a
+    /// lock: unless it waits already, a stream that is added then may crash it.
+    pub fn open_recording(uri: &str) -> Result<Self, String> {
+        let mut device = Self::without_streams(uri)?;
+        device.play_by_hand()?;
+        device.start_both()?;
+        Ok(device)
+    }
+
+    fn without_streams(uri: &str) -> Result<Self, String> {
         initialise()?;
         let uri = CString::new(uri).map_err(|_| "the name holds a NUL".to_owned())?;
         let any = uri.is_empty();
@@ -108,18 +126,17 @@ impl Device {
         if status != ffi::OniStatus_ONI_STATUS_OK || device.is_null() {
             return Err(format!("OpenNI2 cannot open it: {}", last_error()));
         }
-        let mut opened = Self {
+        Ok(Self {
             device,
             streams: [ptr::null_mut(); 2],
             size: (0, 0),
             field_of_view: [0.0; 2],
             recorded: [0; 2],
-        };
-        opened.register();
-        for sensor in [Sensor::Color, Sensor::Depth] {
-            opened.start(sensor)?;
-        }
-        Ok(opened)
+        })
+    }
+
+    fn start_both(&mut self) -> Result<(), String> {
+        [Sensor::Color, Sensor::Depth].into_iter().try_for_each(|sensor| self.start(sensor))
     }
 
     /// Asks for depth in the colour camera's pixels, where the device can.
@@ -206,8 +223,7 @@ impl Device {
         }
     }
 
-    /// Playback that waits for the reader and ends at its end.
-    pub fn play_by_hand(&mut self) -> Result<(), String> {
+    fn play_by_hand(&mut self) -> Result<(), String> {
         // SAFETY: the device is open; the properties are a float and an int.
         let done = unsafe {
             let speed = ffi::ONI_DEVICE_PROPERTY_PLAYBACK_SPEED as c_int;

@@ -4,7 +4,7 @@
 use super::RecogniseConfig;
 use super::scene::Scene;
 use crate::appearance::{
-    Appearance, DescribedFeature, Descriptor, FeatureKind, ModelFeature, bytes_of, product,
+    Appearance, DescribedFeature, Descriptor, FeatureKind, ModelFeature, bytes_of, products,
     quantise, similarity,
 };
 use nalgebra::{Point3, Vector3};
@@ -114,8 +114,8 @@ fn match_kind(scene: &Scene, table: &Table, config: &RecogniseConfig) -> Vec<Mat
 fn match_one(query: &DescribedFeature, table: &Table, config: &RecogniseConfig) -> Option<Match> {
     let own = quantise(&query.descriptor);
     let mut ranked: Vec<(u32, usize)> = Vec::with_capacity(RUNNERS_UP + 2);
-    for j in table.gated(query) {
-        let s = product(&own, &table.descriptors[j]);
+    let gated = table.gated(query);
+    for (j, s) in gated.clone().zip(products(&own, &table.descriptors[gated])) {
         if ranked.len() <= RUNNERS_UP || s > ranked[RUNNERS_UP].0 {
             let at = ranked.partition_point(|r| r.0 >= s);
             ranked.insert(at, (s, j));

@@ -126,12 +126,18 @@ impl Vocabulary {
     fn code(&self, descriptor: &Descriptor, centre: &Descriptor) -> u64 {
         let residual: [i16; DESCRIPTOR_LENGTH] =
             std::array::from_fn(|i| i16::from(descriptor[i]) - i16::from(centre[i]));
-        self.directions.iter().enumerate().fold(0, |code, (bit, direction)| {
-            let along: i32 =
-                residual.iter().zip(direction).map(|(r, d)| i32::from(*r * i16::from(*d))).sum();
-            code | u64::from(along > 0) << bit
-        })
+        sides(&residual, &self.directions)
     }
+}
+
+/// A bit a direction: set where the residual points along it.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn sides(residual: &[i16; DESCRIPTOR_LENGTH], directions: &[[i8; DESCRIPTOR_LENGTH]]) -> u64 {
+    directions.iter().enumerate().fold(0, |code, (bit, direction)| {
+        let along: i32 =
+            residual.iter().zip(direction).map(|(r, d)| i32::from(*r * i16::from(*d))).sum();
+        code | u64::from(along > 0) << bit
+    })
 }
 
 /// The directions of all vocabularies.
