@@ -60,7 +60,7 @@ pub struct RecogniseConfig {
 impl Default for RecogniseConfig {
     fn default() -> Self {
         Self {
-            min_score: 0.45,
+            min_score: 0.5,
             max_matches: 400,
             max_ratio: 0.9,
             min_inliers: 7,
