@@ -42,8 +42,9 @@ pub const RECOGNITION_SCHEMA: &str = "linkage.recognition/1";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RecogniseConfig {
-    /// Score above which an object is reported. Of 2145 wrong pairs (`bench --suite recognise`)
-    /// none scores 0.4 to 0.5; those above share their surface with the object.
+    /// Score above which an object is reported. Of 2145 wrong pairs (`bench --suite recognise`) two
+    /// score more, of things that share their surface with the object; right ones score less than
+    /// 0.4 or more than this.
     pub min_score: f64,
     /// Matches kept, best first.
     pub max_matches: usize,
