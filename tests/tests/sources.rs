@@ -215,11 +215,6 @@ fn an_oni_file_recorded_by_the_library_is_read_as_it_was_written() {
         // OpenNI2's own codec alters a few of 307 200 by a step of the disparity.
         assert_same_to_the_millimetre(a, b, 30);
     }
-    // The library plays a file from when it is opened; streams that came late crashed it.
-    for _ in 0..60 {
-        let first = open(&name).unwrap().next_frame().unwrap().unwrap();
-        assert_same_to_the_millimetre(&original[0], &first, 30);
-    }
     let camera = source.join("camera.toml");
     let copy = scratch.path().join("copy.log");
     run(&[
