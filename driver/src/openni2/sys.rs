@@ -11,6 +11,9 @@ const API_VERSION: c_int = 2002;
 /// Size that is asked of live devices.
 const SIZE: (c_int, c_int) = (640, 480);
 const FRAMES_PER_SECOND: c_int = 30;
+/// A recording's thread walks the list of streams without a lock, over and over while one runs;
+/// once all are stopped it looks at them every 10 ms, and they can be taken away between.
+const UNTIL_IDLE: Duration = Duration::from_millis(50);
 /// Playback speed that waits for the reader.
 const BY_HAND: f32 = -1.0;
 
@@ -306,10 +309,10 @@ impl Drop for Device {
     fn drop(&mut self) {
         // SAFETY: every handle came from the library and is given back once, streams first.
         unsafe {
-            for stream in self.streams.iter().filter(|s| !s.is_null()) {
-                ffi::oniStreamStop(*stream);
-                ffi::oniStreamDestroy(*stream);
-            }
+            let streams = || self.streams.into_iter().filter(|s| !s.is_null());
+            streams().for_each(|stream| ffi::oniStreamStop(stream));
+            std::thread::sleep(UNTIL_IDLE);
+            streams().for_each(|stream| ffi::oniStreamDestroy(stream));
             ffi::oniDeviceClose(self.device);
         }
     }
