@@ -190,6 +190,9 @@ pub fn find(
     Some(report(object, &found))
 }
 
+/// Inliers that make a state half as good as any number of them would.
+const CONVINCING: f64 = 10.0;
+
 /// A state of the object with its evidence.
 struct Found {
     state: State,
@@ -201,10 +204,14 @@ struct Found {
 }
 
 impl Found {
-    /// Among states that look about as right, the one that shows more of the joints.
+    /// Among states that look about as right, the one that explains more matches and shows more
+    /// of the joints: a piece of the room may look better than the object does in poor light.
     fn rank(&self) -> f64 {
         let shown = self.evident.iter().filter(|e| **e).count() as f64;
-        self.score * (1.0 + 0.1 * shown / self.evident.len().max(1) as f64)
+        let inliers = self.inliers as f64;
+        self.score
+            * (1.0 + 0.1 * shown / self.evident.len().max(1) as f64)
+            * (inliers / (inliers + CONVINCING))
     }
 }
 

@@ -153,9 +153,11 @@ pub struct PartVerdict {
 impl PartVerdict {
     /// The part's surface was seen where the state claims it, and it looks like it.
     pub fn is_seen(&self) -> bool {
-        self.agree >= 25
-            && self.agree > 4 * self.through
-            && self.correlation.is_some_and(|c| c > 0.4)
+        self.agree > 4 * self.through && self.looks_right()
+    }
+
+    fn looks_right(&self) -> bool {
+        self.agree >= 25 && self.correlation.is_some_and(|c| c > 0.4)
     }
 }
 
@@ -184,9 +186,20 @@ impl Verdict {
         let judged = self.judged.max(1) as f64;
         self.correlation.max(0.0)
             * (self.agree as f64 / judged)
-            * (1.0 - 5.0 * self.through as f64 / judged).max(0.0)
+            * (1.0 - self.violation() / judged).max(0.0)
             * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
             * (1.0 - (-(inliers as f64) / 3.0).exp())
+    }
+
+    /// Surfels that are seen through, as many as each counts. What moved is the object's own; of
+    /// the base some may be furniture that stood beside it, and where both look right the object
+    /// is there without it.
+    fn violation(&self) -> f64 {
+        let counted = |parts: &[PartVerdict]| parts.iter().map(|p| p.through).sum::<usize>() as f64;
+        let Some((base, moving)) = self.parts.split_first() else { return 0.0 };
+        let known = base.looks_right() && moving.iter().any(PartVerdict::is_seen);
+        let of_base = if known { 1.0 } else { 5.0 };
+        of_base * base.through as f64 + 5.0 * counted(moving)
     }
 
     /// Agreement in depth, part by part worth more where the part also looks right, for
