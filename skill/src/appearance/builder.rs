@@ -7,12 +7,12 @@ use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
 use crate::geometry::{plane_through, without_strays};
 use crate::learn::Demonstration;
 use crate::vision::lab_picture;
-use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
 /// Side of a voxel in which surface is averaged, metres, for an object one metre away;
@@ -97,6 +97,9 @@ fn cell(p: &Point3<f64>, side: f64) -> [i32; 3] {
     [0, 1, 2].map(|k| (p[k] / side).floor() as i32)
 }
 
+/// Keyframes described side by side: more would hold more pictures' normals in memory.
+const AT_ONCE: usize = 2;
+
 /// Builds the appearance; empty when the demonstration has no joints.
 pub fn build(
     demonstration: &Demonstration,
@@ -116,15 +119,23 @@ pub fn build(
         .collect();
     let near_part = |part: usize, p: &Point3<f64>| reach[part].holds(p);
     let swept = swept_volume(demonstration, &tracked);
-    let labelled: Vec<(usize, LabelGrid)> = (0..posed.len())
-        .step_by(posed.len().div_ceil(config.keyframes).max(1))
-        .map(|index| (index, label(&posed, index, &near_part)))
-        .collect();
+    let described: Vec<usize> =
+        (0..posed.len()).step_by(posed.len().div_ceil(config.keyframes).max(1)).collect();
+    let labelled: Vec<(usize, LabelGrid)> =
+        described.into_par_iter().map(|index| (index, label(&posed, index, &near_part))).collect();
     let region = Region::new(config, &swept, &posed, &labelled);
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
-    let mut builder = Builder { region, voxel_m, features: Vec::new(), voxels: HashMap::new() };
-    for (index, grid) in &labelled {
-        builder.take(*index, &posed[*index], grid)?;
+    let mut builder = Builder { voxel_m, features: Vec::new(), voxels: HashMap::new() };
+    // Pictures are described side by side and taken in their order, so that sums come out the
+    // same whatever the number of threads.
+    for some in labelled.chunks(AT_ONCE) {
+        let seen = some
+            .par_iter()
+            .map(|(index, grid)| Seen::new(&posed[*index], grid, &region))
+            .collect::<opencv::Result<Vec<Seen>>>()?;
+        for ((index, _), seen) in some.iter().zip(seen) {
+            builder.take(*index, seen);
+        }
     }
     Ok(builder.finish(config))
 }
@@ -395,79 +406,104 @@ struct Voxel {
     keyframes: HashSet<usize>,
 }
 
+/// Surface seen at a pixel, in the object frame at configuration 0.
+struct SeenSurfel {
+    part: u16,
+    point: Point3<f64>,
+    normal: Vector3<f64>,
+    lab: [f32; 3],
+}
+
+/// What one keyframe shows of the object.
+struct Seen {
+    features: Vec<ModelFeature>,
+    surface: Vec<SeenSurfel>,
+}
+
+impl Seen {
+    fn new(posed: &PosedFrame, grid: &LabelGrid, region: &Region) -> opencv::Result<Self> {
+        let normals = NormalMap::new(&posed.frame.depth, &posed.frame.camera);
+        Ok(Self {
+            features: seen_features(posed, grid, region, &normals)?,
+            surface: seen_surface(posed, grid, region, &normals)?,
+        })
+    }
+}
+
+fn seen_features(
+    posed: &PosedFrame,
+    grid: &LabelGrid,
+    region: &Region,
+    normals: &NormalMap,
+) -> opencv::Result<Vec<ModelFeature>> {
+    let on_a_part = |u, v| grid.at(u, v).is_some();
+    let keypoints = Keypoints::new(posed.frame, FeatureSpread::Model, on_a_part)?;
+    let placed = keypoints.describe(posed.frame, normals)?.into_iter().filter_map(|feature| {
+        let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
+        let (part, point) = (grid.at(u, v)?, feature.point?);
+        let pose = posed.camera_from_part[usize::from(part)]?;
+        let at_rest = pose.inverse_transform_point(&point);
+        let own = part != 0 || region.is_own_base(&region.features, &at_rest, point.z);
+        own.then(|| ModelFeature {
+            part,
+            kind: feature.kind,
+            point: at_rest.coords.map(|x| x as f32).into(),
+            normal: pose.inverse_transform_vector(&feature.normal).map(|x| x as f32).into(),
+            size_m: feature.size as f32,
+            descriptor: quantise(&feature.descriptor).to_vec(),
+        })
+    });
+    Ok(placed.collect())
+}
+
+fn seen_surface(
+    posed: &PosedFrame,
+    grid: &LabelGrid,
+    region: &Region,
+    normals: &NormalMap,
+) -> opencv::Result<Vec<SeenSurfel>> {
+    let frame = posed.frame;
+    let lab = lab_picture(&frame.color)?;
+    let mut surface = Vec::new();
+    for v in (STEP / 2..frame.camera.height).step_by(STEP / 2) {
+        for u in (STEP / 2..frame.camera.width).step_by(STEP / 2) {
+            let Some(part) = grid.at(u, v) else { continue };
+            let Some(pose) = &posed.camera_from_part[usize::from(part)] else { continue };
+            let Some(patch) = normals.at(u, v) else { continue };
+            let in_camera = frame.camera.back_project(u as f64, v as f64, patch.z);
+            if -patch.normal.dot(&in_camera.coords.normalize()) < 0.25 {
+                continue;
+            }
+            let point = pose.inverse_transform_point(&in_camera);
+            if part == 0 && !region.is_own_base(&region.surface, &point, in_camera.z) {
+                continue;
+            }
+            let normal = pose.inverse_transform_vector(&patch.normal);
+            surface.push(SeenSurfel { part, point, normal, lab: lab.at(u, v) });
+        }
+    }
+    Ok(surface)
+}
+
 struct Builder {
-    region: Region,
     voxel_m: f64,
     features: Vec<(ModelFeature, usize)>,
     voxels: HashMap<VoxelKey, Voxel>,
 }
 
 impl Builder {
-    fn take(
-        &mut self,
-        keyframe: usize,
-        posed: &PosedFrame,
-        grid: &LabelGrid,
-    ) -> opencv::Result<()> {
-        let frame = posed.frame;
-        let normals = NormalMap::new(&frame.depth, &frame.camera);
-        let on_a_part = |u, v| grid.at(u, v).is_some();
-        let keypoints = Keypoints::new(frame, FeatureSpread::Model, on_a_part)?;
-        for feature in keypoints.describe(frame, &normals)? {
-            let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
-            let (Some(part), Some(point)) = (grid.at(u, v), feature.point) else { continue };
-            let Some(pose) = posed.camera_from_part[usize::from(part)] else { continue };
-            let at_rest = pose.inverse_transform_point(&point);
-            if part == 0 && !self.region.is_own_base(&self.region.features, &at_rest, point.z) {
-                continue;
-            }
-            let normal = pose.inverse_transform_vector(&feature.normal);
-            let kept = ModelFeature {
-                part,
-                kind: feature.kind,
-                point: at_rest.coords.map(|x| x as f32).into(),
-                normal: normal.map(|x| x as f32).into(),
-                size_m: feature.size as f32,
-                descriptor: quantise(&feature.descriptor).to_vec(),
-            };
-            self.features.push((kept, keyframe));
+    fn take(&mut self, keyframe: usize, seen: Seen) {
+        self.features.extend(seen.features.into_iter().map(|f| (f, keyframe)));
+        for s in seen.surface {
+            let side = s.normal.iamax() as u8 * 2 + u8::from(s.normal[s.normal.iamax()] > 0.0);
+            let voxel =
+                self.voxels.entry((s.part, cell(&s.point, self.voxel_m), side)).or_default();
+            voxel.point += s.point.coords;
+            voxel.normal += s.normal;
+            voxel.lab += Vector3::from(s.lab.map(f64::from));
+            voxel.count += 1.0;
+            voxel.keyframes.insert(keyframe);
         }
-        self.take_surface(keyframe, posed, grid, frame, &normals)
-    }
-
-    fn take_surface(
-        &mut self,
-        keyframe: usize,
-        posed: &PosedFrame,
-        grid: &LabelGrid,
-        frame: &RgbdFrame,
-        normals: &NormalMap,
-    ) -> opencv::Result<()> {
-        let lab = lab_picture(&frame.color)?;
-        for v in (STEP / 2..frame.camera.height).step_by(STEP / 2) {
-            for u in (STEP / 2..frame.camera.width).step_by(STEP / 2) {
-                let Some(part) = grid.at(u, v) else { continue };
-                let Some(pose) = &posed.camera_from_part[usize::from(part)] else { continue };
-                let Some(patch) = normals.at(u, v) else { continue };
-                let in_camera = frame.camera.back_project(u as f64, v as f64, patch.z);
-                if -patch.normal.dot(&in_camera.coords.normalize()) < 0.25 {
-                    continue;
-                }
-                let p = pose.inverse_transform_point(&in_camera);
-                if part == 0 && !self.region.is_own_base(&self.region.surface, &p, in_camera.z) {
-                    continue;
-                }
-                let n = pose.inverse_transform_vector(&patch.normal);
-                let side = n.iamax() as u8 * 2 + u8::from(n[n.iamax()] > 0.0);
-                let voxel = self.voxels.entry((part, cell(&p, self.voxel_m), side)).or_default();
-                voxel.point += p.coords;
-                voxel.normal += n;
-                voxel.lab += Vector3::from(lab.at(u, v).map(f64::from));
-                voxel.count += 1.0;
-                voxel.keyframes.insert(keyframe);
-            }
-        }
-        Ok(())
     }
 
     fn finish(self, config: &AppearanceConfig) -> Appearance {

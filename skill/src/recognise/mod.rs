@@ -190,9 +190,6 @@ pub fn find(
     Some(report(object, &found))
 }
 
-/// Inliers that make a state half as good as any number of them would.
-const CONVINCING: f64 = 10.0;
-
 /// A state of the object with its evidence.
 struct Found {
     state: State,
@@ -201,18 +198,6 @@ struct Found {
     verdict: Option<Verdict>,
     /// Joints whose configuration can be told.
     evident: Vec<bool>,
-}
-
-impl Found {
-    /// Among states that look about as right, the one that explains more matches and shows more
-    /// of the joints: a piece of the room may look better than the object does in poor light.
-    fn rank(&self) -> f64 {
-        let shown = self.evident.iter().filter(|e| **e).count() as f64;
-        let inliers = self.inliers as f64;
-        self.score
-            * (1.0 + 0.1 * shown / self.evident.len().max(1) as f64)
-            * (inliers / (inliers + CONVINCING))
-    }
 }
 
 fn with_depth(
@@ -233,7 +218,7 @@ fn with_depth(
     let (cloud, coarse) = (&object.cloud, &object.coarse);
     let refiner = Refiner { scene, articulated, cloud, coarse, matches };
     let mut tried: Vec<(usize, Pose)> = Vec::new();
-    let mut best: Option<Found> = None;
+    let mut best: Option<(f64, Found)> = None;
     for h in &hypotheses {
         if tried.len() >= config.hypotheses {
             break;
@@ -255,12 +240,14 @@ fn with_depth(
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
         let seen = seen_parts(articulated, matches, &state, &verdict);
         let evident = evident_joints(articulated, &seen);
-        let found = Found { state, score, inliers, verdict: Some(verdict), evident };
-        if best.as_ref().is_none_or(|b| found.rank() > b.rank()) {
-            best = Some(found);
+        // A small piece of the room may look better than all of the object does in poor light.
+        let explained = refine::explained(&verdict, inliers);
+        if best.as_ref().is_none_or(|(most, _)| explained > *most) {
+            best =
+                Some((explained, Found { state, score, inliers, verdict: Some(verdict), evident }));
         }
     }
-    let mut best = best.filter(|b| b.inliers >= config.min_inliers)?;
+    let (_, mut best) = best.filter(|(_, b)| b.inliers >= config.min_inliers)?;
     eliminate(scene, articulated, cloud, matches, &mut best);
     Some(best)
 }

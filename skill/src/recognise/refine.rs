@@ -6,18 +6,28 @@ use super::hypothesis::{Hypothesis, agrees, unique_inliers};
 use super::matching::Match;
 use super::scene::Scene;
 use super::system::{System, add_surface};
-use super::verify::{Cloud, verify};
+use super::verify::{Cloud, Verdict, verify};
 
 /// Inliers on either side of a joint below which its configuration is scanned.
 const WEAK: usize = 6;
 /// Surfels that a matched feature is worth.
 const FEATURE_WORTH: f64 = 8.0;
+/// What a hidden surfel costs.
+const EXCUSE: f64 = 0.5;
 /// Scanned configurations that are followed to their end.
 const FOLLOWED: usize = 3;
+/// Configurations that are tried of a joint's range.
+const COARSE_STEPS: usize = 25;
 /// Surfels below which a surface aligns nothing.
 const LEAST_SURFACE: usize = 20;
 /// How much better a scanned configuration must fit to replace a refined one.
 const SCAN_ADVANTAGE: f64 = 1.02;
+
+/// How much of the picture a state explains, in surfels. What it claims to stand behind
+/// something else has to be excused.
+pub fn explained(verdict: &Verdict, inliers: usize) -> f64 {
+    verdict.fit() + FEATURE_WORTH * inliers as f64 - EXCUSE * verdict.hidden as f64
+}
 
 /// One object against one scene.
 pub struct Refiner<'r> {
@@ -43,7 +53,7 @@ impl Refiner<'_> {
         }
         // Depth alone may hold for several configurations: each is followed to its end.
         let settled = self
-            .scan(part, &hypothesis.state, &weak, 25, FOLLOWED)
+            .scan(part, &hypothesis.state, &weak, COARSE_STEPS, FOLLOWED)
             .into_iter()
             .map(|scanned| {
                 let aligned = self.align(scanned);
@@ -55,7 +65,26 @@ impl Refiner<'_> {
             })
             .map(|state| (self.fit(self.cloud, &state), state))
             .max_by(|a, b| a.0.total_cmp(&b.0));
-        settled.map_or_else(|| hypothesis.state.clone(), |(_, state)| state)
+        let settled = settled.map_or_else(|| hypothesis.state.clone(), |(_, state)| state);
+        weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint))
+    }
+
+    /// Moves a joint to where its parts look most alike, from the nearest scanned configuration:
+    /// depth says nothing of what turns in its own shape, as the foot of a chair does.
+    fn tune(&self, part: usize, state: State, joint: usize) -> State {
+        const HALF: i32 = 8;
+        let j = &self.articulated.joints[joint];
+        let reach = (j.high - j.low) / (COARSE_STEPS - 1) as f64;
+        let camera_from_part = self.articulated.poses(&state)[part];
+        (-HALF..=HALF)
+            .map(|i| {
+                let mut q = state.q.clone();
+                q[joint] += reach * f64::from(i) / f64::from(HALF);
+                self.articulated.state_with(part, &camera_from_part, q)
+            })
+            .map(|s| (self.fit(self.cloud, &s), s))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(state, |(_, best)| best)
     }
 
     /// Agreement of surface and features; a feature weighs as much as some surface.
