@@ -1,6 +1,7 @@
 //! Refinement of a hypothesis: configurations without votes are scanned in depth, features
 //! and surface are brought to agreement in one articulated least-squares problem.
 
+use super::RecogniseConfig;
 use super::articulated::{Articulated, State};
 use super::hypothesis::{Hypothesis, agrees, unique_inliers};
 use super::matching::Match;
@@ -13,7 +14,7 @@ const WEAK: usize = 6;
 /// Surfels that a matched feature is worth.
 const FEATURE_WORTH: f64 = 8.0;
 /// What a hidden surfel costs.
-const EXCUSE: f64 = 0.5;
+const EXCUSE: f64 = 1.0;
 /// Scanned configurations that are followed to their end.
 const FOLLOWED: usize = 3;
 /// Configurations that are tried of a joint's range.
@@ -41,6 +42,8 @@ pub struct Refiner<'r> {
     pub coarse: &'r Cloud,
     /// Its matches.
     pub matches: &'r [Match],
+    /// What is done.
+    pub config: &'r RecogniseConfig,
 }
 
 impl Refiner<'_> {
@@ -48,7 +51,7 @@ impl Refiner<'_> {
     pub fn settle(&self, hypothesis: &Hypothesis) -> State {
         let part = hypothesis.part;
         let weak = self.weak_joints(&hypothesis.state);
-        if weak.is_empty() {
+        if weak.is_empty() || !self.config.search_configurations {
             return self.align(self.fit_features(hypothesis.state.clone()));
         }
         // Depth alone may hold for several configurations: each is followed to its end.
@@ -184,6 +187,9 @@ impl Refiner<'_> {
     /// Articulated point-to-plane alignment of the surface, with the matches.
     fn align(&self, mut state: State) -> State {
         const STEPS: usize = 10;
+        if !self.config.align_surface {
+            return state;
+        }
         for i in 0..STEPS {
             let closing = (i as f64 / (0.6 * STEPS as f64)).min(1.0);
             let cloud = if closing < 1.0 { self.coarse } else { self.cloud };

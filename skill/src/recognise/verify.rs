@@ -183,10 +183,23 @@ pub struct Verdict {
 impl Verdict {
     /// 0 to 1: appearance times agreement in depth times free space, less for little evidence.
     pub fn score(&self, inliers: usize) -> f64 {
-        let judged = self.judged.max(1) as f64;
+        self.looks() * self.free_space() * self.agreement(inliers)
+    }
+
+    /// How much it looks like the object, 0 to 1.
+    pub fn looks(&self) -> f64 {
         self.correlation.max(0.0)
-            * (self.agree as f64 / judged)
-            * (1.0 - self.violation() / judged).max(0.0)
+    }
+
+    /// Less than 1 where the state claims surface that is seen through.
+    pub fn free_space(&self) -> f64 {
+        (1.0 - self.violation() / self.judged.max(1) as f64).max(0.0)
+    }
+
+    /// Share of the surface that is where the state claims it, less where there is little of it
+    /// or few matches.
+    pub fn agreement(&self, inliers: usize) -> f64 {
+        self.agree as f64 / self.judged.max(1) as f64
             * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
             * (1.0 - (-(inliers as f64) / 3.0).exp())
     }

@@ -2,6 +2,7 @@
 //! every one of them is looked for in every still, and each score is kept: those of right pairs
 //! and those of wrong ones.
 
+mod ablation;
 mod scale;
 mod stills;
 
@@ -55,12 +56,28 @@ struct Precision {
     axis_cm: Vec<f64>,
 }
 
+impl Precision {
+    fn is_right(&self) -> bool {
+        self.base_deg < 5.0 && self.base_cm < 5.0
+    }
+}
+
 #[derive(Serialize)]
 struct Report {
     threshold: f64,
     rows: Vec<Row>,
     wrong_scores: Vec<f64>,
+    ablation: Vec<ablation::Row>,
     scale: Vec<scale::Row>,
+}
+
+/// A still as it is asked about.
+struct Question {
+    still: Still,
+    truth: Truth,
+    scene: Scene,
+    /// Which learned thing it shows; `None`: none.
+    number: Option<usize>,
 }
 
 /// A learned thing.
@@ -86,6 +103,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         threshold: config.recognise.min_score,
         rows: Vec::new(),
         wrong_scores: Vec::new(),
+        ablation: Vec::new(),
         scale: Vec::new(),
     };
     let mut questions = Vec::new();
@@ -96,11 +114,14 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
             look(&still, &recording, &library, &learned, &config, &mut report.wrong_scores)?;
         print_row(&row);
         report.rows.push(row);
-        questions.push(scale::Question::new(scene, still.shows, &still.thing, &names));
+        let known = still.shows == Shows::Known;
+        let number = names.iter().position(|n| known && *n == still.thing);
+        questions.push(Question { truth: Truth::read(&recording)?, still, scene, number });
     }
     print_bands(&report);
     print_wrong(&report);
     print_precision(&report);
+    report.ablation = ablation::run(&learned, &questions, &config);
     let appearances: Vec<Appearance> = learned.into_iter().map(|l| l.stored.appearance).collect();
     report.scale = scale::run(&appearances, &questions);
     if let Some(path) = &args.json {
@@ -170,8 +191,7 @@ fn look(
         _ => None,
     };
     let right = if still.shows == Shows::Known {
-        reported == [still.thing.clone()]
-            && precision.as_ref().is_some_and(|p| p.base_deg < 5.0 && p.base_cm < 5.0)
+        reported == [still.thing.clone()] && precision.as_ref().is_some_and(Precision::is_right)
     } else {
         reported.is_empty()
     };
@@ -270,13 +290,15 @@ fn print_wrong(report: &Report) {
         report.threshold
     );
     let own: Vec<f64> = report.rows.iter().filter_map(|r| r.own).collect();
-    println!("score      wrong  right");
+    println!("score      wrong  right  share right");
     for tenth in 0..10 {
         let (low, high) = (0.1 * f64::from(tenth), 0.1 * f64::from(tenth + 1));
         let within = |scores: &[f64]| {
             scores.iter().filter(|s| **s >= low && (**s < high || tenth == 9)).count()
         };
-        println!("{low:.1}-{high:.1} {:>9} {:>6}", within(&wrong), within(&own));
+        let (false_ones, true_ones) = (within(&wrong), within(&own));
+        let share = true_ones as f64 / (true_ones + false_ones) as f64;
+        println!("{low:.1}-{high:.1} {false_ones:>9} {true_ones:>6} {share:>12.2}");
     }
     println!("highest wrong score {:.2}", wrong.last().copied().unwrap_or(0.0));
 }

@@ -1,9 +1,9 @@
 //! How far the shortlist carries: the learned things among many made-up ones.
 
-use super::stills::Shows;
+use super::Question;
 use linkage_skill::appearance::{Appearance, ModelFeature};
 use linkage_skill::geometry::median;
-use linkage_skill::recognise::{Index, Scene, Words};
+use linkage_skill::recognise::{Index, Words};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -16,22 +16,6 @@ const SIZES: [usize; 5] = [100, 1_000, 10_000, 30_000, 100_000];
 const FEATURES: usize = 700;
 /// Places in the shortlist that are asked about.
 const PLACES: [usize; 3] = [1, 5, 20];
-
-/// A scene with the number of the thing in it.
-pub struct Question {
-    /// What is seen.
-    pub scene: Scene,
-    /// Which learned thing it shows; `None`: none.
-    pub number: Option<usize>,
-}
-
-impl Question {
-    /// Of a still.
-    pub fn new(scene: Scene, shows: Shows, thing: &str, names: &[String]) -> Self {
-        let known = shows == Shows::Known;
-        Self { scene, number: names.iter().position(|n| known && n == thing) }
-    }
-}
 
 /// A library of one size.
 #[derive(Serialize)]
