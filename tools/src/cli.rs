@@ -1,6 +1,6 @@
 //! Options, as DESIGN 4.3 fixes them.
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
 /// Learns how articulated things move by watching a person move them once; recognises them,
@@ -228,7 +228,7 @@ pub struct RecordArgs {
 }
 
 /// How a recording is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum RecordFormat {
     /// Folder in the TUM layout, PNG
     Tum,
@@ -315,15 +315,24 @@ pub enum StoreAction {
 pub struct ExportArgs {
     /// Name of the object
     pub object: String,
-    /// json (linkage.model/1)
+    /// json: linkage.model/1; urdf, sdf, mjcf: links with boxes around their surface, joints with
+    /// the range that was seen
     #[arg(long, default_value = "json")]
-    pub format: String,
+    pub format: ExportFormat,
     /// File; standard output where none is named
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// The store
     #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
     pub store: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum ExportFormat {
+    Json,
+    Urdf,
+    Sdf,
+    Mjcf,
 }
 
 #[derive(Debug, Args)]

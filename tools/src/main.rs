@@ -4,6 +4,7 @@ mod bench;
 mod cli;
 mod commands;
 mod console;
+mod export;
 mod report;
 mod simulate;
 mod tags;

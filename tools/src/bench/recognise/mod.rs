@@ -297,8 +297,11 @@ fn print_wrong(report: &Report) {
             scores.iter().filter(|s| **s >= low && (**s < high || tenth == 9)).count()
         };
         let (false_ones, true_ones) = (within(&wrong), within(&own));
-        let share = true_ones as f64 / (true_ones + false_ones) as f64;
-        println!("{low:.1}-{high:.1} {false_ones:>9} {true_ones:>6} {share:>12.2}");
+        let share = match true_ones + false_ones {
+            0 => "-".to_owned(),
+            all => format!("{:.2}", true_ones as f64 / all as f64),
+        };
+        println!("{low:.1}-{high:.1} {false_ones:>9} {true_ones:>6} {share:>12}");
     }
     println!("highest wrong score {:.2}", wrong.last().copied().unwrap_or(0.0));
 }
