@@ -13,8 +13,6 @@ use super::verify::{Cloud, Verdict, verify};
 const WEAK: usize = 6;
 /// Surfels that a matched feature is worth.
 const FEATURE_WORTH: f64 = 8.0;
-/// What a hidden surfel costs.
-const EXCUSE: f64 = 1.0;
 /// Scanned configurations that are followed to their end.
 const FOLLOWED: usize = 3;
 /// Configurations that are tried of a joint's range.
@@ -24,10 +22,11 @@ const LEAST_SURFACE: usize = 20;
 /// How much better a scanned configuration must fit to replace a refined one.
 const SCAN_ADVANTAGE: f64 = 1.02;
 
-/// How much of the picture a state explains, in surfels. What it claims to stand behind
-/// something else has to be excused.
+/// How much of the picture a state explains, in surfels: less where much of what it claims
+/// stands behind something else.
 pub fn explained(verdict: &Verdict, inliers: usize) -> f64 {
-    verdict.fit() + FEATURE_WORTH * inliers as f64 - EXCUSE * verdict.hidden as f64
+    let shown = verdict.fit().max(0.0) + FEATURE_WORTH * inliers as f64;
+    shown * shown / (shown + verdict.hidden as f64).max(1.0)
 }
 
 /// One object against one scene.
