@@ -270,29 +270,12 @@ impl<'e> Ways<'e> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use linkage_skill::articulate::JointKind;
+    use linkage_skill::articulate::{JointGeometry, JointKind};
     use linkage_skill::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
 
     pub fn fridge() -> (ObjectModel, Recognised) {
-        let joint = Joint {
-            name: "joint1".into(),
-            parent: 0,
-            child: 1,
-            kind: JointKind::Revolute,
-            axis: [0.0, -1.0, 0.0],
-            origin: [0.4, 0.0, 1.1],
-            pitch: 0.0,
-            range: [0.0, 1.5],
-            covariance: vec![[0.0; 6]; 6],
-            observations: 100,
-            bic: 0.0,
-            log_likelihood: 0.0,
-            position_rmse: 0.0,
-            orientation_rmse: 0.0,
-            configuration: Vec::new(),
-            type_probabilities: Default::default(),
-            undecided: false,
-        };
+        let hinge = JointGeometry::hinge(-Vector3::y_axis(), Point3::new(0.4, 0.0, 1.1));
+        let joint = Joint { range: [0.0, 1.5], observations: 100, ..Joint::of(&hinge) };
         let model = ObjectModel {
             schema: MODEL_SCHEMA.into(),
             object: "fridge".into(),
@@ -317,6 +300,7 @@ pub(crate) mod tests {
                 kind: JointKind::Revolute,
                 axis: [0.0, -1.0, 0.0],
                 origin: [0.4, 0.0, 1.3],
+                pitch: 0.0,
                 configuration: Some(0.3),
                 range: [0.0, 1.5],
             }],

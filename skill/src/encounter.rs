@@ -43,6 +43,8 @@ pub enum CombineError {
 const SAME_AXIS_RAD: f64 = 0.2;
 /// Largest distance between hinges of one joint in two demonstrations, metres.
 const SAME_HINGE_M: f64 = 0.06;
+/// Largest difference between a screw's pitches in two demonstrations, metres a turn.
+const SAME_PITCH_M: f64 = 0.02;
 /// Surface this near is the same surface, metres.
 const SAME_SURFACE_M: f64 = 0.03;
 /// Share of a part's surface that must be the same in two demonstrations.
@@ -165,8 +167,12 @@ fn contradiction(known: &JointGeometry, newer: &JointGeometry) -> Option<String>
         return Some(format!("the axes differ by {:.0}°", angle.to_degrees()));
     }
     let apart = distance_to_line(&known.origin, &known.axis, &newer.origin);
-    (known.kind == JointKind::Revolute && apart > SAME_HINGE_M)
-        .then(|| format!("the hinges are {:.0} cm apart", 100.0 * apart))
+    if known.kind != JointKind::Prismatic && apart > SAME_HINGE_M {
+        return Some(format!("the hinges are {:.0} cm apart", 100.0 * apart));
+    }
+    let other_pitch = known.pitch - newer.pitch;
+    (other_pitch.abs() > SAME_PITCH_M)
+        .then(|| format!("the pitches differ by {:.1} cm a turn", 100.0 * other_pitch.abs()))
 }
 
 /// How well a demonstration is registered into the object frame: standard deviations of its
@@ -276,11 +282,8 @@ mod tests {
     }
 
     fn line(kind: JointKind, axis: [f64; 3], origin: [f64; 3]) -> JointGeometry {
-        JointGeometry {
-            kind,
-            axis: Unit::new_normalize(Vector3::from(axis)),
-            origin: Point3::from(origin),
-        }
+        let axis = Unit::new_normalize(Vector3::from(axis));
+        JointGeometry { kind, axis, origin: Point3::from(origin), pitch: 0.0 }
     }
 
     #[test]
@@ -302,28 +305,10 @@ mod tests {
     }
 
     /// A hinge whose axis and place are this uncertain, all ways.
-    fn known(axis: [f64; 3], origin: [f64; 3], sigma: f64) -> Joint {
+    fn known(line: &JointGeometry, sigma: f64) -> Joint {
         let mut covariance = vec![[0.0; 6]; 6];
         (0..6).for_each(|k| covariance[k][k] = sigma * sigma);
-        Joint {
-            name: "hinge".to_owned(),
-            parent: 0,
-            child: 1,
-            kind: JointKind::Revolute,
-            axis,
-            origin,
-            pitch: 0.0,
-            range: [0.0, 1.0],
-            covariance,
-            observations: 1,
-            bic: 0.0,
-            log_likelihood: 0.0,
-            position_rmse: 0.0,
-            orientation_rmse: 0.0,
-            configuration: Vec::new(),
-            type_probabilities: Default::default(),
-            undecided: false,
-        }
+        Joint { covariance, ..Joint::of(line) }
     }
 
     #[test]
@@ -336,17 +321,19 @@ mod tests {
         // It points the other way, and its origin is farther down the same line.
         let seen = line(JointKind::Revolute, [0.0, -1.0, 0.0], [0.4, 0.5, 1.0])
             .transformed(&object_from_newer.inverse());
-        let newer = known(seen.axis.into_inner().into(), seen.origin.into(), 1e-4);
+        let newer = known(&seen, 1e-4);
         let off = |joint: &Joint| {
             let place = distance_to_line(&truth.origin, &truth.axis, &Point3::from(joint.origin));
             (line_angle(&truth.axis, &joint.geometry().axis), place)
         };
-        let mut vague = known([0.0, 1.0, 0.1], [0.44, 0.0, 1.0], 0.05);
+        let rough = line(JointKind::Revolute, [0.0, 1.0, 0.1], [0.44, 0.0, 1.0]);
+        let mut vague = known(&rough, 0.05);
         refine(&mut vague, &newer, &object_from_newer);
         assert!(off(&vague).0 < 0.005 && off(&vague).1 < 0.005, "{:?}", off(&vague));
         assert!(vague.covariance[0][0] < 1e-4 && vague.axis[1] > 0.0);
-        let mut sure = known([0.0, 1.0, 0.0], [0.4, 0.0, 1.0], 1e-4);
-        let wrong = known([0.0, 1.0, 0.2], [0.5, 0.0, 1.0], 0.05);
+        let mut sure = known(&truth, 1e-4);
+        let aside = line(JointKind::Revolute, [0.0, 1.0, 0.2], [0.5, 0.0, 1.0]);
+        let wrong = known(&aside, 0.05);
         refine(&mut sure, &wrong, &Pose::identity());
         assert!(off(&sure).0 < 1e-4 && off(&sure).1 < 1e-4, "{:?}", off(&sure));
     }

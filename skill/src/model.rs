@@ -84,12 +84,37 @@ pub fn is_undecided(probabilities: &BTreeMap<JointKind, f64>) -> bool {
 }
 
 impl Joint {
+    /// The joint of a line in the object frame, of which nothing else is known: the first of the
+    /// base.
+    pub fn of(line: &JointGeometry) -> Self {
+        Self {
+            name: "joint1".to_owned(),
+            parent: 0,
+            child: 1,
+            kind: line.kind,
+            axis: line.axis.into_inner().into(),
+            origin: line.origin.into(),
+            pitch: line.pitch,
+            range: [0.0, 0.0],
+            covariance: vec![[0.0; 6]; 6],
+            observations: 0,
+            bic: 0.0,
+            log_likelihood: 0.0,
+            position_rmse: 0.0,
+            orientation_rmse: 0.0,
+            configuration: Vec::new(),
+            type_probabilities: BTreeMap::new(),
+            undecided: false,
+        }
+    }
+
     /// Its line, in the object frame.
     pub fn geometry(&self) -> JointGeometry {
         JointGeometry {
             kind: self.kind,
             axis: UnitVector3::new_normalize(Vector3::from(self.axis)),
             origin: Point3::from(self.origin),
+            pitch: self.pitch,
         }
     }
 }
@@ -170,23 +195,12 @@ mod tests {
             reference_frame: ReferenceFrame::at_camera(0.0),
             parts: vec![Part::new(0, "base", 10), Part::new(1, "part1", 10)],
             joints: vec![Joint {
-                name: "joint1".into(),
-                parent: 0,
-                child: 1,
-                kind: JointKind::Revolute,
-                axis: [0.0, -1.0, 0.0],
-                origin: [0.4, 0.0, 1.1],
-                pitch: 0.0,
                 range: [0.0, 1.5],
-                covariance: vec![[0.0; 6]; 6],
                 observations: 3,
                 bic: -1.0,
                 log_likelihood: 1.0,
-                position_rmse: 0.0,
-                orientation_rmse: 0.0,
                 configuration: vec![[0.0, 0.0]],
-                type_probabilities: BTreeMap::new(),
-                undecided: false,
+                ..Joint::of(&JointGeometry::hinge(-Vector3::y_axis(), Point3::new(0.4, 0.0, 1.1)))
             }],
             demonstrations: 1,
             profile: "default".into(),

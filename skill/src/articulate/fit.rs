@@ -178,6 +178,7 @@ impl<'s> Problem<'s> {
             kind,
             axis: UnitVector3::new_normalize(axis),
             origin,
+            pitch: 0.0,
         };
         let Some(principal) = principal(&self.positions, &weights) else { return Vec::new() };
         let state = |geometry: JointGeometry, rest_position| State {
@@ -228,7 +229,12 @@ impl<'s> Problem<'s> {
         let axis = eigen.eigenvectors.column(largest).into_owned();
         let origin = Point3::from(normal.try_inverse()? * right);
         Some(State {
-            geometry: JointGeometry { kind, axis: UnitVector3::new_normalize(axis), origin },
+            geometry: JointGeometry {
+                kind,
+                axis: UnitVector3::new_normalize(axis),
+                origin,
+                pitch: 0.0,
+            },
             rest_position: rest.position,
             rest_orientation,
         })

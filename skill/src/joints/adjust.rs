@@ -1,18 +1,17 @@
-//! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every
-//! frame and the part points, which are eliminated by Schur complement.
+//! Articulated bundle adjustment: Gauss-Newton on axis, origin, a screw's pitch, the
+//! configuration of every frame and the part points, which are eliminated by Schur complement.
 
 use super::dof::Moved;
 use super::grown::Grown;
 use super::view::View;
 use crate::geometry::{median_point, orthonormal_basis};
-use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
 
-/// Columns of an observation's Jacobian: axis (2), origin (2), configuration.
-const COLUMNS: usize = 5;
-const Q: usize = 4;
 /// Parameters of a line: two of its direction, two of its place.
-const LINE_PARAMETERS: usize = 4;
+const LINE: usize = 4;
+/// Those of a screw: the pitch beside them.
+const SCREW: usize = LINE + 1;
 
 /// Redescending weight of a squared distance: 1 at none, 0 from the cut on.
 pub fn weight(distance_sq: f64, cut: f64) -> f64 {
@@ -72,16 +71,16 @@ fn settled(
     if total > 1e-6 { Point3::from(sum / total) } else { point }
 }
 
-/// One track's contributions to the normal equations of line and configurations, its own point
-/// eliminated: its share of the configurations' block is `own` on the diagonal less
-/// `couplings' * inverse * couplings`.
-struct Reduced {
-    /// Hessian over (axis, origin).
-    hessian: SMatrix<f64, 4, 4>,
-    gradient: SMatrix<f64, 4, 1>,
+/// One track's contributions to the normal equations of the `N` parameters of a line and of the
+/// configurations, its own point eliminated: its share of the configurations' block is `own` on
+/// the diagonal less `couplings' * inverse * couplings`.
+struct Reduced<const N: usize> {
+    /// Hessian over (axis, origin, pitch).
+    hessian: SMatrix<f64, N, N>,
+    gradient: SVector<f64, N>,
     frames: Vec<usize>,
-    /// (axis, origin) against each frame's configuration.
-    cross: Vec<SMatrix<f64, 4, 1>>,
+    /// (axis, origin, pitch) against each frame's configuration.
+    cross: Vec<SVector<f64, N>>,
     own: Vec<f64>,
     couplings: Vec<Vector3<f64>>,
     inverse: Matrix3<f64>,
@@ -111,55 +110,65 @@ fn turns(joint: &Grown) -> Vec<Turn> {
         .collect()
 }
 
-fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) -> Option<Reduced> {
+fn reduce<const N: usize>(
+    joint: &Grown,
+    turns: &[Turn],
+    view: &View,
+    track: usize,
+    cut: f64,
+) -> Option<Reduced<N>> {
     let dof = &joint.dof;
     let (u, v) = orthonormal_basis(&dof.axis);
     let point = joint.points[track];
     let arm = point - dof.origin;
     let mut point_hessian = Matrix3::zeros();
     let mut point_gradient = Vector3::zeros();
-    let mut hessian = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
-    let mut gradient = SMatrix::<f64, 4, 1>::zeros();
-    let mut line: SMatrix<f64, 3, 4> = SMatrix::zeros();
+    let mut hessian = SMatrix::<f64, N, N>::zeros();
+    let mut gradient = SVector::<f64, N>::zeros();
+    let mut line = SMatrix::<f64, 3, N>::zeros();
     let (mut frames, mut cross, mut own) = (Vec::new(), Vec::new(), Vec::new());
     let (mut couplings, mut configuration_gradient) = (Vec::new(), Vec::new());
     for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
         let (q, turn) = (joint.q[f], &turns[f]);
-        let moved = if dof.hinge { dof.origin + turn.rotation * arm } else { point + dof.axis * q };
+        let moved = match dof.hinge {
+            true => dof.origin + turn.rotation * arm + dof.advance(q),
+            false => point + dof.axis * q,
+        };
         let w = weight(s.distance_sq(&moved), cut);
         if w <= 0.0 {
             continue;
         }
-        let mut jacobian = SMatrix::<f64, 3, COLUMNS>::zeros();
+        let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         if dof.hinge {
+            let advance = dof.pitch.unwrap_or(0.0) * q;
             for (k, side) in [u, v].into_iter().enumerate() {
                 let turned = side.cross(&arm) * turn.sin
                     + (side * dof.axis.dot(&arm) + dof.axis * side.dot(&arm)) * (1.0 - turn.cos);
-                jacobian.set_column(k, &turned);
+                jacobian.set_column(k, &(turned + side * advance));
                 jacobian.set_column(2 + k, &(side - turn.rotation * side));
+            }
+            if N == SCREW {
+                jacobian.set_column(LINE, &(dof.axis * q));
             }
         } else {
             jacobian.set_column(0, &(u * q));
             jacobian.set_column(1, &(v * q));
         }
-        jacobian.set_column(Q, &dof.velocity(&moved));
+        let velocity = dof.velocity(&moved);
         let information = s.information * w;
-        let error = moved - s.point;
-        let ij = information * jacobian;
+        let pull = information * (moved - s.point);
+        let (weighed, weighed_velocity) = (information * jacobian, information * velocity);
         let back = turn.rotation.transpose();
         point_hessian += back * information * turn.rotation;
-        point_gradient += back * (information * error);
-        let full = jacobian.transpose() * ij;
-        let full_gradient = jacobian.transpose() * (information * error);
-        gradient += full_gradient.fixed_rows::<4>(0);
-        hessian += full;
-        let coupling = back * ij;
-        line += coupling.fixed_columns::<4>(0);
-        couplings.push(coupling.column(Q).into_owned());
+        point_gradient += back * pull;
+        gradient += jacobian.transpose() * pull;
+        hessian += jacobian.transpose() * weighed;
+        line += back * weighed;
+        couplings.push(back * weighed_velocity);
         frames.push(f);
-        own.push(full[(Q, Q)]);
-        cross.push(full.fixed_view::<4, 1>(0, Q).into_owned());
-        configuration_gradient.push(full_gradient[Q]);
+        own.push(velocity.dot(&weighed_velocity));
+        cross.push(jacobian.transpose() * weighed_velocity);
+        configuration_gradient.push(velocity.dot(&pull));
     }
     if frames.len() < 2 {
         return None;
@@ -175,7 +184,7 @@ fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) ->
         *gradient -= coupling.dot(&inverse_gradient);
     }
     Some(Reduced {
-        hessian: hessian.fixed_view::<4, 4>(0, 0) - line.transpose() * inverse_line,
+        hessian: hessian - line.transpose() * inverse_line,
         gradient: gradient - line.transpose() * inverse_gradient,
         frames,
         cross,
@@ -186,8 +195,8 @@ fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) ->
     })
 }
 
-/// Normal equations over (axis, origin, configurations of the known frames); of the symmetric
-/// matrix the lower triangle alone.
+/// Normal equations over (axis, origin, pitch, configurations of the known frames); of the
+/// symmetric matrix the lower triangle alone.
 struct System {
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
@@ -200,14 +209,23 @@ const PIECE: usize = 24;
 
 impl System {
     fn of(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> Self {
+        match joint.dof.pitch {
+            Some(_) => Self::over::<SCREW>(joint, view, tracks, cut),
+            None => Self::over::<LINE>(joint, view, tracks, cut),
+        }
+    }
+
+    fn over<const N: usize>(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> Self {
         let turns = turns(joint);
-        let mut system = Self::empty(joint);
+        let mut system = Self::empty::<N>(joint);
         let pieces: Vec<Self> = tracks
             .par_chunks(PIECE)
             .map(|piece| {
-                let mut part = Self::empty(joint);
-                for r in piece.iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)) {
-                    part.add(&r);
+                let mut part = Self::empty::<N>(joint);
+                for &t in piece {
+                    if let Some(r) = reduce::<N>(joint, &turns, view, t, cut) {
+                        part.add(&r);
+                    }
                 }
                 part
             })
@@ -219,8 +237,8 @@ impl System {
         system
     }
 
-    fn empty(joint: &Grown) -> Self {
-        let mut size = LINE_PARAMETERS;
+    fn empty<const N: usize>(joint: &Grown) -> Self {
+        let mut size = N;
         let rows = joint
             .known
             .iter()
@@ -232,17 +250,17 @@ impl System {
         Self { hessian: DMatrix::zeros(size, size), gradient: DVector::zeros(size), rows }
     }
 
-    fn add(&mut self, r: &Reduced) {
-        for a in 0..LINE_PARAMETERS {
+    fn add<const N: usize>(&mut self, r: &Reduced<N>) {
+        for a in 0..N {
             self.gradient[a] += r.gradient[a];
-            for b in 0..LINE_PARAMETERS {
+            for b in 0..N {
                 self.hessian[(a, b)] += r.hessian[(a, b)];
             }
         }
         for (i, &f) in r.frames.iter().enumerate() {
             let column = self.rows[f];
             self.gradient[column] += r.configuration_gradient[i];
-            for a in 0..LINE_PARAMETERS {
+            for a in 0..N {
                 self.hessian[(column, a)] += r.cross[i][a];
             }
             self.hessian[(column, column)] += r.own[i];
@@ -280,6 +298,9 @@ fn step(joint: &Grown, view: &View, tracks: &[usize], cut: f64, damping: f64) ->
     if joint.dof.hinge {
         let shift = u * delta[2] + v * delta[3];
         next.dof.origin += if shift.norm() > 1.0 { shift.normalize() } else { shift };
+    }
+    if let Some(pitch) = &mut next.dof.pitch {
+        *pitch += delta[LINE];
     }
     for f in 0..view.frames {
         if joint.known[f] {
@@ -341,20 +362,33 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
     }
 }
 
-/// Covariance of (axis, origin) in the view's frame, configurations and points marginalised.
+/// Covariance of (axis, origin) in the view's frame, pitch, configurations and points
+/// marginalised.
 ///
 /// A track's errors are one draw, however long it lives: a feature that slides along an edge
 /// is off in all of its frames. So the spread is taken between tracks (the sandwich estimator
 /// of Liang & Zeger 1986, one cluster a track), not from the noise of observations.
 pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMatrix<f64> {
+    match joint.dof.pitch {
+        Some(_) => covariance_over::<SCREW>(joint, view, tracks, cut),
+        None => covariance_over::<LINE>(joint, view, tracks, cut),
+    }
+}
+
+fn covariance_over<const N: usize>(
+    joint: &Grown,
+    view: &View,
+    tracks: &[usize],
+    cut: f64,
+) -> DMatrix<f64> {
     let zero = DMatrix::zeros(6, 6);
     let turns = turns(joint);
-    let reduced: Vec<Reduced> =
+    let reduced: Vec<Reduced<N>> =
         tracks.par_iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)).collect();
-    if reduced.len() <= LINE_PARAMETERS {
+    if reduced.len() <= N {
         return zero;
     }
-    let mut system = System::empty(joint);
+    let mut system = System::empty::<N>(joint);
     for r in &reduced {
         system.add(r);
     }
@@ -364,19 +398,19 @@ pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMa
     }
     system.pin(joint);
     let Some(cholesky) = system.hessian.cholesky() else { return zero };
-    let line_of_gradient = cholesky.solve(&DMatrix::identity(size, LINE_PARAMETERS)).transpose();
-    let mut between = DMatrix::zeros(LINE_PARAMETERS, LINE_PARAMETERS);
+    let line_of_gradient = cholesky.solve(&DMatrix::identity(size, N)).transpose();
+    let mut between = DMatrix::zeros(N, N);
     for r in &reduced {
-        let mut pull = line_of_gradient.columns(0, LINE_PARAMETERS) * r.gradient;
+        let mut pull = line_of_gradient.columns(0, N) * r.gradient;
         for (&f, g) in r.frames.iter().zip(&r.configuration_gradient) {
             pull += line_of_gradient.column(system.rows[f]) * *g;
         }
         between += &pull * pull.transpose();
     }
     let n = reduced.len() as f64;
-    let marginal = between * (n / (n - LINE_PARAMETERS as f64));
+    let marginal = between * (n / (n - N as f64));
     let (u, v) = orthonormal_basis(&joint.dof.axis);
-    let mut to_space = DMatrix::zeros(6, 4);
+    let mut to_space = DMatrix::zeros(6, N);
     for r in 0..3 {
         to_space[(r, 0)] = u[r];
         to_space[(r, 1)] = v[r];
@@ -407,7 +441,7 @@ mod tests {
 
     #[test]
     fn a_rough_hinge_is_refined_to_the_true_one() {
-        let truth = Dof { hinge: true, axis: Vector3::y(), origin: Point3::new(0.05, 0.0, 1.15) };
+        let truth = Dof::hinge(Vector3::y(), Point3::new(0.05, 0.0, 1.15));
         let (view, q) = door(&truth);
         let rough = Dof {
             axis: Vector3::new(0.1, 1.0, -0.08).normalize(),

@@ -44,6 +44,8 @@ pub struct JointsConfig {
     pub max_unruly: f64,
     /// Joints are also sought in the frames of parts that move.
     pub chains: bool,
+    /// Hinges that advance as they turn are told from those that do not.
+    pub screws: bool,
     /// Stretches of one joint are merged.
     pub merge: bool,
     /// Tracks that the depth pictures contradict one by one are taken out of a joint.
@@ -71,6 +73,7 @@ impl Default for JointsConfig {
             correlated_observations: 10.0,
             max_unruly: 0.3,
             chains: true,
+            screws: true,
             merge: true,
             dismiss_strangers: true,
         }

@@ -8,6 +8,7 @@ use super::consensus::agree;
 use super::dof::Dof;
 use super::grown::Grown;
 use super::hypothesis::Hypothesis;
+use super::kinds;
 use super::view::View;
 use crate::geometry::{distance_to_line, screw_of};
 use nalgebra::{Point3, Vector3};
@@ -73,7 +74,23 @@ pub fn grow_hypothesis(
             best = Some(grown);
         }
     }
-    best
+    best.map(|joint| with_pitch(view, joint, candidates, config))
+}
+
+/// A hinge that advances as it turns, grown on as the screw that it is: as a hinge it loses what
+/// has advanced.
+fn with_pitch(view: &View, hinge: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+    if !kinds::may_be_screw(&hinge, config) {
+        return hinge;
+    }
+    // What a hinge keeps has hardly advanced.
+    let mut wide = hinge.clone();
+    let followers = gather(view, &mut wide, &mut candidates.to_vec(), kinds::FAR * config.cut);
+    wide.members = followers.into_iter().map(|m| m.track).collect();
+    let Some(mut screw) = kinds::as_screw(&wide, view, config) else { return hinge };
+    screw = swept(view, screw, candidates, config);
+    finish(view, &mut screw, candidates, config, GROWTH_ROUNDS);
+    if screw.gain > hinge.gain { screw } else { hinge }
 }
 
 /// Slide and hinge fitted to the window alone, with their cost an observation.
@@ -86,13 +103,13 @@ fn window_fits(view: &View, h: &Hypothesis, config: &JointsConfig) -> Vec<(Grown
     let centre = Point3::from(start);
     let mut fits = Vec::new();
     if let Some(axis) = (end - start).try_normalize(1e-6) {
-        fits.push(window_fit(view, Dof { hinge: false, axis, origin: centre }, h, config));
+        fits.push(window_fit(view, Dof::slide(axis, centre), h, config));
     }
     if let Some(screw) = screw_of(&h.motion)
         && screw.angle > MIN_SCREW_ANGLE
         && distance_to_line(&screw.origin, &screw.axis, &centre) < MAX_LEVER
     {
-        let dof = Dof { hinge: true, axis: screw.axis.into_inner(), origin: screw.origin };
+        let dof = Dof::hinge(screw.axis.into_inner(), screw.origin);
         let hinge = window_fit(view, dof, h, config);
         let slide_cost = fits.first().map_or(f64::INFINITY, |(_, c)| *c);
         if slide_cost > 1.3 * hinge.1 + 0.2 {
@@ -213,7 +230,7 @@ impl Book {
 pub fn grow(view: &View, joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
     let mut joint = swept(view, joint, candidates, config);
     finish(view, &mut joint, candidates, config, GROWTH_ROUNDS);
-    joint
+    with_pitch(view, joint, candidates, config)
 }
 
 /// The same, not yet refined.

@@ -126,8 +126,12 @@ mod tests {
     use crate::track::Track;
     use nalgebra::Vector3;
 
-    const HINGE: Dof =
-        Dof { hinge: true, axis: Vector3::new(0.0, 1.0, 0.0), origin: Point3::new(0.0, 0.0, 1.5) };
+    const HINGE: Dof = Dof {
+        hinge: true,
+        axis: Vector3::new(0.0, 1.0, 0.0),
+        origin: Point3::new(0.0, 0.0, 1.5),
+        pitch: None,
+    };
 
     fn view(frames: usize) -> Arc<View> {
         let q: Vec<f64> = (0..frames).map(|f| 0.03 * f as f64).collect();

@@ -96,23 +96,16 @@ fn learned(
     );
     let type_probabilities = kinds::type_probabilities(joint, own_view, &config.joints);
     let joint = Joint {
-        name: String::new(),
-        parent: 0,
-        child: 0,
-        kind: geometry.kind,
-        axis: geometry.axis.into_inner().into(),
-        origin: geometry.origin.into(),
-        pitch: 0.0,
         range: range_of(&configuration),
         covariance: covariance_rows(&covariance),
         observations: frames.len(),
         bic: -2.0 * joint.gain,
         log_likelihood: joint.gain,
         position_rmse: position_rmse(joint, own_view),
-        orientation_rmse: 0.0,
         configuration: set.timed(&frames, &configuration),
         undecided: is_undecided(&type_probabilities),
         type_probabilities,
+        ..Joint::of(&geometry)
     };
     (joint, trajectory)
 }

@@ -13,12 +13,11 @@ mod model;
 
 use crate::base::BaseMotion;
 use crate::geometry::Pose;
-use crate::model::{Joint, covariance_rows};
+use crate::model::Joint;
 use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::TrackSet;
 use body::Body;
 use model::Fit;
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 /// Values of the baseline.
@@ -94,21 +93,13 @@ fn to_learned(set: &TrackSet, number: usize, parent: usize, body: &Body, fit: Fi
             name: format!("joint{number}"),
             parent,
             child: number,
-            kind: geometry.kind,
-            axis: geometry.axis.into_inner().into(),
-            origin: geometry.origin.into(),
-            pitch: 0.0,
             range: range_of(&configuration),
-            // The baseline states no uncertainty.
-            covariance: covariance_rows(&DMatrix::zeros(6, 6)),
             observations: fit.frames.len(),
-            bic: 0.0,
-            log_likelihood: 0.0,
             position_rmse: fit.residual,
             orientation_rmse: fit.turn_residual,
             configuration: set.timed(&fit.frames, &configuration),
-            type_probabilities: Default::default(),
-            undecided: false,
+            // The baseline states no uncertainty.
+            ..Joint::of(&geometry)
         },
         base_from_part: body.base_from_body.clone(),
         tracks: body.tracks.clone(),
@@ -165,11 +156,7 @@ mod tests {
 
     #[test]
     fn what_no_slide_explains_is_a_hinge() {
-        let line = JointGeometry {
-            kind: JointKind::Revolute,
-            axis: Vector3::y_axis(),
-            origin: Point3::new(-0.2, 0.0, 1.1),
-        };
+        let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(-0.2, 0.0, 1.1));
         let joints = learned(|f| line.motion(q(f)));
         assert_eq!(joints.len(), 1);
         let joint = &joints[0].joint;
@@ -182,11 +169,7 @@ mod tests {
     #[test]
     fn what_neither_explains_is_not_connected() {
         let joints = learned(|f| {
-            let turn = JointGeometry {
-                kind: JointKind::Revolute,
-                axis: Vector3::y_axis(),
-                origin: Point3::origin(),
-            };
+            let turn = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
             Pose::translation(0.0, 0.3 * (9.0 * q(f)).sin(), 0.0) * turn.motion(q(f))
         });
         assert!(joints.is_empty());

@@ -2,7 +2,7 @@
 
 use super::body::Body;
 use super::{KatzConfig, relative};
-use crate::articulate::{JointGeometry, JointKind};
+use crate::articulate::JointGeometry;
 use crate::geometry::Pose;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitVector3, Vector3};
 
@@ -62,7 +62,7 @@ fn slide(motions: &[Pose], centre: Point3<f64>) -> Option<(JointGeometry, Vec<f6
     let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
     let axis = UnitVector3::try_new(direction, 1e-9)?;
     let q = ways.iter().map(|w| w.dot(&axis)).collect();
-    Some((JointGeometry { kind: JointKind::Prismatic, axis, origin: centre }, q))
+    Some((JointGeometry::slide(axis, centre), q))
 }
 
 /// The axis from the turns, the line from where they leave points at rest, by least squares.
@@ -84,7 +84,7 @@ fn hinge(motions: &[Pose], centre: Point3<f64>) -> Option<(JointGeometry, Vec<f6
     right[3 * motions.len()] = axis.dot(&centre.coords);
     let origin = left.svd(true, true).solve(&right, 1e-6).ok()?;
     let origin = Point3::new(origin[0], origin[1], origin[2]);
-    Some((JointGeometry { kind: JointKind::Revolute, axis, origin }, q))
+    Some((JointGeometry::hinge(axis, origin), q))
 }
 
 fn judged(

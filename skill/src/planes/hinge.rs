@@ -1,7 +1,7 @@
 //! The line that a turning plane keeps its distance from.
 
 use super::patch::PlanePatch;
-use crate::articulate::{JointGeometry, JointKind};
+use crate::articulate::JointGeometry;
 use crate::geometry::{median, orthonormal_basis};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 
@@ -206,11 +206,7 @@ fn unwrapped(
 impl Hinge {
     /// As a joint's line.
     pub fn geometry(&self) -> JointGeometry {
-        JointGeometry {
-            kind: JointKind::Revolute,
-            axis: UnitVector3::new_normalize(self.axis),
-            origin: self.origin,
-        }
+        JointGeometry::hinge(UnitVector3::new_normalize(self.axis), self.origin)
     }
 
     /// Least and greatest turn.

@@ -19,7 +19,6 @@ use crate::structure::{LearnedJoint, orient, probe_points, range_of};
 use crate::track::TrackSet;
 use extend::extend;
 use hinge::{Hinge, best_hinge};
-use nalgebra::Point3;
 use patch::moving_patches;
 use serde::{Deserialize, Serialize};
 
@@ -153,23 +152,13 @@ fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint 
         base_from_part[frame] = Some(geometry.motion(q)) as Option<Pose>;
     }
     let joint = Joint {
-        name: "joint1".to_owned(),
-        parent: 0,
-        child: 1,
-        kind: JointKind::Revolute,
-        axis: geometry.axis.into_inner().into(),
-        origin: Point3::into(geometry.origin),
-        pitch: 0.0,
         range: range_of(&configuration),
         covariance: covariance_rows(&hinge.covariance()),
         observations: hinge.turns.len(),
-        bic: 0.0,
-        log_likelihood: 0.0,
         position_rmse: hinge.rmse,
-        orientation_rmse: 0.0,
         configuration: set.timed(&frames, &configuration),
         type_probabilities: [(JointKind::Revolute, 1.0)].into(),
-        undecided: false,
+        ..Joint::of(&geometry)
     };
     LearnedJoint { joint, base_from_part, tracks: Vec::new() }
 }

@@ -1,6 +1,6 @@
 //! An object's pose with the configuration of its joints.
 
-use crate::articulate::{JointGeometry, JointKind};
+use crate::articulate::JointGeometry;
 use crate::geometry::Pose;
 use crate::model::ObjectModel;
 use nalgebra::{DVector, Point3, UnitQuaternion, Vector3};
@@ -107,12 +107,7 @@ impl Articulated {
         columns.extend([Vector3::x(), Vector3::y(), Vector3::z()]);
         for (j, joint) in self.joints.iter().enumerate() {
             columns.push(if self.moved_by(j).contains(&part) {
-                let line = joint.geometry.transformed(&poses[joint.parent]);
-                match line.kind {
-                    JointKind::Revolute => line.axis.cross(&(in_camera - line.origin)),
-                    JointKind::Prismatic => line.axis.into_inner(),
-                    _ => Vector3::zeros(),
-                }
+                joint.geometry.transformed(&poses[joint.parent]).velocity(in_camera)
             } else {
                 Vector3::zeros()
             });

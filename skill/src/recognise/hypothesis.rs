@@ -10,6 +10,7 @@ use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::HashSet;
+use std::f64::consts::TAU;
 
 /// A pose of one part with the configurations that follow.
 #[derive(Debug, Clone)]
@@ -313,6 +314,7 @@ fn vote_of(
     let (hx, hy) = (axis.dot(&x), axis.dot(&y));
     let (px, py) = (x - axis * hx, y - axis * hy);
     let q = axis.dot(&px.cross(&py)).atan2(px.dot(&py));
-    let residual = (px.norm() - py.norm()).hypot(hy - hx);
+    let advance = line.pitch * q / TAU;
+    let residual = (px.norm() - py.norm()).hypot(hy - hx - advance);
     (q, residual, 0.5 * (px.norm() + py.norm()))
 }

@@ -24,11 +24,12 @@ pub use scene::Scene;
 
 use crate::appearance::Appearance;
 pub use crate::appearance::Descriptor;
-use crate::articulate::JointKind;
+use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
 use articulated::{Articulated, State};
 use matching::{FeatureTable, Match, match_features};
+use nalgebra::UnitVector3;
 use rayon::prelude::*;
 use refine::Refiner;
 use serde::{Deserialize, Serialize};
@@ -114,10 +115,29 @@ pub struct JointState {
     pub axis: [f64; 3],
     /// A point on it, camera frame, metres.
     pub origin: [f64; 3],
+    /// Metres a turn, for screws; else 0 and left out.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub pitch: f64,
     /// Configuration; `null` without evidence of its own.
     pub configuration: Option<f64>,
     /// Range seen in the demonstrations.
     pub range: [f64; 2],
+}
+
+fn is_none(pitch: &f64) -> bool {
+    *pitch == 0.0
+}
+
+impl JointState {
+    /// Its line, camera frame.
+    pub fn geometry(&self) -> JointGeometry {
+        JointGeometry {
+            kind: self.kind,
+            axis: UnitVector3::new_normalize(self.axis.into()),
+            origin: self.origin.into(),
+            pitch: self.pitch,
+        }
+    }
 }
 
 /// A recognised object.
@@ -355,6 +375,7 @@ fn report(object: &KnownObject, found: &Found) -> Recognised {
                 kind: joint.kind,
                 axis: line.axis.into_inner().into(),
                 origin: line.origin.into(),
+                pitch: line.pitch,
                 configuration: found.evident[i].then_some(found.state.q[i]),
                 range: joint.range,
             }

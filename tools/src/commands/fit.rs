@@ -6,7 +6,9 @@ use linkage_skill::SkillConfig;
 use linkage_skill::articulate::{
     FittedJoint, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,
 };
-use linkage_skill::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame, is_undecided};
+use linkage_skill::model::{
+    Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame, covariance_rows, is_undecided,
+};
 use linkage_skill::structure::{orient, range_of};
 use std::path::Path;
 
@@ -59,15 +61,8 @@ fn to_model(
     orient(&mut geometry, &mut configuration);
     let probabilities = type_probabilities(fits);
     let joint = Joint {
-        name: "joint1".to_owned(),
-        parent: 0,
-        child: 1,
-        kind: geometry.kind,
-        axis: geometry.axis.into_inner().into(),
-        origin: geometry.origin.into(),
-        pitch: 0.0,
         range: range_of(&configuration),
-        covariance: (0..6).map(|r| std::array::from_fn(|c| best.covariance[(r, c)])).collect(),
+        covariance: covariance_rows(&best.covariance),
         observations: samples.len(),
         bic: best.bic,
         log_likelihood: best.log_likelihood,
@@ -76,6 +71,7 @@ fn to_model(
         configuration: samples.iter().zip(&configuration).map(|(s, &q)| [s.t, q]).collect(),
         undecided: is_undecided(&probabilities),
         type_probabilities: probabilities,
+        ..Joint::of(&geometry)
     };
     let part = |id: usize, name: &str| Part::new(id, name, 0);
     ObjectModel {

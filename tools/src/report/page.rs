@@ -6,13 +6,12 @@ use linkage_driver::{ColorImage, RgbdFrame, image_file};
 use linkage_planner_bridge::Prediction;
 use linkage_skill::Demonstration;
 use linkage_skill::appearance::Appearance;
-use linkage_skill::articulate::JointGeometry;
 use linkage_skill::geometry::{Pose, pose_from_array};
 use linkage_skill::model::{Joint, ObjectModel};
 use linkage_skill::predict::moved_surface;
 use linkage_skill::recognise::{Recognised, Recognition};
 use linkage_skill::store::Library;
-use nalgebra::{Point2, Point3, UnitVector3, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 use plotters::prelude::*;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -179,12 +178,7 @@ fn lifted_surface(
 
 fn draw_recognised(canvas: &mut Canvas, m: &Recognised, index: usize) -> anyhow::Result<()> {
     for (j, joint) in m.joints.iter().enumerate() {
-        let line = JointGeometry {
-            kind: joint.kind,
-            axis: UnitVector3::new_normalize(Vector3::from(joint.axis)),
-            origin: Point3::from(joint.origin),
-        };
-        canvas.axis(&line, PART_COLOURS[(j + 1) % PART_COLOURS.len()])?;
+        canvas.axis(&joint.geometry(), PART_COLOURS[(j + 1) % PART_COLOURS.len()])?;
     }
     canvas.text(index as i32, crate::commands::describe(m).trim())?;
     Ok(())

@@ -1,10 +1,11 @@
-//! Things on a desk, and a bicycle.
+//! Things on a desk, a stool, and a bicycle.
 
 use super::scenes::{
     BASE, BLUE, DARK, GREY, Look, Palette, WHITE, WOOD, cuboid, hinge, part, scene_of, slide,
     there_and_back,
 };
 use super::world::{Scene, SceneJoint, Solid};
+use linkage_skill::articulate::JointKind;
 use nalgebra::Point3;
 
 /// Height of the desk, metres.
@@ -142,6 +143,39 @@ pub fn monitor(look: Look) -> Scene {
     s.actions = there_and_back(0, -0.6, 1.3, 1.9).into();
     s.actions.extend(there_and_back(1, 0.45, 7.6, 1.7));
     s.duration = 13.0;
+    s
+}
+
+/// A stool whose seat is screwed up and down.
+pub fn stool(look: Look) -> Scene {
+    let mut p = Palette::new(look);
+    let (foot, seat, metal) = (p.paint(WOOD), p.paint(BLUE), p.paint(DARK));
+    let mut s = scene_of("stool", "helical", [0.0, 0.0, 0.40], [12.0, 30.0, 1.35]);
+    let up = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
+    let leg = |x: f64, y: f64| {
+        Solid::rod(up(2.2 * x, 2.2 * y, 0.0), up(x, y, 0.36), 0.022, &foot, BASE)
+    };
+    let mut base: Vec<Solid> =
+        [(0.1, 0.1), (0.1, -0.1), (-0.1, 0.1), (-0.1, -0.1)].map(|(x, y)| leg(x, y)).into();
+    base.push(Solid::drum(up(0.0, 0.0, 0.34), up(0.0, 0.0, 0.38), 0.15, &foot, BASE));
+    s.parts = vec![
+        part("foot", base),
+        part(
+            "seat",
+            vec![
+                Solid::rod(up(0.0, 0.0, 0.36), up(0.0, 0.0, 0.47), 0.02, &metal, 2),
+                Solid::drum(up(0.0, 0.0, 0.47), up(0.0, 0.0, 0.52), 0.19, &seat, 2),
+                cuboid([0.0, 0.15, 0.56], [0.26, 0.04, 0.10], &seat, 2),
+            ],
+        ),
+    ];
+    s.joints = vec![SceneJoint {
+        kind: JointKind::Helical,
+        pitch: 0.09,
+        ..hinge("seat", [0.0, 0.0, 1.0], [0.0, 0.0, 0.4], [0.17, -0.06, 0.50], [0.9, -0.8, 0.3])
+    }];
+    s.actions = there_and_back(0, 1.3, 1.3, 3.5).into();
+    s.duration = 11.0;
     s
 }
 

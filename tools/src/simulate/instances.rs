@@ -104,11 +104,12 @@ pub fn stretch_about_its_stand(scene: &mut Scene, stretch: &Vector3<f64>) {
         joint.person.x *= mirrored;
         // Turning is mirrored to turning the other way.
         joint.axis = match joint.kind {
-            JointKind::Revolute => {
-                Vector3::new(joint.axis.x, mirrored * joint.axis.y, mirrored * joint.axis.z)
+            JointKind::Prismatic => {
+                Vector3::new(mirrored * joint.axis.x, joint.axis.y, joint.axis.z)
             }
-            _ => Vector3::new(mirrored * joint.axis.x, joint.axis.y, joint.axis.z),
+            _ => Vector3::new(joint.axis.x, mirrored * joint.axis.y, mirrored * joint.axis.z),
         };
+        joint.pitch *= mirrored;
     }
     scene.target = moved(&scene.target);
 }
@@ -151,7 +152,9 @@ mod tests {
 
     #[test]
     fn a_mirrored_thing_moves_as_its_mirror_image() {
-        for plain in [door, office_chair, devices::printer_tray, devices::bicycle] {
+        for plain in
+            [door, office_chair, devices::printer_tray, devices::bicycle, devices::stool]
+        {
             let plain = plain(Look { name: "x", richness: Richness::Poor });
             let mut mirrored = plain.clone();
             let mirror = Vector3::new(-1.0, 1.0, 1.0);

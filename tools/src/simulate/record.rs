@@ -365,7 +365,7 @@ impl<'s> Film<'s> {
             origin: first_line.origin.into(),
             axis_last: last_line.axis.into_inner().into(),
             origin_last: last_line.origin.into(),
-            pitch: 0.0,
+            pitch: first_line.pitch,
             configuration,
             range_observed: [low, high],
             moved: high - low > 1e-6,

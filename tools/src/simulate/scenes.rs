@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
 /// Names of all scenes, with what happens.
-pub const SCENES: [(&str, &str); 17] = [
+pub const SCENES: [(&str, &str); 19] = [
     ("door", "a room's door is opened and closed"),
     ("drawer", "a drawer is pulled and pushed"),
     ("two_drawers", "two drawers, one after the other"),
@@ -28,6 +28,8 @@ pub const SCENES: [(&str, &str); 17] = [
     ("screen", "a screen is tilted"),
     ("monitor", "a monitor is turned, then tilted"),
     ("bicycle", "a bicycle is steered, pedalled, its wheel turned"),
+    ("stool", "a stool's seat is screwed up and down"),
+    ("rising_door", "a door that its hinges lift is opened and closed"),
 ];
 
 /// Which one of its sort an object is, and how much there is to see on it.
@@ -130,6 +132,7 @@ pub fn hinge(
         child: 1,
         axis: Vector3::from(axis),
         origin: Point3::from(origin),
+        pitch: 0.0,
         grasp: Point3::from(grasp),
         person: Vector3::from(person),
     }
@@ -199,6 +202,8 @@ fn thing(name: &str, painted_after: &str) -> Option<Scene> {
         "screen" => devices::screen(look),
         "monitor" => devices::monitor(look),
         "bicycle" => devices::bicycle(look),
+        "stool" => devices::stool(look),
+        "rising_door" => rising_door(look),
         _ => return None,
     };
     scene.name = name.to_owned();
@@ -258,6 +263,15 @@ pub fn door(look: Look) -> Scene {
         [0.5, -1.0, 0.2],
     )];
     s.actions = there_and_back(0, -1.1, 1.4, 3.0).into();
+    s
+}
+
+/// A door on hinges that lift it as it opens, so that it falls shut.
+fn rising_door(look: Look) -> Scene {
+    let mut s = door(look);
+    s.category = "helical";
+    s.joints[0].kind = JointKind::Helical;
+    s.joints[0].pitch = -0.11;
     s
 }
 

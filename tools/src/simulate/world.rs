@@ -236,6 +236,8 @@ pub struct SceneJoint {
     pub axis: Vector3<f64>,
     /// A point on it.
     pub origin: Point3<f64>,
+    /// Metres a turn, for screws; else 0.
+    pub pitch: f64,
     /// Where a hand takes hold of the moved part.
     pub grasp: Point3<f64>,
     /// Direction from the grasp to where the person stands.
@@ -249,6 +251,7 @@ impl SceneJoint {
             kind: self.kind,
             axis: UnitVector3::new_normalize(self.axis),
             origin: self.origin,
+            pitch: self.pitch,
         }
     }
 }
