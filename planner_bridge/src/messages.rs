@@ -312,6 +312,10 @@ fn parameters(joint: &Joint) -> Vec<articulation::ModelParamMsg> {
             });
             vector("rot_axis", turn.imag().into());
             list.push(parameter("rot_axis.w", turn.w, learned));
+            if joint.kind == JointKind::Helical {
+                // The original knows no screws: what advances as it turns is said beside.
+                list.push(parameter("rot_pitch", joint.pitch, learned));
+            }
         }
         JointKind::Fixed | JointKind::Nonparametric => {}
     }

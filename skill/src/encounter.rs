@@ -6,7 +6,7 @@ use crate::articulate::{JointGeometry, JointKind};
 use crate::config::SkillConfig;
 use crate::geometry::{Pose, distance_to_line, line_angle, pose_from_array};
 use crate::learn::Demonstration;
-use crate::model::{Joint, ObjectModel};
+use crate::model::{Joint, ObjectModel, covariance_rows};
 use crate::recognise::{KnownObject, Scene, find};
 use crate::store::{Provenance, StoredObject};
 use nalgebra::{Matrix6, Point3, UnitVector3, Vector3, Vector6};
@@ -128,7 +128,7 @@ pub fn combine(
         }
         // A line that another part carries is known only where that part was.
         if own.parent == 0 && joint.parent == 0 {
-            refine(own, joint, &object_from_newer);
+            weigh_in(own, joint, &object_from_newer);
         }
         let sign = Vector3::from(own.axis).dot(&line.axis).signum();
         let start = found.assumed[i];
@@ -183,23 +183,14 @@ const RIDGE: f64 = 1e-12;
 
 /// Brings what a newer demonstration says of a joint's line into what is known of it, each
 /// weighed by its covariance.
-fn refine(own: &mut Joint, newer: &Joint, object_from_newer: &Pose) {
+fn weigh_in(own: &mut Joint, newer: &Joint, object_from_newer: &Pose) {
     let (Some(known), Some(seen)) = (covariance(own), covariance(newer)) else { return };
     let (before, line) = (own.geometry(), newer.geometry().transformed(object_from_newer));
     let axis = before.axis.dot(&line.axis).signum() * line.axis.into_inner();
     // The newer origin slides along its line to beside the known one, and the uncertainty of
     // the axis with it.
     let along = axis.dot(&(before.origin - line.origin));
-    let mut carried = Matrix6::identity();
-    let turn = object_from_newer.rotation.to_rotation_matrix().into_inner();
-    carried.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
-    carried.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
-    carried.fixed_view_mut::<3, 3>(3, 0).copy_from(&(along * turn));
-    let mut seen = carried * seen * carried.transpose();
-    for k in 0..3 {
-        seen[(k, k)] += REGISTRATION.0.powi(2);
-        seen[(k + 3, k + 3)] += REGISTRATION.1.powi(2);
-    }
+    let seen = registered(&seen, object_from_newer, along);
     let ridge = Matrix6::identity() * RIDGE;
     let Some(inverse) = (known + seen + ridge).try_inverse() else { return };
     let gain = known * inverse;
@@ -209,7 +200,22 @@ fn refine(own: &mut Joint, newer: &Joint, object_from_newer: &Pose) {
     own.axis = axis.into_inner().into();
     own.origin = (before.origin + step.fixed_rows::<3>(3)).into();
     let left = (Matrix6::identity() - gain) * known;
-    own.covariance = (0..6).map(|r| std::array::from_fn(|c| left[(r, c)])).collect();
+    own.covariance = covariance_rows(&left);
+}
+
+/// A covariance of axis and origin in the object frame, the origin moved `along` the axis.
+fn registered(covariance: &Matrix6<f64>, object_from_newer: &Pose, along: f64) -> Matrix6<f64> {
+    let mut carried = Matrix6::identity();
+    let turn = object_from_newer.rotation.to_rotation_matrix().into_inner();
+    carried.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+    carried.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+    carried.fixed_view_mut::<3, 3>(3, 0).copy_from(&(along * turn));
+    let mut registered = carried * covariance * carried.transpose();
+    for k in 0..3 {
+        registered[(k, k)] += REGISTRATION.0.powi(2);
+        registered[(k + 3, k + 3)] += REGISTRATION.1.powi(2);
+    }
+    registered
 }
 
 /// Of a joint's axis and origin; `None` where it is not known.
@@ -234,6 +240,9 @@ fn add_joint(
     added.child = id;
     added.axis = line.axis.into_inner().into();
     added.origin = line.origin.into();
+    if let Some(seen) = covariance(joint) {
+        added.covariance = covariance_rows(&registered(&seen, object_from_newer, 0.0));
+    }
     model.joints.push(added);
     let mut part = newer.model.parts[joint.child].clone();
     part.id = id;
@@ -328,13 +337,13 @@ mod tests {
         };
         let rough = line(JointKind::Revolute, [0.0, 1.0, 0.1], [0.44, 0.0, 1.0]);
         let mut vague = known(&rough, 0.05);
-        refine(&mut vague, &newer, &object_from_newer);
+        weigh_in(&mut vague, &newer, &object_from_newer);
         assert!(off(&vague).0 < 0.005 && off(&vague).1 < 0.005, "{:?}", off(&vague));
         assert!(vague.covariance[0][0] < 1e-4 && vague.axis[1] > 0.0);
         let mut sure = known(&truth, 1e-4);
         let aside = line(JointKind::Revolute, [0.0, 1.0, 0.2], [0.5, 0.0, 1.0]);
         let wrong = known(&aside, 0.05);
-        refine(&mut sure, &wrong, &Pose::identity());
+        weigh_in(&mut sure, &wrong, &Pose::identity());
         assert!(off(&sure).0 < 1e-4 && off(&sure).1 < 1e-4, "{:?}", off(&sure));
     }
 

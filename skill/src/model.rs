@@ -3,9 +3,10 @@
 
 use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_from_array, pose_to_array};
-use nalgebra::{DMatrix, Point3, UnitVector3, Vector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Index;
 
 /// Name and version of the JSON form.
 pub const MODEL_SCHEMA: &str = "linkage.model/1";
@@ -120,7 +121,7 @@ impl Joint {
 }
 
 /// A covariance as the model's JSON holds it.
-pub fn covariance_rows(covariance: &DMatrix<f64>) -> Vec<[f64; 6]> {
+pub fn covariance_rows(covariance: &impl Index<(usize, usize), Output = f64>) -> Vec<[f64; 6]> {
     (0..6).map(|r| std::array::from_fn(|c| covariance[(r, c)])).collect()
 }
 

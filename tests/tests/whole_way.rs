@@ -122,6 +122,21 @@ fn a_fridge_without_texture_is_learned_from_its_depth() {
 }
 
 #[test]
+fn a_door_that_rises_as_it_opens_is_learned_as_a_screw() {
+    let recording = simulated("rising_door", false, 1);
+    let out = recording.join("model.json");
+    let arguments = ["learn", &text(&recording), "--object", "door", "--quiet"];
+    let output = linkage(&[&arguments[..], &["--json", &text(&out)]].concat());
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let (model, truth) = (json(&out), json(&recording.join("truth.json")));
+    let (joint, expected) = (&model["joints"][0], &truth["joints"][0]);
+    assert_eq!(joint["type"], "helical");
+    assert!(line_angle(&vector(&joint["axis"]), &vector(&expected["axis"])).to_degrees() < 1.0);
+    let pitch = |joint: &Value| joint["pitch"].as_f64().unwrap();
+    assert!((pitch(joint) - pitch(expected)).abs() < 0.2 * pitch(expected).abs(), "{joint}");
+}
+
+#[test]
 fn a_hand_that_moves_nothing_gives_no_joint_and_status_1() {
     let recording = simulated("hand_only", false, 1);
     let output = linkage(&["learn", &text(&recording), "--object", "thing", "--quiet"]);

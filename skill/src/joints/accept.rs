@@ -137,7 +137,7 @@ impl Witness<'_> {
         // beginning to end.
         let max_cost = config.max_cost
             + match coverage {
-                c if c >= 0.9 && solid && found_everywhere => 1.8,
+                c if c >= 0.9 && solid && (found_everywhere || is_there_throughout(joint)) => 1.8,
                 c if c >= 0.6 && solid => 1.0,
                 _ if found_everywhere => 0.6,
                 _ => 0.0,
@@ -205,6 +205,12 @@ impl Witness<'_> {
 /// In all pictures the part is where the joint puts it, and would not be elsewhere.
 pub fn is_found_everywhere(joint: &Grown) -> bool {
     joint.through <= 0.1 && joint.hidden <= 0.3 && joint.tells >= 0.3
+}
+
+/// It explains all that its tracks do and is never seen through: round things look the same
+/// wherever they are turned to.
+fn is_there_throughout(joint: &Grown) -> bool {
+    joint.through <= 0.05 && joint.hidden <= 0.05 && joint.unruly <= 0.05
 }
 
 /// Configurations in and about the range known so far.

@@ -1,5 +1,5 @@
-//! Articulated bundle adjustment: Gauss-Newton on axis, origin, a screw's pitch, the
-//! configuration of every frame and the part points, which are eliminated by Schur complement.
+//! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every
+//! frame and the part points, which are eliminated by Schur complement. A screw's pitch stays.
 
 use super::dof::Moved;
 use super::grown::Grown;
@@ -10,8 +10,6 @@ use rayon::prelude::*;
 
 /// Parameters of a line: two of its direction, two of its place.
 const LINE: usize = 4;
-/// Those of a screw: the pitch beside them.
-const SCREW: usize = LINE + 1;
 
 /// Redescending weight of a squared distance: 1 at none, 0 from the cut on.
 pub fn weight(distance_sq: f64, cut: f64) -> f64 {
@@ -71,16 +69,16 @@ fn settled(
     if total > 1e-6 { Point3::from(sum / total) } else { point }
 }
 
-/// One track's contributions to the normal equations of the `N` parameters of a line and of the
-/// configurations, its own point eliminated: its share of the configurations' block is `own` on
-/// the diagonal less `couplings' * inverse * couplings`.
-struct Reduced<const N: usize> {
-    /// Hessian over (axis, origin, pitch).
-    hessian: SMatrix<f64, N, N>,
-    gradient: SVector<f64, N>,
+/// One track's contributions to the normal equations of line and configurations, its own point
+/// eliminated: its share of the configurations' block is `own` on the diagonal less
+/// `couplings' * inverse * couplings`.
+struct Reduced {
+    /// Hessian over (axis, origin).
+    hessian: SMatrix<f64, LINE, LINE>,
+    gradient: SVector<f64, LINE>,
     frames: Vec<usize>,
-    /// (axis, origin, pitch) against each frame's configuration.
-    cross: Vec<SVector<f64, N>>,
+    /// (axis, origin) against each frame's configuration.
+    cross: Vec<SVector<f64, LINE>>,
     own: Vec<f64>,
     couplings: Vec<Vector3<f64>>,
     inverse: Matrix3<f64>,
@@ -110,22 +108,16 @@ fn turns(joint: &Grown) -> Vec<Turn> {
         .collect()
 }
 
-fn reduce<const N: usize>(
-    joint: &Grown,
-    turns: &[Turn],
-    view: &View,
-    track: usize,
-    cut: f64,
-) -> Option<Reduced<N>> {
+fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) -> Option<Reduced> {
     let dof = &joint.dof;
     let (u, v) = orthonormal_basis(&dof.axis);
     let point = joint.points[track];
     let arm = point - dof.origin;
     let mut point_hessian = Matrix3::zeros();
     let mut point_gradient = Vector3::zeros();
-    let mut hessian = SMatrix::<f64, N, N>::zeros();
-    let mut gradient = SVector::<f64, N>::zeros();
-    let mut line = SMatrix::<f64, 3, N>::zeros();
+    let mut hessian = SMatrix::<f64, LINE, LINE>::zeros();
+    let mut gradient = SVector::<f64, LINE>::zeros();
+    let mut line = SMatrix::<f64, 3, LINE>::zeros();
     let (mut frames, mut cross, mut own) = (Vec::new(), Vec::new(), Vec::new());
     let (mut couplings, mut configuration_gradient) = (Vec::new(), Vec::new());
     for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
@@ -138,7 +130,7 @@ fn reduce<const N: usize>(
         if w <= 0.0 {
             continue;
         }
-        let mut jacobian = SMatrix::<f64, 3, N>::zeros();
+        let mut jacobian = SMatrix::<f64, 3, LINE>::zeros();
         if dof.hinge {
             let advance = dof.pitch.unwrap_or(0.0) * q;
             for (k, side) in [u, v].into_iter().enumerate() {
@@ -146,9 +138,6 @@ fn reduce<const N: usize>(
                     + (side * dof.axis.dot(&arm) + dof.axis * side.dot(&arm)) * (1.0 - turn.cos);
                 jacobian.set_column(k, &(turned + side * advance));
                 jacobian.set_column(2 + k, &(side - turn.rotation * side));
-            }
-            if N == SCREW {
-                jacobian.set_column(LINE, &(dof.axis * q));
             }
         } else {
             jacobian.set_column(0, &(u * q));
@@ -195,8 +184,8 @@ fn reduce<const N: usize>(
     })
 }
 
-/// Normal equations over (axis, origin, pitch, configurations of the known frames); of the
-/// symmetric matrix the lower triangle alone.
+/// Normal equations over (axis, origin, configurations of the known frames); of the symmetric
+/// matrix the lower triangle alone.
 struct System {
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
@@ -209,23 +198,14 @@ const PIECE: usize = 24;
 
 impl System {
     fn of(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> Self {
-        match joint.dof.pitch {
-            Some(_) => Self::over::<SCREW>(joint, view, tracks, cut),
-            None => Self::over::<LINE>(joint, view, tracks, cut),
-        }
-    }
-
-    fn over<const N: usize>(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> Self {
         let turns = turns(joint);
-        let mut system = Self::empty::<N>(joint);
+        let mut system = Self::empty(joint);
         let pieces: Vec<Self> = tracks
             .par_chunks(PIECE)
             .map(|piece| {
-                let mut part = Self::empty::<N>(joint);
-                for &t in piece {
-                    if let Some(r) = reduce::<N>(joint, &turns, view, t, cut) {
-                        part.add(&r);
-                    }
+                let mut part = Self::empty(joint);
+                for r in piece.iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)) {
+                    part.add(&r);
                 }
                 part
             })
@@ -237,8 +217,8 @@ impl System {
         system
     }
 
-    fn empty<const N: usize>(joint: &Grown) -> Self {
-        let mut size = N;
+    fn empty(joint: &Grown) -> Self {
+        let mut size = LINE;
         let rows = joint
             .known
             .iter()
@@ -250,17 +230,17 @@ impl System {
         Self { hessian: DMatrix::zeros(size, size), gradient: DVector::zeros(size), rows }
     }
 
-    fn add<const N: usize>(&mut self, r: &Reduced<N>) {
-        for a in 0..N {
+    fn add(&mut self, r: &Reduced) {
+        for a in 0..LINE {
             self.gradient[a] += r.gradient[a];
-            for b in 0..N {
+            for b in 0..LINE {
                 self.hessian[(a, b)] += r.hessian[(a, b)];
             }
         }
         for (i, &f) in r.frames.iter().enumerate() {
             let column = self.rows[f];
             self.gradient[column] += r.configuration_gradient[i];
-            for a in 0..N {
+            for a in 0..LINE {
                 self.hessian[(column, a)] += r.cross[i][a];
             }
             self.hessian[(column, column)] += r.own[i];
@@ -298,9 +278,6 @@ fn step(joint: &Grown, view: &View, tracks: &[usize], cut: f64, damping: f64) ->
     if joint.dof.hinge {
         let shift = u * delta[2] + v * delta[3];
         next.dof.origin += if shift.norm() > 1.0 { shift.normalize() } else { shift };
-    }
-    if let Some(pitch) = &mut next.dof.pitch {
-        *pitch += delta[LINE];
     }
     for f in 0..view.frames {
         if joint.known[f] {
@@ -362,33 +339,20 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
     }
 }
 
-/// Covariance of (axis, origin) in the view's frame, pitch, configurations and points
-/// marginalised.
+/// Covariance of (axis, origin) in the view's frame, configurations and points marginalised.
 ///
 /// A track's errors are one draw, however long it lives: a feature that slides along an edge
 /// is off in all of its frames. So the spread is taken between tracks (the sandwich estimator
 /// of Liang & Zeger 1986, one cluster a track), not from the noise of observations.
 pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMatrix<f64> {
-    match joint.dof.pitch {
-        Some(_) => covariance_over::<SCREW>(joint, view, tracks, cut),
-        None => covariance_over::<LINE>(joint, view, tracks, cut),
-    }
-}
-
-fn covariance_over<const N: usize>(
-    joint: &Grown,
-    view: &View,
-    tracks: &[usize],
-    cut: f64,
-) -> DMatrix<f64> {
     let zero = DMatrix::zeros(6, 6);
     let turns = turns(joint);
-    let reduced: Vec<Reduced<N>> =
+    let reduced: Vec<Reduced> =
         tracks.par_iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)).collect();
-    if reduced.len() <= N {
+    if reduced.len() <= LINE {
         return zero;
     }
-    let mut system = System::empty::<N>(joint);
+    let mut system = System::empty(joint);
     for r in &reduced {
         system.add(r);
     }
@@ -398,19 +362,19 @@ fn covariance_over<const N: usize>(
     }
     system.pin(joint);
     let Some(cholesky) = system.hessian.cholesky() else { return zero };
-    let line_of_gradient = cholesky.solve(&DMatrix::identity(size, N)).transpose();
-    let mut between = DMatrix::zeros(N, N);
+    let line_of_gradient = cholesky.solve(&DMatrix::identity(size, LINE)).transpose();
+    let mut between = DMatrix::zeros(LINE, LINE);
     for r in &reduced {
-        let mut pull = line_of_gradient.columns(0, N) * r.gradient;
+        let mut pull = line_of_gradient.columns(0, LINE) * r.gradient;
         for (&f, g) in r.frames.iter().zip(&r.configuration_gradient) {
             pull += line_of_gradient.column(system.rows[f]) * *g;
         }
         between += &pull * pull.transpose();
     }
     let n = reduced.len() as f64;
-    let marginal = between * (n / (n - N as f64));
+    let marginal = between * (n / (n - LINE as f64));
     let (u, v) = orthonormal_basis(&joint.dof.axis);
-    let mut to_space = DMatrix::zeros(6, N);
+    let mut to_space = DMatrix::zeros(6, LINE);
     for r in 0..3 {
         to_space[(r, 0)] = u[r];
         to_space[(r, 1)] = v[r];

@@ -8,7 +8,7 @@ use super::consensus::agree;
 use super::dof::Dof;
 use super::grown::Grown;
 use super::hypothesis::Hypothesis;
-use super::kinds;
+use super::pitch;
 use super::view::View;
 use crate::geometry::{distance_to_line, screw_of};
 use nalgebra::{Point3, Vector3};
@@ -42,6 +42,10 @@ const VOTERS: usize = 100;
 const HOPELESS_SHARE: f64 = 0.3;
 /// Frames that they use: neighbours say the same.
 const FINISH_FRAMES: usize = 60;
+/// Factor on the cut within which tracks are asked whether they advance.
+const FAR: f64 = 16.0;
+/// Times that they are asked, the axis refined in between.
+const PITCH_ROUNDS: usize = 3;
 /// A hinge must gain this much more than a slide: a large circle imitates any line.
 const HINGE_ADVANTAGE: f64 = 1.03;
 
@@ -77,20 +81,29 @@ pub fn grow_hypothesis(
     best.map(|joint| with_pitch(view, joint, candidates, config))
 }
 
-/// A hinge that advances as it turns, grown on as the screw that it is: as a hinge it loses what
+/// A joint that advances as it turns, grown on as the screw that it is: as a hinge it loses what
 /// has advanced.
-fn with_pitch(view: &View, hinge: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
-    if !kinds::may_be_screw(&hinge, config) {
-        return hinge;
+fn with_pitch(view: &View, grown: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+    if !config.screws || !pitch::can_be_told(&grown) {
+        return grown;
     }
-    // What a hinge keeps has hardly advanced.
-    let mut wide = hinge.clone();
-    let followers = gather(view, &mut wide, &mut candidates.to_vec(), kinds::FAR * config.cut);
-    wide.members = followers.into_iter().map(|m| m.track).collect();
-    let Some(mut screw) = kinds::as_screw(&wide, view, config) else { return hinge };
-    screw = swept(view, screw, candidates, config);
+    // What a hinge keeps has hardly advanced: those that it lost are asked, too.
+    let mut screw = grown.clone();
+    let followers = gather(view, &mut screw, &mut candidates.to_vec(), FAR * config.cut);
+    let followers: Vec<usize> = followers.into_iter().map(|m| m.track).collect();
+    let some = some_of(followers.clone(), FINISH_TRACKS);
+    let Some(axis) = pitch::turning_axis(&screw, view, &followers) else { return grown };
+    screw.dof.axis = axis;
+    for _ in 0..PITCH_ROUNDS {
+        screw.dof.pitch = pitch::pitch_of(&screw, view, &followers);
+        if screw.dof.pitch == grown.dof.pitch {
+            return grown;
+        }
+        refine(&mut screw, view, &some, FAR * config.cut, config.finish_steps);
+    }
+    let mut screw = swept(view, screw, candidates, config);
     finish(view, &mut screw, candidates, config, GROWTH_ROUNDS);
-    if screw.gain > hinge.gain { screw } else { hinge }
+    if screw.gain > grown.gain { screw } else { grown }
 }
 
 /// Slide and hinge fitted to the window alone, with their cost an observation.

@@ -1,5 +1,5 @@
 //! Slide, hinge or screw? The same tracks are explained each way; what separates the costs is
-//! the evidence. A motion too short bends too little to tell.
+//! the evidence. A motion too short bends too little to tell. What does not advance is no screw.
 
 use super::JointsConfig;
 use super::adjust::{locate_points, refine};
@@ -18,17 +18,6 @@ const TRACKS: usize = 150;
 const FAR_HINGES_M: [f64; 2] = [0.5, 2.0];
 /// Refinement steps of the other kinds.
 const STEPS: usize = 10;
-/// Factor on the cut within which observations count while a screw's pitch is sought: a hinge tells
-/// where its tracks are only as long as they have not advanced.
-pub const FAR: f64 = 16.0;
-/// Least that a screw advances over what is seen of it, metres: what advances less is a hinge.
-const MIN_ADVANCE_M: f64 = 0.01;
-/// Least turn that can tell a screw, radians.
-const MIN_SCREW_TURN: f64 = 0.5;
-/// By how much the BIC must speak for a screw: hinges drawn from few frames reach 20, screws
-/// that advance 1.5 cm begin at 350.
-const MIN_EVIDENCE: f64 = 40.0;
-
 /// Probability of each kind by the BIC of all (Kass & Raftery 1995).
 pub fn type_probabilities(
     joint: &Grown,
@@ -39,10 +28,8 @@ pub fn type_probabilities(
     let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(joint))]);
     for start in others(joint, &sample.tracks) {
         let other = sample.refined(start);
-        if other.dof.pitch.is_none() || advance(&other) >= MIN_ADVANCE_M {
-            let least = criteria.entry(kind(&other)).or_insert(f64::INFINITY);
-            *least = least.min(sample.criterion(&other));
-        }
+        let least = criteria.entry(kind(&other)).or_insert(f64::INFINITY);
+        *least = least.min(sample.criterion(&other));
     }
     let best = criteria.values().copied().fold(f64::INFINITY, f64::min);
     let mut likely: BTreeMap<JointKind, f64> =
@@ -52,34 +39,8 @@ pub fn type_probabilities(
     likely
 }
 
-/// It turned far enough to tell a hinge from a screw.
-pub fn may_be_screw(joint: &Grown, config: &JointsConfig) -> bool {
-    let is_hinge = joint.dof.hinge && joint.dof.pitch.is_none();
-    config.screws && is_hinge && joint.members.len() >= 5 && joint.span() >= MIN_SCREW_TURN
-}
-
-/// The screw that a hinge is, where its tracks clearly advance as they turn.
-pub fn as_screw(joint: &Grown, view: &View, config: &JointsConfig) -> Option<Grown> {
-    let start = screw_from(joint)?;
-    let sample = Sample::of(joint, view, config);
-    let screw = sample.refined_from_afar(start);
-    let evidence = sample.criterion(joint) - sample.criterion(&screw);
-    tracing::debug!(
-        advance_cm = 100.0 * advance(&screw),
-        span = joint.span(),
-        evidence,
-        "as a screw"
-    );
-    (advance(&screw) >= MIN_ADVANCE_M && evidence >= MIN_EVIDENCE).then_some(screw)
-}
-
 fn kind(joint: &Grown) -> JointKind {
     joint.dof.geometry().kind
-}
-
-/// What a joint advances over its range, metres.
-fn advance(joint: &Grown) -> f64 {
-    joint.dof.advance(joint.span()).norm()
 }
 
 /// Some of a joint's tracks, which all kinds are to explain.
@@ -107,14 +68,6 @@ impl<'s> Sample<'s> {
         joint
     }
 
-    /// The same where most observations are far from where the joint starts.
-    fn refined_from_afar(&self, mut joint: Grown) -> Grown {
-        let cut = FAR * self.config.cut;
-        locate_points(&mut joint, self.view, &self.tracks, cut);
-        refine(&mut joint, self.view, &self.tracks, cut, STEPS);
-        self.refined(joint)
-    }
-
     /// Bayesian information criterion, less what all kinds share.
     fn criterion(&self, joint: &Grown) -> f64 {
         let motions = joint.motions();
@@ -127,15 +80,6 @@ impl<'s> Sample<'s> {
         };
         cost / self.config.correlated_observations + more_parameters * self.independent.ln()
     }
-}
-
-/// Where the search for a hinge's screw starts.
-fn screw_from(joint: &Grown) -> Option<Grown> {
-    (joint.dof.hinge && joint.dof.pitch.is_none()).then(|| {
-        let mut screw = joint.clone();
-        screw.dof.pitch = Some(0.0);
-        screw
-    })
 }
 
 /// Where the search for the best joints of the other kinds starts.
@@ -157,8 +101,8 @@ fn others(joint: &Grown, tracks: &[usize]) -> Vec<Grown> {
         let velocity = joint.dof.velocity(&centre);
         let lever = velocity.norm().max(1e-6);
         let slide = with(Dof::slide(velocity / lever, centre), lever);
-        let other = screw_from(joint).unwrap_or_else(|| with(Dof { pitch: None, ..joint.dof }, 1.0));
-        return vec![slide, other];
+        let hinge = joint.dof.pitch.map(|_| with(Dof { pitch: None, ..joint.dof }, 1.0));
+        return std::iter::once(slide).chain(hinge).collect();
     }
     let (u, v) = orthonormal_basis(&joint.dof.axis);
     let mut starts = Vec::new();
@@ -209,8 +153,6 @@ mod tests {
     #[test]
     fn a_door_that_opens_wide_is_a_hinge() {
         assert!(probability_of_a_hinge(0.8) > 0.99);
-        let (view, door) = seen_turning(&DOOR, 0.8);
-        assert!(as_screw(&door, &view, &JointsConfig::default()).is_none());
     }
 
     #[test]
@@ -222,12 +164,8 @@ mod tests {
     #[test]
     fn what_advances_as_it_turns_is_a_screw() {
         let lift = Dof { pitch: Some(-0.02), ..DOOR };
-        let (view, mut joint) = seen_turning(&lift, 1.2);
-        let config = JointsConfig::default();
-        assert!(type_probabilities(&joint, &view, &config)[&JointKind::Helical] > 0.99);
-        joint.dof.pitch = None;
-        let screw = as_screw(&joint, &view, &config).unwrap();
-        assert!((screw.dof.pitch.unwrap() + 0.02).abs() < 0.001);
-        assert!(type_probabilities(&joint, &view, &config)[&JointKind::Helical] > 0.99);
+        let (view, joint) = seen_turning(&lift, 1.2);
+        let of_types = type_probabilities(&joint, &view, &JointsConfig::default());
+        assert!(of_types[&JointKind::Helical] > 0.99);
     }
 }

@@ -17,6 +17,7 @@ mod kinds;
 mod memory;
 mod merge;
 mod outcome;
+mod pitch;
 mod search;
 #[cfg(test)]
 mod specimen;

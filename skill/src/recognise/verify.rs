@@ -180,6 +180,9 @@ pub struct Verdict {
     pub parts: Vec<PartVerdict>,
 }
 
+/// Surfels that one counts for where it is seen through.
+const SEEN_THROUGH: f64 = 5.0;
+
 impl Verdict {
     /// 0 to 1: appearance times agreement in depth times free space, less for little evidence.
     pub fn score(&self, inliers: usize) -> f64 {
@@ -211,8 +214,8 @@ impl Verdict {
         let counted = |parts: &[PartVerdict]| parts.iter().map(|p| p.through).sum::<usize>() as f64;
         let Some((base, moving)) = self.parts.split_first() else { return 0.0 };
         let known = base.looks_right() && moving.iter().any(PartVerdict::is_seen);
-        let of_base = if known { 1.0 } else { 5.0 };
-        of_base * base.through as f64 + 5.0 * counted(moving)
+        let of_base = if known { 1.0 } else { SEEN_THROUGH };
+        of_base * base.through as f64 + SEEN_THROUGH * counted(moving)
     }
 
     /// Agreement in depth, part by part worth more where the part also looks right, for

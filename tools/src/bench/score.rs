@@ -30,6 +30,9 @@ pub struct JointScore {
     pub axis_deg: Option<f64>,
     /// Distance of the axes at the part, centimetres; 0 for slides.
     pub position_cm: Option<f64>,
+    /// Of a screw, how far the pitches are apart, centimetres a turn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch_cm: Option<f64>,
     /// Found range as a share of the true one.
     pub range_share: Option<f64>,
     /// Right parent part.
@@ -177,6 +180,9 @@ fn score_joint(
         found_kind: found.map(|f| f.kind),
         axis_deg: found.map(|f| axis_angle(joint, f).to_degrees()),
         position_cm: found.map(|f| 100.0 * axis_distance(joint, f, truth)),
+        pitch_cm: found
+            .filter(|_| joint.kind == JointKind::Helical)
+            .map(|f| 100.0 * (f.pitch - joint.pitch).abs()),
         range_share: found.map(|f| (f.range[1] - f.range[0]) / true_span.max(1e-9)),
         right_tree: found.is_some_and(|f| Some(f.parent) == expected_parent),
         true_kind_probability: found.and_then(|f| f.type_probabilities.get(&joint.kind).copied()),

@@ -62,6 +62,13 @@ pub struct Hinge {
     pub range: [f64; 2],
 }
 
+impl Hinge {
+    /// What URDF and SDF call its type.
+    pub fn kind(&self) -> &'static str {
+        if self.turns { "revolute" } else { "prismatic" }
+    }
+}
+
 impl Description {
     /// Of a learned object.
     ///

@@ -79,10 +79,9 @@ fn inertial<W: Write>(writer: &mut Writer<W>, shape: &Cuboid) -> io::Result<()> 
 }
 
 fn joint<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> io::Result<()> {
-    let kind = if joint.turns { "revolute" } else { "prismatic" };
     writer
         .create_element("joint")
-        .with_attributes([("name", joint.name.as_str()), ("type", kind)])
+        .with_attributes([("name", joint.name.as_str()), ("type", joint.kind())])
         .write_inner_content(|w| {
             text(w, "parent", &of.links[joint.parent].name)?;
             text(w, "child", &of.links[joint.child].name)?;

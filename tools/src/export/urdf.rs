@@ -63,10 +63,9 @@ fn origin<W: Write>(writer: &mut Writer<W>, shape: &Cuboid) -> io::Result<()> {
 }
 
 fn joint<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> io::Result<()> {
-    let kind = if joint.turns { "revolute" } else { "prismatic" };
     writer
         .create_element("joint")
-        .with_attributes([("name", joint.name.as_str()), ("type", kind)])
+        .with_attributes([("name", joint.name.as_str()), ("type", joint.kind())])
         .write_inner_content(|w| {
             for (role, link) in [("parent", joint.parent), ("child", joint.child)] {
                 let name = of.links[link].name.as_str();

@@ -152,9 +152,8 @@ pub fn stool(look: Look) -> Scene {
     let (foot, seat, metal) = (p.paint(WOOD), p.paint(BLUE), p.paint(DARK));
     let mut s = scene_of("stool", "helical", [0.0, 0.0, 0.40], [12.0, 30.0, 1.35]);
     let up = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
-    let leg = |x: f64, y: f64| {
-        Solid::rod(up(2.2 * x, 2.2 * y, 0.0), up(x, y, 0.36), 0.022, &foot, BASE)
-    };
+    let leg =
+        |x: f64, y: f64| Solid::rod(up(2.2 * x, 2.2 * y, 0.0), up(x, y, 0.36), 0.022, &foot, BASE);
     let mut base: Vec<Solid> =
         [(0.1, 0.1), (0.1, -0.1), (-0.1, 0.1), (-0.1, -0.1)].map(|(x, y)| leg(x, y)).into();
     base.push(Solid::drum(up(0.0, 0.0, 0.34), up(0.0, 0.0, 0.38), 0.15, &foot, BASE));

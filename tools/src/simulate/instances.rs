@@ -152,9 +152,7 @@ mod tests {
 
     #[test]
     fn a_mirrored_thing_moves_as_its_mirror_image() {
-        for plain in
-            [door, office_chair, devices::printer_tray, devices::bicycle, devices::stool]
-        {
+        for plain in [door, office_chair, devices::printer_tray, devices::bicycle, devices::stool] {
             let plain = plain(Look { name: "x", richness: Richness::Poor });
             let mut mirrored = plain.clone();
             let mirror = Vector3::new(-1.0, 1.0, 1.0);

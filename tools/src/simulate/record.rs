@@ -157,7 +157,7 @@ impl<'s> Film<'s> {
         let mut gain = 1.0;
         let mut roll = 0.0;
         // Within what the demonstration showed.
-        let ends: Vec<f64> = scene.joints.iter().map(|j| farthest(scene, j.name)).collect();
+        let ends: Vec<f64> = scene.joints.iter().map(|j| farthest(scene, &j.name)).collect();
         match take {
             Take::Demonstration => {}
             Take::Encounter => {
@@ -309,7 +309,7 @@ impl<'s> Film<'s> {
             .iter()
             .enumerate()
             .map(|(i, part)| TruePart {
-                name: part.name.to_owned(),
+                name: part.name.clone(),
                 label: i as u8 + 1,
                 centroid: part.centroid().into(),
                 camera_from_part: times
@@ -357,10 +357,10 @@ impl<'s> Film<'s> {
         let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
         let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         TrueJoint {
-            name: joint.name.to_owned(),
+            name: joint.name.clone(),
             kind: joint.kind,
-            parent: self.scene.parts[joint.parent].name.to_owned(),
-            child: self.scene.parts[joint.child].name.to_owned(),
+            parent: self.scene.parts[joint.parent].name.clone(),
+            child: self.scene.parts[joint.child].name.clone(),
             axis: first_line.axis.into_inner().into(),
             origin: first_line.origin.into(),
             axis_last: last_line.axis.into_inner().into(),

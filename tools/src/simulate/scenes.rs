@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
 /// Names of all scenes, with what happens.
-pub const SCENES: [(&str, &str); 19] = [
+pub const SCENES: [(&str, &str); 20] = [
     ("door", "a room's door is opened and closed"),
     ("drawer", "a drawer is pulled and pushed"),
     ("two_drawers", "two drawers, one after the other"),
@@ -30,6 +30,7 @@ pub const SCENES: [(&str, &str); 19] = [
     ("bicycle", "a bicycle is steered, pedalled, its wheel turned"),
     ("stool", "a stool's seat is screwed up and down"),
     ("rising_door", "a door that its hinges lift is opened and closed"),
+    ("two_laptops", "two laptops of one make, one after the other"),
 ];
 
 /// Which one of its sort an object is, and how much there is to see on it.
@@ -80,8 +81,8 @@ pub const BLUE: [f64; 3] = [90.0, 120.0, 170.0];
 /// Label of the base; parts follow.
 pub const BASE: u8 = 1;
 
-pub fn part(name: &'static str, solids: Vec<Solid>) -> Part {
-    Part { name, solids }
+pub fn part(name: &str, solids: Vec<Solid>) -> Part {
+    Part { name: name.to_owned(), solids }
 }
 
 pub fn cuboid(c: [f64; 3], s: [f64; 3], m: &Material, label: u8) -> Solid {
@@ -119,14 +120,14 @@ pub fn scene_of(name: &str, category: &'static str, target: [f64; 3], view: [f64
 }
 
 pub fn hinge(
-    name: &'static str,
+    name: &str,
     axis: [f64; 3],
     origin: [f64; 3],
     grasp: [f64; 3],
     person: [f64; 3],
 ) -> SceneJoint {
     SceneJoint {
-        name,
+        name: name.to_owned(),
         kind: JointKind::Revolute,
         parent: 0,
         child: 1,
@@ -138,7 +139,7 @@ pub fn hinge(
     }
 }
 
-pub fn slide(name: &'static str, axis: [f64; 3], grasp: [f64; 3], person: [f64; 3]) -> SceneJoint {
+pub fn slide(name: &str, axis: [f64; 3], grasp: [f64; 3], person: [f64; 3]) -> SceneJoint {
     SceneJoint { kind: JointKind::Prismatic, ..hinge(name, axis, grasp, grasp, person) }
 }
 
@@ -204,6 +205,7 @@ fn thing(name: &str, painted_after: &str) -> Option<Scene> {
         "bicycle" => devices::bicycle(look),
         "stool" => devices::stool(look),
         "rising_door" => rising_door(look),
+        "two_laptops" => twins(thing("laptop", "laptop")?, 0.5),
         _ => return None,
     };
     scene.name = name.to_owned();
@@ -264,6 +266,39 @@ pub fn door(look: Look) -> Scene {
     )];
     s.actions = there_and_back(0, -1.1, 1.4, 3.0).into();
     s
+}
+
+/// Two things of one make, this far apart.
+fn twins(one: Scene, apart: f64) -> Scene {
+    let mut both =
+        Scene { parts: Vec::new(), joints: Vec::new(), actions: Vec::new(), ..one.clone() };
+    for (number, side) in [-0.5, 0.5].into_iter().enumerate() {
+        let aside = Vector3::x() * side * apart;
+        let (first_part, first_joint) = (both.parts.len(), both.joints.len());
+        let named = |name: &str| format!("{name}_{}", number + 1);
+        both.parts.extend(one.parts.iter().map(|p| Part {
+            name: named(&p.name),
+            solids: p.solids.iter().map(|s| s.clone().shifted(&aside)).collect(),
+        }));
+        both.joints.extend(one.joints.iter().map(|j| SceneJoint {
+            name: named(&j.name),
+            parent: first_part + j.parent,
+            child: first_part + j.child,
+            origin: j.origin + aside,
+            grasp: j.grasp + aside,
+            ..j.clone()
+        }));
+        let later = one.duration * number as f64;
+        both.actions.extend(one.actions.iter().map(|a| Action {
+            joint: first_joint + a.joint,
+            start: a.start + later,
+            end: a.end + later,
+            ..*a
+        }));
+    }
+    both.duration = 2.0 * one.duration;
+    both.view[2] += apart;
+    both
 }
 
 /// A door on hinges that lift it as it opens, so that it falls shut.
@@ -609,7 +644,7 @@ pub fn stand_of(scene: &Scene) -> Option<f64> {
         .fold(f64::INFINITY, f64::min);
     match scene.name.as_str() {
         "microwave" => Some(0.855),
-        "laptop" => Some(0.75),
+        "laptop" | "two_laptops" => Some(0.75),
         "lid_box" => Some(0.295),
         "sliding_door" => Some(0.44),
         "drawer" | "two_drawers" | "hand_only" | "moving_camera" => Some(0.115),

@@ -54,7 +54,7 @@ pub fn attach(film: &Film) -> anyhow::Result<(Scene, TagPlaces)> {
         places.tag.push(TagPlace {
             id,
             size_m: candidate.size,
-            part: scene.parts[part].name.to_owned(),
+            part: scene.parts[part].name.clone(),
         });
     }
     Ok((scene, places))

@@ -106,6 +106,12 @@ impl Solid {
         })
     }
 
+    /// The same, moved.
+    pub fn shifted(mut self, by: &Vector3<f64>) -> Self {
+        self.body_from_solid.translation.vector += by;
+        self
+    }
+
     /// The same, stretched along the axes of its body about a place; negative: mirrored.
     pub fn reshaped(&self, about: &Point3<f64>, stretch: &Vector3<f64>) -> Self {
         let moved = |p: &Point3<f64>| about + (p - about).component_mul(stretch);
@@ -207,7 +213,7 @@ fn along(a: Point3<f64>, b: Point3<f64>) -> Pose {
 #[derive(Clone)]
 pub struct Part {
     /// Name.
-    pub name: &'static str,
+    pub name: String,
     /// Its solids, where they are at configuration 0.
     pub solids: Vec<Solid>,
 }
@@ -225,7 +231,7 @@ impl Part {
 #[derive(Clone)]
 pub struct SceneJoint {
     /// Name.
-    pub name: &'static str,
+    pub name: String,
     /// Kind.
     pub kind: JointKind,
     /// Index of the carrying part.
