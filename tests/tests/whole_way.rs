@@ -201,6 +201,33 @@ fn it_is_recognised_and_its_motion_predicted() {
 }
 
 #[test]
+fn two_of_one_make_are_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let [store, found] = ["laptop.linkage", "found.json"].map(|name| text(&dir.path().join(name)));
+    let demonstration = simulated("laptop", false, 1);
+    let arguments = ["learn", &text(&demonstration), "--object", "laptop", "--store", &store];
+    let output = linkage(&[&arguments[..], &["--quiet"]].concat());
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let encounter = simulated("two_laptops", true, 2);
+    let arguments = ["recognise", &text(&encounter), "--store", &store, "--json", &found];
+    let output = linkage(&[&arguments[..], &["--quiet"]].concat());
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let (found, truth) = (json(Path::new(&found)), json(&encounter.join("truth.json")));
+    assert_eq!(found["matches"].as_array().unwrap().len(), 2, "{found}");
+    for expected in truth["joints"].as_array().unwrap() {
+        let place = Point3::from(vector(&expected["origin_last"]));
+        let is_there = |m: &Value| {
+            let joint = &m["joints"][0];
+            let (origin, axis) = (Point3::from(vector(&joint["origin"])), vector(&joint["axis"]));
+            distance_to_line(&origin, &axis.normalize(), &place) < 0.02
+        };
+        let here: Vec<&Value> =
+            found["matches"].as_array().unwrap().iter().filter(|m| is_there(m)).collect();
+        assert!(!here.is_empty(), "{expected} in {found}");
+    }
+}
+
+#[test]
 fn it_is_followed_while_it_moves_and_its_loss_is_said() {
     let (dir, recording) = learned();
     let config = SkillConfig::default();

@@ -2,7 +2,6 @@
 //! right metric size, distinctly nearer than the best one at another place.
 
 use super::RecogniseConfig;
-use super::scene::Scene;
 use crate::appearance::{
     Appearance, DescribedFeature, Descriptor, FeatureKind, ModelFeature, bytes_of, products,
     quantise, similarity,
@@ -91,16 +90,20 @@ const MAX_DISTANCE: f64 = 0.85;
 const RUNNERS_UP: usize = 24;
 
 /// The most distinct matches of both kinds.
-pub fn match_features(scene: &Scene, table: &FeatureTable, config: &RecogniseConfig) -> Vec<Match> {
+pub fn match_features(
+    seen: &[&DescribedFeature],
+    table: &FeatureTable,
+    config: &RecogniseConfig,
+) -> Vec<Match> {
     let mut matches: Vec<Match> =
-        table.0.iter().flat_map(|t| match_kind(scene, t, config)).collect();
+        table.0.iter().flat_map(|t| match_kind(seen, t, config)).collect();
     matches.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
     matches
 }
 
-fn match_kind(scene: &Scene, table: &Table, config: &RecogniseConfig) -> Vec<Match> {
+fn match_kind(seen: &[&DescribedFeature], table: &Table, config: &RecogniseConfig) -> Vec<Match> {
     let queries: Vec<&DescribedFeature> =
-        scene.features.iter().filter(|f| f.kind == table.kind).collect();
+        seen.iter().copied().filter(|f| f.kind == table.kind).collect();
     if table.parts.len() < 2 {
         return Vec::new();
     }

@@ -16,14 +16,15 @@ mod refine;
 mod retrieval;
 mod scene;
 mod system;
+mod taken;
 mod verify;
 
 pub use follow::{FollowConfig, Followed, Follower, Lost};
 pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub use scene::Scene;
 
-use crate::appearance::Appearance;
 pub use crate::appearance::Descriptor;
+use crate::appearance::{Appearance, DescribedFeature};
 use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
@@ -34,6 +35,7 @@ use rayon::prelude::*;
 use refine::Refiner;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+use taken::Taken;
 use verify::{Cloud, Verdict};
 
 /// Name and version of the JSON form.
@@ -66,6 +68,8 @@ pub struct RecogniseConfig {
     pub search_configurations: bool,
     /// Configurations that nothing shows are told where all others are ruled out.
     pub eliminate: bool,
+    /// Things of one make that are looked for in one picture.
+    pub max_of_a_make: usize,
 }
 
 impl Default for RecogniseConfig {
@@ -82,6 +86,7 @@ impl Default for RecogniseConfig {
             align_surface: true,
             search_configurations: true,
             eliminate: true,
+            max_of_a_make: 4,
         }
     }
 }
@@ -183,12 +188,44 @@ pub fn recognise(
     config: &RecogniseConfig,
     seed: u64,
 ) -> Recognition {
-    let matches = objects
-        .par_iter()
-        .filter_map(|object| find(scene, object, config, seed))
-        .filter(|m| m.score >= config.min_score)
-        .collect();
+    let matches =
+        objects.par_iter().flat_map_iter(|object| find_all(scene, object, config, seed)).collect();
     Recognition::new(matches)
+}
+
+/// All that the scene shows of one make, above the threshold: each next one is looked for where
+/// none of those before it stands. As pieces of room may look alike, a further one must show
+/// both sides of a joint and half as much as the first.
+pub fn find_all(
+    scene: &Scene,
+    object: &KnownObject,
+    config: &RecogniseConfig,
+    seed: u64,
+) -> Vec<Recognised> {
+    let articulated = Articulated::new(&object.model);
+    let mut taken = Taken::default();
+    let mut all = Vec::new();
+    while all.len() < config.max_of_a_make {
+        let Some(found) = find_beside(scene, object, &articulated, &taken, config, seed) else {
+            break;
+        };
+        let recognised = report(object, &found);
+        let places = taken::places_of(&object.cloud, &articulated, &found.state);
+        let is_further = all.first().is_none_or(|first: &Recognised| {
+            found.evident.contains(&true)
+                && 2 * found.inliers >= first.inliers
+                && taken.share(&places) <= MAX_SHARED
+        });
+        if recognised.score < config.min_score || !is_further {
+            break;
+        }
+        taken.add(&places);
+        all.push(recognised);
+        if !scene.has_depth() {
+            break;
+        }
+    }
+    all
 }
 
 /// The best explanation of the scene by one object, whatever its score; `None` when too few
@@ -199,19 +236,34 @@ pub fn find(
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Recognised> {
-    let matches = match_features(scene, &object.table, config);
     let articulated = Articulated::new(&object.model);
+    let found = find_beside(scene, object, &articulated, &Taken::default(), config, seed)?;
+    Some(report(object, &found))
+}
+
+/// The same, away from what is taken.
+fn find_beside(
+    scene: &Scene,
+    object: &KnownObject,
+    articulated: &Articulated,
+    taken: &Taken,
+    config: &RecogniseConfig,
+    seed: u64,
+) -> Option<Found> {
+    let free: Vec<&DescribedFeature> =
+        scene.features.iter().filter(|f| f.point.is_none_or(|p| !taken.holds(&p))).collect();
+    let matches = match_features(&free, &object.table, config);
     tracing::debug!(
         object = object.model.object,
-        features = scene.features.len(),
+        features = free.len(),
         matches = matches.len(),
         of_base = matches.iter().filter(|m| m.part == 0).count(),
         "matched"
     );
     let found = if scene.has_depth() {
-        with_depth(scene, object, &articulated, &matches, config, seed)
+        with_depth(scene, object, articulated, &matches, config, seed)
     } else {
-        pnp::find(scene, &articulated, &matches)
+        pnp::find(scene, articulated, &matches)
     }?;
     tracing::debug!(
         object = object.model.object,
@@ -221,8 +273,11 @@ pub fn find(
         verdict = ?found.verdict,
         "candidate"
     );
-    Some(report(object, &found))
+    Some(found)
 }
+
+/// Share of its surface up to which a thing may stand where another stands.
+const MAX_SHARED: f64 = 0.3;
 
 /// A state of the object with its evidence.
 struct Found {
