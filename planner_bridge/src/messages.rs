@@ -126,6 +126,7 @@ pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> l
         score: prediction.score,
         inliers: prediction.inliers,
         camera_from_object: prediction.camera_from_object,
+        base_known: true,
         joints: states,
         assumed: Vec::new(),
     };

@@ -295,6 +295,7 @@ pub(crate) mod tests {
             score: 0.9,
             inliers: 40,
             camera_from_object: [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0],
+            base_known: true,
             joints: vec![JointState {
                 name: "joint1".into(),
                 kind: JointKind::Revolute,
@@ -302,6 +303,7 @@ pub(crate) mod tests {
                 origin: [0.4, 0.0, 1.3],
                 pitch: 0.0,
                 configuration: Some(0.3),
+                reason: None,
                 range: [0.0, 1.5],
             }],
             assumed: vec![0.3],

@@ -139,8 +139,9 @@ impl Follower {
             inliers: 0,
             verdict: None,
             evident: evident.into_iter().map(|e| e && seen).collect(),
+            seen: parts.into_iter().map(|p| p && seen).collect(),
         };
-        Ok(Followed { recognised: report(&self.object, &found), seen })
+        Ok(Followed { recognised: report(&self.object, &self.articulated, &found), seen })
     }
 
     fn expected(&self) -> State {

@@ -125,8 +125,19 @@ pub struct JointState {
     pub pitch: f64,
     /// Configuration; `null` without evidence of its own.
     pub configuration: Option<f64>,
+    /// Why the configuration is `null`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     /// Range seen in the demonstrations.
     pub range: [f64; 2],
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn is_yes(known: &bool) -> bool {
+    *known
 }
 
 fn is_none(pitch: &f64) -> bool {
@@ -156,6 +167,10 @@ pub struct Recognised {
     pub inliers: usize,
     /// Pose of the object frame.
     pub camera_from_object: [f64; 7],
+    /// False where only parts are seen whose configuration is not known: `camera_from_object` is
+    /// then a guess, while the axes of the joints that carry them are right. Left out where true.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub base_known: bool,
     /// Its joints.
     pub joints: Vec<JointState>,
     /// Configurations that the pose goes with, those included that are not told; stays in the
@@ -209,7 +224,7 @@ pub fn find_all(
         let Some(found) = find_beside(scene, object, &articulated, &taken, config, seed) else {
             break;
         };
-        let recognised = report(object, &found);
+        let recognised = report(object, &articulated, &found);
         let places = taken::places_of(&object.cloud, &articulated, &found.state);
         let is_further = all.first().is_none_or(|first: &Recognised| {
             found.evident.contains(&true)
@@ -238,7 +253,7 @@ pub fn find(
 ) -> Option<Recognised> {
     let articulated = Articulated::new(&object.model);
     let found = find_beside(scene, object, &articulated, &Taken::default(), config, seed)?;
-    Some(report(object, &found))
+    Some(report(object, &articulated, &found))
 }
 
 /// The same, away from what is taken.
@@ -285,6 +300,8 @@ struct Found {
     score: f64,
     inliers: usize,
     verdict: Option<Verdict>,
+    /// Parts of which something is itself seen.
+    seen: Vec<bool>,
     /// Joints whose configuration can be told.
     evident: Vec<bool>,
 }
@@ -333,13 +350,13 @@ fn with_depth(
         // what counts is how much is explained, and how well.
         let explained = score * refine::explained(&verdict, inliers);
         if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-            best =
-                Some((explained, Found { state, score, inliers, verdict: Some(verdict), evident }));
+            let verdict = Some(verdict);
+            best = Some((explained, Found { state, score, inliers, verdict, seen, evident }));
         }
     }
     let (_, mut best) = best.filter(|(_, b)| b.inliers >= config.min_inliers)?;
     if config.eliminate {
-        eliminate(scene, articulated, cloud, matches, &mut best);
+        eliminate(scene, articulated, cloud, &mut best);
     }
     Some(best)
 }
@@ -380,18 +397,10 @@ fn evident_joints(articulated: &Articulated, seen: &[bool]) -> Vec<bool> {
 
 /// Tells configurations that nothing seen beyond the joint shows, where all others can be
 /// ruled out.
-fn eliminate(
-    scene: &Scene,
-    articulated: &Articulated,
-    cloud: &Cloud,
-    matches: &[Match],
-    found: &mut Found,
-) {
-    let Some(verdict) = &found.verdict else { return };
-    let seen = seen_parts(articulated, matches, &found.state, verdict);
+fn eliminate(scene: &Scene, articulated: &Articulated, cloud: &Cloud, found: &mut Found) {
     for j in 0..articulated.joints.len() {
         let moved = articulated.moved_by(j);
-        let held = (0..articulated.parts).any(|p| seen[p] && !moved.contains(&p));
+        let held = (0..articulated.parts).any(|p| found.seen[p] && !moved.contains(&p));
         if found.evident[j] || !held {
             continue;
         }
@@ -414,7 +423,30 @@ fn probability(score: f64) -> f64 {
     CEILING / (1.0 + (-STEEPNESS * (score - EVEN)).exp())
 }
 
-fn report(object: &KnownObject, found: &Found) -> Recognised {
+/// The base is seen, or a part from which told configurations lead to it.
+fn base_is_known(articulated: &Articulated, found: &Found) -> bool {
+    let leads = |part: usize| {
+        (0..found.evident.len())
+            .all(|j| found.evident[j] || !articulated.moved_by(j).contains(&part))
+    };
+    (0..articulated.parts).any(|part| found.seen[part] && leads(part))
+}
+
+/// Why a joint's configuration is not told.
+fn reason(model: &ObjectModel, articulated: &Articulated, found: &Found, joint: usize) -> String {
+    let moved = articulated.moved_by(joint);
+    let is_hidden =
+        |side: bool| (0..articulated.parts).all(|p| !found.seen[p] || moved.contains(&p) != side);
+    let name = |part: usize| model.parts[part].name.as_str();
+    let (parent, child) = (name(model.joints[joint].parent), name(model.joints[joint].child));
+    match (is_hidden(true), is_hidden(false)) {
+        (true, false) => format!("nothing of {child} is seen"),
+        (false, true) => format!("nothing of {parent} is seen"),
+        _ => format!("nothing of {parent} and {child} is seen"),
+    }
+}
+
+fn report(object: &KnownObject, articulated: &Articulated, found: &Found) -> Recognised {
     let motions = object.model.part_motions(&found.state.q);
     let joints = object
         .model
@@ -432,6 +464,7 @@ fn report(object: &KnownObject, found: &Found) -> Recognised {
                 origin: line.origin.into(),
                 pitch: line.pitch,
                 configuration: found.evident[i].then_some(found.state.q[i]),
+                reason: (!found.evident[i]).then(|| reason(&object.model, articulated, found, i)),
                 range: joint.range,
             }
         })
@@ -441,6 +474,7 @@ fn report(object: &KnownObject, found: &Found) -> Recognised {
         score: probability(found.score),
         inliers: found.inliers,
         camera_from_object: pose_to_array(&found.state.camera_from_object),
+        base_known: base_is_known(articulated, found),
         joints,
         assumed: found.state.q.clone(),
     }

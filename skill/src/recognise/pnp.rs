@@ -24,6 +24,8 @@ pub fn find(scene: &Scene, articulated: &Articulated, matches: &[Match]) -> Opti
     let camera_from_object = solve(scene, &base).ok().flatten()?;
     let mut state = State { camera_from_object, q: articulated.rest() };
     let mut evident = Vec::new();
+    let mut seen = vec![false; articulated.parts];
+    seen[0] = true;
     for j in 0..articulated.joints.len() {
         let joint = &articulated.joints[j];
         let moved = articulated.moved_by(j);
@@ -40,11 +42,13 @@ pub fn find(scene: &Scene, articulated: &Articulated, matches: &[Match]) -> Opti
             state.q[j] = q;
         }
         evident.push(count >= 4);
+        seen[joint.child] = count >= 4;
     }
     let all: Vec<&Match> = matches.iter().collect();
     let count = inliers(scene, articulated, &all, &state);
     let score = 1.0 - (-(count as f64) / 30.0).exp();
-    (count >= MIN_INLIERS).then_some(Found { state, score, inliers: count, verdict: None, evident })
+    let verdict = None;
+    (count >= MIN_INLIERS).then_some(Found { state, score, inliers: count, verdict, seen, evident })
 }
 
 fn inliers(scene: &Scene, articulated: &Articulated, matches: &[&Match], state: &State) -> usize {

@@ -53,7 +53,7 @@ pub fn describe(m: &linkage_skill::recognise::Recognised) -> String {
         .iter()
         .map(|j| match j.configuration {
             Some(q) => format!("{} at {q:.3} {}", j.name, j.kind.unit()),
-            None => format!("{} not seen", j.name),
+            None => format!("{} not known: {}", j.name, j.reason.as_deref().unwrap_or("not seen")),
         })
         .collect();
     format!("{}: score {:.2}, {} inliers, {}\n", m.object, m.score, m.inliers, joints.join(", "))

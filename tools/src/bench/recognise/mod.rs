@@ -50,15 +50,22 @@ struct Row {
 /// How far the right object's report is from the truth.
 #[derive(Serialize)]
 struct Precision {
+    /// False: a moving part is seen alone, and the report says so.
+    base_known: bool,
     base_deg: f64,
+    /// Where the base is, not where its frame begins: that is at the demonstration's camera.
     base_cm: f64,
     joints: Vec<ConfigurationScore>,
     axis_cm: Vec<f64>,
 }
 
 impl Precision {
+    /// The base where it is; where it is not known, an axis.
     fn is_right(&self) -> bool {
-        self.base_deg < 5.0 && self.base_cm < 5.0
+        if self.base_known {
+            return self.base_deg < 5.0 && self.base_cm < 5.0;
+        }
+        self.joints.iter().any(|j| j.axis_deg < 3.0) && self.axis_cm.iter().any(|cm| *cm < 2.0)
     }
 }
 
@@ -216,8 +223,12 @@ fn look(
 fn precision(found: &Recognised, truth: &Truth, demonstrated: &Truth) -> Option<Precision> {
     let world_from_camera = pose_from_array(truth.world_from_camera.last()?)?;
     let world_from_object = pose_from_array(demonstrated.world_from_camera.first()?)?;
-    let off = (world_from_camera.inverse() * world_from_object).inverse()
-        * pose_from_array(&found.camera_from_object)?;
+    let camera_from_object = world_from_camera.inverse() * world_from_object;
+    let off = camera_from_object.inverse() * pose_from_array(&found.camera_from_object)?;
+    let base = truth.parts.first()?;
+    let base_at = camera_from_object.inverse()
+        * pose_from_array(base.camera_from_part.last()?)?
+        * Point3::from(base.centroid);
     let axis_cm = found
         .joints
         .iter()
@@ -236,7 +247,8 @@ fn precision(found: &Recognised, truth: &Truth, demonstrated: &Truth) -> Option<
         .collect();
     Some(Precision {
         base_deg: off.rotation.angle().to_degrees(),
-        base_cm: 100.0 * off.translation.vector.norm(),
+        base_known: found.base_known,
+        base_cm: 100.0 * (off * base_at - base_at).norm(),
         joints: configuration_scores(found, truth, demonstrated),
         axis_cm,
     })
@@ -308,6 +320,7 @@ fn print_wrong(report: &Report) {
 
 fn print_precision(report: &Report) {
     let all: Vec<&Precision> = report.rows.iter().filter_map(|r| r.precision.as_ref()).collect();
+    let placed: Vec<&Precision> = all.iter().copied().filter(|p| p.base_known).collect();
     let middle = |values: Vec<f64>| median(&mut values.clone()).unwrap_or(f64::NAN);
     let of_unit = |unit: &str| -> Vec<f64> {
         all.iter()
@@ -318,14 +331,15 @@ fn print_precision(report: &Report) {
     };
     println!(
         "\nbase {:.2}° {:.2} cm; configuration {:.2}° {:.2} cm; axis {:.2}° {:.2} cm (medians of {})",
-        middle(all.iter().map(|p| p.base_deg).collect()),
-        middle(all.iter().map(|p| p.base_cm).collect()),
+        middle(placed.iter().map(|p| p.base_deg).collect()),
+        middle(placed.iter().map(|p| p.base_cm).collect()),
         middle(of_unit("°")),
         middle(of_unit("cm")),
         middle(all.iter().flat_map(|p| &p.joints).map(|j| j.axis_deg).collect()),
         middle(all.iter().flat_map(|p| p.axis_cm.clone()).collect()),
         all.len(),
     );
+    println!("a moving part alone is seen, and said to be, in {}", all.len() - placed.len());
     let joints: Vec<&ConfigurationScore> = all.iter().flat_map(|p| &p.joints).collect();
     let told = joints.iter().filter(|j| j.error.is_some()).count();
     let right = joints.iter().filter(|j| j.is_right()).count();
