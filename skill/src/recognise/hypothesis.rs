@@ -70,13 +70,16 @@ pub fn unique_inliers(
     part: Option<usize>,
 ) -> usize {
     let poses = articulated.poses(state);
+    let own = matches.iter().filter(|m| part.is_none_or(|p| p == m.part));
+    places(own.filter(|m| agrees(m, &poses[m.part], 1.0)))
+}
+
+/// Places of matches, each counted once on the object and in the picture.
+pub fn places<'m>(matches: impl Iterator<Item = &'m Match>) -> usize {
     let (mut on_object, mut in_picture) = (HashSet::new(), HashSet::new());
-    for m in matches.iter().filter(|m| part.is_none_or(|p| p == m.part)) {
-        if agrees(m, &poses[m.part], 1.0) {
-            on_object
-                .insert((m.part, [0, 1, 2].map(|k| (m.model_point[k] / 0.012).floor() as i32)));
-            in_picture.insert(m.pixel.map(|x| (x / 4.0).floor() as i32));
-        }
+    for m in matches {
+        on_object.insert((m.part, [0, 1, 2].map(|k| (m.model_point[k] / 0.012).floor() as i32)));
+        in_picture.insert(m.pixel.map(|x| (x / 4.0).floor() as i32));
     }
     on_object.len().min(in_picture.len())
 }

@@ -278,7 +278,7 @@ fn find_beside(
     let found = if scene.has_depth() {
         with_depth(scene, object, articulated, &matches, config, seed)
     } else {
-        pnp::find(scene, articulated, &matches)
+        pnp::find(&scene.frame.camera, articulated, &matches)
     }?;
     tracing::debug!(
         object = object.model.object,

@@ -1,73 +1,165 @@
-//! Where depth is missing: the base's pose from its matches' pixels alone (PnP), then each
-//! joint's configuration from the pixels of the part that it moves.
+//! Where depth is missing: a part's pose from its matches' pixels alone (PnP), then each joint's
+//! configuration from the pixels of the parts beyond it.
 
-use super::Found;
 use super::articulated::{Articulated, State};
+use super::hypothesis::places;
 use super::matching::Match;
-use super::scene::Scene;
+use super::{Found, evident_joints};
 use crate::geometry::Pose;
-use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use linkage_driver::PinholeCamera;
+use nalgebra::{
+    DMatrix, DVector, Matrix2x3, Point3, Translation3, UnitQuaternion, Vector2, Vector3,
+};
 use opencv::calib3d;
 use opencv::core::{Mat, Point2f, Point3f, Vector};
 use opencv::prelude::*;
 
 /// Inliers that a pose without depth must have: nothing else verifies it.
 const MIN_INLIERS: usize = 12;
+/// Inliers that show a part.
+const MIN_OF_PART: usize = 4;
 /// Reprojection error of an inlier, pixels.
 const MAX_ERROR_PX: f64 = 4.0;
 /// Configurations tried.
 const SCAN: usize = 61;
+/// How many of a part's matches are tried, the most distinct first: fewer are right in each next
+/// lot.
+const LOTS: [usize; 3] = [40, 100, 250];
+/// Steps of refinement.
+const STEPS: usize = 8;
+/// Samples drawn of a lot, at the most.
+const SAMPLES: i32 = 2000;
 
 /// The object from pixels; `None` without enough inliers.
-pub fn find(scene: &Scene, articulated: &Articulated, matches: &[Match]) -> Option<Found> {
-    let base: Vec<&Match> = matches.iter().filter(|m| m.part == 0).collect();
-    let camera_from_object = solve(scene, &base).ok().flatten()?;
-    let mut state = State { camera_from_object, q: articulated.rest() };
-    let mut evident = Vec::new();
-    let mut seen = vec![false; articulated.parts];
-    seen[0] = true;
-    for j in 0..articulated.joints.len() {
-        let joint = &articulated.joints[j];
-        let moved = articulated.moved_by(j);
-        let of_joint: Vec<&Match> = matches.iter().filter(|m| moved.contains(&m.part)).collect();
-        let (q, count) = (0..SCAN)
-            .map(|i| joint.low + (joint.high - joint.low) * i as f64 / (SCAN - 1) as f64)
-            .map(|q| {
-                let mut tried = state.clone();
-                tried.q[j] = q;
-                (q, inliers(scene, articulated, &of_joint, &tried))
-            })
-            .max_by_key(|(_, count)| *count)?;
-        if count >= 4 {
-            state.q[j] = q;
-        }
-        evident.push(count >= 4);
-        seen[joint.child] = count >= 4;
-    }
-    let all: Vec<&Match> = matches.iter().collect();
-    let count = inliers(scene, articulated, &all, &state);
-    let score = 1.0 - (-(count as f64) / 30.0).exp();
-    let verdict = None;
-    (count >= MIN_INLIERS).then_some(Found { state, score, inliers: count, verdict, seen, evident })
-}
-
-fn inliers(scene: &Scene, articulated: &Articulated, matches: &[&Match], state: &State) -> usize {
-    let poses = articulated.poses(state);
-    matches
-        .iter()
-        .filter(|m| {
-            scene.frame.camera.project(&(poses[m.part] * m.model_point)).is_some_and(|p| {
-                (p.x - f64::from(m.pixel[0])).hypot(p.y - f64::from(m.pixel[1])) < MAX_ERROR_PX
-            })
+pub fn find(camera: &PinholeCamera, articulated: &Articulated, matches: &[Match]) -> Option<Found> {
+    let (state, inliers) = (0..articulated.parts)
+        .flat_map(|part| LOTS.map(|lot| (part, lot)))
+        .filter_map(|(part, lot)| {
+            let own: Vec<&Match> = matches.iter().filter(|m| m.part == part).take(lot).collect();
+            let camera_from_part = solve(camera, &own).ok().flatten()?;
+            let state = configured(camera, articulated, matches, part, &camera_from_part);
+            let state = refined(camera, articulated, matches, state);
+            let inliers = inliers(camera, articulated, matches, &state, |_| true);
+            Some((state, inliers))
         })
-        .count()
+        .max_by_key(|(_, inliers)| *inliers)?;
+    let seen: Vec<bool> = (0..articulated.parts)
+        .map(|p| inliers_of(camera, articulated, matches, &state, &[p]) >= MIN_OF_PART)
+        .collect();
+    let evident = evident_joints(articulated, &seen);
+    let score = 1.0 - (-(inliers as f64) / 30.0).exp();
+    let verdict = None;
+    (inliers >= MIN_INLIERS).then_some(Found { state, score, inliers, verdict, seen, evident })
 }
 
-fn solve(scene: &Scene, matches: &[&Match]) -> opencv::Result<Option<Pose>> {
+/// The state in which a part has a pose and the others' matches agree most.
+fn configured(
+    camera: &PinholeCamera,
+    articulated: &Articulated,
+    matches: &[Match],
+    part: usize,
+    camera_from_part: &Pose,
+) -> State {
+    let mut q = articulated.rest();
+    for (j, joint) in articulated.joints.iter().enumerate() {
+        let moved = articulated.moved_by(j);
+        let beyond: Vec<usize> =
+            (0..articulated.parts).filter(|p| moved.contains(p) != moved.contains(&part)).collect();
+        let tried = (0..SCAN).map(|i| {
+            let mut tried = q.clone();
+            tried[j] = joint.low + (joint.high - joint.low) * i as f64 / (SCAN - 1) as f64;
+            let state = articulated.state_with(part, camera_from_part, tried);
+            (inliers_of(camera, articulated, matches, &state, &beyond), state.q[j])
+        });
+        if let Some((count, best)) = tried.max_by_key(|(count, _)| *count)
+            && count >= MIN_OF_PART
+        {
+            q[j] = best;
+        }
+    }
+    articulated.state_with(part, camera_from_part, q)
+}
+
+/// Pose and configurations by least squares over the pixels of all that agrees.
+fn refined(
+    camera: &PinholeCamera,
+    articulated: &Articulated,
+    matches: &[Match],
+    start: State,
+) -> State {
+    let mut state = start;
+    for _ in 0..STEPS {
+        let poses = articulated.poses(&state);
+        let unknowns = 6 + articulated.joints.len();
+        let mut hessian = DMatrix::<f64>::identity(unknowns, unknowns) * 1e-3;
+        let mut gradient = DVector::<f64>::zeros(unknowns);
+        for m in matches {
+            let at = poses[m.part] * m.model_point;
+            let Some(error) = off_by(camera, m, &at).filter(|e| e.norm() < MAX_ERROR_PX) else {
+                continue;
+            };
+            let slope = Matrix2x3::new(
+                camera.fx / at.z,
+                0.0,
+                -camera.fx * at.x / at.z.powi(2),
+                0.0,
+                camera.fy / at.z,
+                -camera.fy * at.y / at.z.powi(2),
+            );
+            let columns: Vec<Vector2<f64>> = articulated
+                .velocities(&poses, m.part, &at)
+                .iter()
+                .map(|velocity| slope * velocity)
+                .collect();
+            for (i, a) in columns.iter().enumerate() {
+                gradient[i] += a.dot(&error);
+                for (k, b) in columns.iter().enumerate() {
+                    hessian[(i, k)] += a.dot(b);
+                }
+            }
+        }
+        let Some(cholesky) = hessian.cholesky() else { break };
+        state = articulated.stepped(&state, &cholesky.solve(&-gradient));
+    }
+    state
+}
+
+/// How far a match's pixel is from where a place projects, pixels.
+fn off_by(camera: &PinholeCamera, m: &Match, at: &Point3<f64>) -> Option<Vector2<f64>> {
+    let p = camera.project(at)?;
+    Some(Vector2::new(p.x - f64::from(m.pixel[0]), p.y - f64::from(m.pixel[1])))
+}
+
+/// Places of some parts that are where a state projects them.
+fn inliers_of(
+    camera: &PinholeCamera,
+    articulated: &Articulated,
+    matches: &[Match],
+    state: &State,
+    parts: &[usize],
+) -> usize {
+    inliers(camera, articulated, matches, state, |m| parts.contains(&m.part))
+}
+
+fn inliers(
+    camera: &PinholeCamera,
+    articulated: &Articulated,
+    matches: &[Match],
+    state: &State,
+    counts: impl Fn(&Match) -> bool,
+) -> usize {
+    let poses = articulated.poses(state);
+    places(matches.iter().filter(|m| {
+        counts(m)
+            && off_by(camera, m, &(poses[m.part] * m.model_point))
+                .is_some_and(|e| e.norm() < MAX_ERROR_PX)
+    }))
+}
+
+fn solve(camera: &PinholeCamera, matches: &[&Match]) -> opencv::Result<Option<Pose>> {
     if matches.len() < 6 {
         return Ok(None);
     }
-    let camera = &scene.frame.camera;
     let object: Vector<Point3f> = matches
         .iter()
         .map(|m| {
@@ -93,11 +185,11 @@ fn solve(scene: &Scene, matches: &[&Match]) -> opencv::Result<Option<Pose>> {
         &mut rotation,
         &mut translation,
         false,
-        500,
+        SAMPLES,
         MAX_ERROR_PX as f32,
-        0.999,
+        0.9999,
         &mut inliers,
-        calib3d::SOLVEPNP_EPNP,
+        calib3d::SOLVEPNP_AP3P,
     )?;
     if !solved || inliers.rows() < 6 {
         return Ok(None);
@@ -110,4 +202,71 @@ fn solve(scene: &Scene, matches: &[&Match]) -> opencv::Result<Option<Pose>> {
         UnitQuaternion::from_scaled_axis(vector(&rotation)?),
     );
     Ok(pose.translation.vector.iter().all(|x| x.is_finite()).then_some(pose))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::articulated::ChainJoint;
+    use super::*;
+    use crate::articulate::JointGeometry;
+    use crate::geometry::rotation_about;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// A box and its door, hinged at its left edge.
+    fn cupboard() -> Articulated {
+        let geometry = JointGeometry::hinge(Vector3::y_axis(), Point3::new(-0.3, 0.0, 1.5));
+        let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: -0.1, high: 1.6 }];
+        Articulated { parts: 2, joints }
+    }
+
+    /// Matches of both parts in a state, with half a pixel of noise, and as many wrong ones.
+    fn seen(articulated: &Articulated, state: &State, camera: &PinholeCamera) -> Vec<Match> {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let poses = articulated.poses(state);
+        (0..160)
+            .map(|i| {
+                let part = usize::from(i % 4 >= 2);
+                let depth = if part == 0 { rng.random_range(1.5..2.0) } else { 1.5 };
+                let model_point =
+                    Point3::new(rng.random_range(-0.3..0.3), rng.random_range(-0.4..0.4), depth);
+                let pixel = match i % 2 {
+                    0 => camera.project(&(poses[part] * model_point)).unwrap(),
+                    _ => [rng.random_range(0.0..640.0), rng.random_range(0.0..480.0)].into(),
+                };
+                let pixel = [pixel.x, pixel.y].map(|x| (x + rng.random_range(-0.5..0.5)) as f32);
+                Match {
+                    part,
+                    model_point,
+                    model_normal: Vector3::zeros(),
+                    seen_point: None,
+                    seen_normal: Vector3::zeros(),
+                    pixel,
+                    ratio: 0.5,
+                    tolerance: 0.0,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_cupboard_is_placed_by_pixels_alone_and_its_door_told() {
+        let (articulated, camera) = (cupboard(), PinholeCamera::kinect());
+        let turned = rotation_about(&Point3::new(0.0, 0.0, 1.7), &Vector3::y_axis(), 0.3);
+        let truth = State { camera_from_object: turned, q: vec![0.8] };
+        let matches = seen(&articulated, &truth, &camera);
+        let found = find(&camera, &articulated, &matches).unwrap();
+        let off = truth.camera_from_object.inverse() * found.state.camera_from_object;
+        assert!(off.rotation.angle().to_degrees() < 0.3, "{off}");
+        assert!(found.evident[0] && (found.state.q[0] - 0.8).abs() < 0.02, "{:?}", found.state.q);
+    }
+
+    #[test]
+    fn wrong_matches_alone_place_nothing() {
+        let (articulated, camera) = (cupboard(), PinholeCamera::kinect());
+        let rest = State { camera_from_object: Pose::identity(), q: vec![0.0] };
+        let wrong: Vec<Match> =
+            seen(&articulated, &rest, &camera).into_iter().skip(1).step_by(2).collect();
+        assert!(find(&camera, &articulated, &wrong).is_none());
+    }
 }

@@ -30,6 +30,7 @@ const CHOICES: &[Choice] = &[
     Choice { name: "unruly tracks allowed", undo: |c| c.joints.max_unruly = 1.0 },
     Choice { name: "stretches not merged", undo: |c| c.joints.merge = false },
     Choice { name: "no chains", undo: |c| c.joints.chains = false },
+    Choice { name: "no screws", undo: |c| c.joints.screws = false },
     Choice { name: "no planes", undo: |c| c.planes.enabled = false },
     Choice { name: "rest is no evidence", undo: |c| c.joints.rest_frames = 0 },
     Choice { name: "half the hypotheses", undo: |c| c.joints.max_hypotheses /= 2 },

@@ -1,10 +1,12 @@
 //! What each choice of recognition is worth: the same stills with one choice at a time undone.
 
 use super::{Learned, Precision, Question, precision};
+use crate::commands::Outcome;
+use linkage_driver::DepthImage;
 use linkage_skill::SkillConfig;
 use linkage_skill::appearance::{Appearance, FeatureKind};
 use linkage_skill::geometry::median;
-use linkage_skill::recognise::{KnownObject, RecogniseConfig, Recognised, find};
+use linkage_skill::recognise::{KnownObject, RecogniseConfig, Recognised, Scene, find};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::time::Instant;
@@ -14,15 +16,17 @@ struct Choice {
     name: &'static str,
     learned: fn(&mut Appearance),
     sought: fn(&mut RecogniseConfig),
+    /// The camera gives no depth.
+    blind: bool,
 }
 
 impl Choice {
     const fn of_search(name: &'static str, sought: fn(&mut RecogniseConfig)) -> Self {
-        Self { name, learned: |_| (), sought }
+        Self { name, learned: |_| (), sought, blind: false }
     }
 
     const fn of_model(name: &'static str, learned: fn(&mut Appearance)) -> Self {
-        Self { name, learned, sought: |_| () }
+        Self { name, learned, sought: |_| (), blind: false }
     }
 }
 
@@ -44,6 +48,7 @@ const CHOICES: &[Choice] = &[
     Choice::of_model("a third of the features", |a| {
         a.features = a.features.iter().step_by(3).cloned().collect();
     }),
+    Choice { blind: true, ..Choice::of_search("no depth in the picture", |_| ()) },
 ];
 
 /// A line of the table.
@@ -62,7 +67,7 @@ pub struct Row {
     milliseconds: f64,
 }
 
-pub fn run(learned: &[Learned], questions: &[Question], config: &SkillConfig) -> Vec<Row> {
+pub fn run(learned: &[Learned], questions: &[Question], config: &SkillConfig) -> Outcome<Vec<Row>> {
     println!(
         "\n{:30} {:>8} {:>8} {:>6} {:>5} {:>7} {:>7} {:>6}",
         "undone", "to 45°", "beyond", "false", "told", "base/°", "/cm", "ms"
@@ -70,7 +75,7 @@ pub fn run(learned: &[Learned], questions: &[Question], config: &SkillConfig) ->
     CHOICES
         .iter()
         .map(|choice| {
-            let row = with(choice, learned, questions, config);
+            let row = with(choice, learned, questions, config)?;
             println!(
                 "{:30} {:>8} {:>8} {:>6} {:>5} {:>7.2} {:>7.2} {:>6.0}",
                 row.choice,
@@ -82,12 +87,25 @@ pub fn run(learned: &[Learned], questions: &[Question], config: &SkillConfig) ->
                 row.base_cm,
                 row.milliseconds,
             );
-            row
+            Ok(row)
         })
         .collect()
 }
 
-fn with(choice: &Choice, learned: &[Learned], questions: &[Question], config: &SkillConfig) -> Row {
+/// The same picture of a camera that gives no depth.
+fn without_depth(scene: &Scene) -> Outcome<Scene> {
+    let mut frame = scene.frame.clone();
+    let (width, height) = (frame.depth.width(), frame.depth.height());
+    frame.depth = DepthImage::from_metres(width, height, vec![0.0; width * height])?.into();
+    Ok(Scene::new(&frame)?)
+}
+
+fn with(
+    choice: &Choice,
+    learned: &[Learned],
+    questions: &[Question],
+    config: &SkillConfig,
+) -> Outcome<Row> {
     let mut sought = config.recognise.clone();
     (choice.sought)(&mut sought);
     let objects: Vec<KnownObject> = learned
@@ -110,13 +128,13 @@ fn with(choice: &Choice, learned: &[Learned], questions: &[Question], config: &S
     };
     let (mut precise, mut times): (Vec<Precision>, Vec<f64>) = (Vec::new(), Vec::new());
     for question in questions {
+        let blind = choice.blind.then(|| without_depth(&question.scene)).transpose()?;
+        let scene = blind.as_ref().unwrap_or(&question.scene);
         let start = Instant::now();
         let reported: Vec<(usize, Recognised)> = objects
             .par_iter()
             .enumerate()
-            .filter_map(|(i, object)| {
-                Some((i, find(&question.scene, object, &sought, config.seed)?))
-            })
+            .filter_map(|(i, object)| Some((i, find(scene, object, &sought, config.seed)?)))
             .filter(|(_, found)| found.score >= sought.min_score)
             .collect();
         times.push(start.elapsed().as_secs_f64() * 1e3);
@@ -142,5 +160,5 @@ fn with(choice: &Choice, learned: &[Learned], questions: &[Question], config: &S
     row.configurations_told =
         precise.iter().flat_map(|p| &p.joints).filter(|j| j.error.is_some()).count();
     row.milliseconds = median(&mut times).unwrap_or(f64::NAN);
-    row
+    Ok(row)
 }
