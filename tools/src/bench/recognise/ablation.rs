@@ -96,7 +96,7 @@ pub fn run(learned: &[Learned], questions: &[Question], config: &SkillConfig) ->
 fn without_depth(scene: &Scene) -> Outcome<Scene> {
     let mut frame = scene.frame.clone();
     let (width, height) = (frame.depth.width(), frame.depth.height());
-    frame.depth = DepthImage::from_metres(width, height, vec![0.0; width * height])?.into();
+    frame.depth = DepthImage::from_metres(width, height, vec![0.0; width * height])?;
     Ok(Scene::new(&frame)?)
 }
 
