@@ -101,8 +101,7 @@ fn with_pitch(view: &View, grown: Grown, candidates: &[usize], config: &JointsCo
         }
         refine(&mut screw, view, &some, FAR * config.cut, config.finish_steps);
     }
-    let mut screw = swept(view, screw, candidates, config);
-    finish(view, &mut screw, candidates, config, GROWTH_ROUNDS);
+    let screw = carried_on(view, screw, candidates, config);
     if screw.gain > grown.gain { screw } else { grown }
 }
 
@@ -241,9 +240,14 @@ impl Book {
 
 /// Carries a joint to all frames, from those in which it is known.
 pub fn grow(view: &View, joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+    with_pitch(view, carried_on(view, joint, candidates, config), candidates, config)
+}
+
+/// The same as the kind of joint that it is taken for.
+fn carried_on(view: &View, joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
     let mut joint = swept(view, joint, candidates, config);
     finish(view, &mut joint, candidates, config, GROWTH_ROUNDS);
-    with_pitch(view, joint, candidates, config)
+    joint
 }
 
 /// The same, not yet refined.

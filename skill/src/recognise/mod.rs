@@ -121,7 +121,7 @@ pub struct JointState {
     /// A point on it, camera frame, metres.
     pub origin: [f64; 3],
     /// Metres a turn, for screws; else 0 and left out.
-    #[serde(default, skip_serializing_if = "is_none")]
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub pitch: f64,
     /// Configuration; `null` without evidence of its own.
     pub configuration: Option<f64>,
@@ -140,7 +140,7 @@ fn is_yes(known: &bool) -> bool {
     *known
 }
 
-fn is_none(pitch: &f64) -> bool {
+fn is_zero(pitch: &f64) -> bool {
     *pitch == 0.0
 }
 
@@ -225,13 +225,16 @@ pub fn find_all(
             break;
         };
         let recognised = report(object, &articulated, &found);
+        if recognised.score < config.min_score {
+            break;
+        }
         let places = taken::places_of(&object.cloud, &articulated, &found.state);
         let is_further = all.first().is_none_or(|first: &Recognised| {
             found.evident.contains(&true)
                 && 2 * found.inliers >= first.inliers
                 && taken.share(&places) <= MAX_SHARED
         });
-        if recognised.score < config.min_score || !is_further {
+        if !is_further {
             break;
         }
         taken.add(&places);
