@@ -1,5 +1,6 @@
 //! The `linkage` command line (DESIGN 4.3).
 
+mod allocator;
 mod bench;
 mod cli;
 mod commands;
@@ -12,11 +13,8 @@ mod tags;
 use clap::Parser;
 use std::process::ExitCode;
 
-/// Memory that one thread takes and another gives back stays bounded.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 fn main() -> ExitCode {
+    allocator::keep_for_the_next_frame();
     sigpipe::reset();
     let cli = match cli::Cli::try_parse() {
         Ok(cli) => cli,

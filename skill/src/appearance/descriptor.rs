@@ -27,7 +27,7 @@ pub fn product(a: &[u8], b: &[u8]) -> u32 {
 
 /// Inner products of one with many: a loop as wide as the processor allows, with the same results
 /// on all.
-#[multiversion::multiversion(targets("x86_64+avx2"))]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 pub fn products(one: &Descriptor, many: &[Descriptor]) -> Vec<u32> {
     many.iter().map(|other| product(one, other)).collect()
 }

@@ -92,30 +92,16 @@ impl Articulated {
         State { camera_from_object: camera_from_part * motion.inverse(), q }
     }
 
-    /// Velocity of a point, seen in the camera frame, with each unknown: rotation of the
-    /// whole (3), translation (3), configurations.
-    pub fn velocities(
-        &self,
-        poses: &[Pose],
-        part: usize,
-        in_camera: &Point3<f64>,
-    ) -> Vec<Vector3<f64>> {
-        let mut columns = Vec::with_capacity(6 + self.joints.len());
-        for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
-            columns.push(axis.cross(&in_camera.coords));
-        }
-        columns.extend([Vector3::x(), Vector3::y(), Vector3::z()]);
-        for (j, joint) in self.joints.iter().enumerate() {
-            columns.push(if self.moved_by(j).contains(&part) {
-                joint.geometry.transformed(&poses[joint.parent]).velocity(in_camera)
-            } else {
-                Vector3::zeros()
-            });
-        }
-        columns
+    /// How points move with each unknown, where parts have these poses.
+    pub fn velocities(&self, poses: &[Pose]) -> Velocities {
+        let of_joint = |j: usize| {
+            let line = self.joints[j].geometry.transformed(&poses[self.joints[j].parent]);
+            (line, self.moved_by(j))
+        };
+        Velocities((0..self.joints.len()).map(of_joint).collect())
     }
 
-    /// Applies a step over the unknowns of [`Self::velocities`], shortened as a whole where it
+    /// Applies a step over the unknowns of [`Velocities`], shortened as a whole where it
     /// is too long (pose and configurations may compensate each other), kept in range.
     pub fn stepped(&self, state: &State, step: &DVector<f64>) -> State {
         let longest =
@@ -138,5 +124,23 @@ impl Articulated {
                 .map(|(j, (joint, q))| (q + step[6 + j]).clamp(joint.low, joint.high))
                 .collect(),
         }
+    }
+}
+
+/// Each joint's line in the camera frame, and the parts that it moves.
+pub struct Velocities(Vec<(JointGeometry, Vec<usize>)>);
+
+impl Velocities {
+    /// Velocity of a point of a part, both in the camera frame, with each unknown: rotation of
+    /// the whole (3), translation (3), configurations.
+    pub fn of(&self, part: usize, at: &Point3<f64>) -> impl Iterator<Item = Vector3<f64>> {
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let with_joint = move |(line, moved): &(JointGeometry, Vec<usize>)| {
+            if moved.contains(&part) { line.velocity(at) } else { Vector3::zeros() }
+        };
+        axes.map(|axis| axis.cross(&at.coords))
+            .into_iter()
+            .chain(axes)
+            .chain(self.0.iter().map(with_joint))
     }
 }

@@ -142,7 +142,7 @@ mod tests {
         let wall = grid()
             .map(|(x, y)| point(0, Point3::new(0.5 + x, y, f64::from(WALL_M)), -Vector3::z()));
         let flap = grid().map(|(x, z)| point(1, Point3::new(x - 0.15, 0.0, 1.2 + z), Vector3::y()));
-        (Articulated { parts: 2, joints }, Cloud { surfels: wall.chain(flap).collect() })
+        (Articulated { parts: 2, joints }, Cloud::of(wall.chain(flap).collect()))
     }
 
     fn told(scene: &Scene) -> Option<f64> {

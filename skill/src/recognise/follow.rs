@@ -216,7 +216,7 @@ fn add_lightness(
             let residual = s.seen - gain * s.learned - offset;
             let weight =
                 share / LIGHTNESS_SIGMA.powi(2) / (residual.abs() / LIGHTNESS_SIGMA).max(1.0);
-            system.add(&s.row, residual, weight);
+            system.add(s.row.iter().copied(), residual, weight);
         }
     }
 }
@@ -230,6 +230,7 @@ fn lightness_samples(
     reach: f64,
 ) -> Vec<Sample> {
     let poses = articulated.poses(state);
+    let velocities = articulated.velocities(&poses);
     let camera = &scene.frame.camera;
     visible(scene, cloud, &poses)
         .into_iter()
@@ -243,9 +244,8 @@ fn lightness_samples(
             let slope_u = (at(reach, 0.0)? - at(-reach, 0.0)?) / (2.0 * reach);
             let slope_v = (at(0.0, reach)? - at(0.0, -reach)?) / (2.0 * reach);
             let (x, y) = (p.point.x / p.point.z, p.point.y / p.point.z);
-            let row = articulated
-                .velocities(&poses, p.part, &p.point)
-                .iter()
+            let row = velocities
+                .of(p.part, &p.point)
                 .map(|v| {
                     (slope_u * camera.fx * (v.x - x * v.z) + slope_v * camera.fy * (v.y - y * v.z))
                         / p.point.z

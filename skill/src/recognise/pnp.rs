@@ -4,12 +4,11 @@
 use super::articulated::{Articulated, State};
 use super::hypothesis::places;
 use super::matching::Match;
+use super::system::System;
 use super::{Found, evident_joints};
 use crate::geometry::Pose;
 use linkage_driver::PinholeCamera;
-use nalgebra::{
-    DMatrix, DVector, Matrix2x3, Point3, Translation3, UnitQuaternion, Vector2, Vector3,
-};
+use nalgebra::{Matrix2x3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use opencv::calib3d;
 use opencv::core::{Mat, Point2f, Point3f, Vector};
 use opencv::prelude::*;
@@ -90,9 +89,8 @@ fn refined(
     let mut state = start;
     for _ in 0..STEPS {
         let poses = articulated.poses(&state);
-        let unknowns = 6 + articulated.joints.len();
-        let mut hessian = DMatrix::<f64>::identity(unknowns, unknowns) * 1e-3;
-        let mut gradient = DVector::<f64>::zeros(unknowns);
+        let velocities = articulated.velocities(&poses);
+        let mut system = System::new(6 + articulated.joints.len());
         for m in matches {
             let at = poses[m.part] * m.model_point;
             let Some(error) = off_by(camera, m, &at).filter(|e| e.norm() < MAX_ERROR_PX) else {
@@ -106,20 +104,13 @@ fn refined(
                 camera.fy / at.z,
                 -camera.fy * at.y / at.z.powi(2),
             );
-            let columns: Vec<Vector2<f64>> = articulated
-                .velocities(&poses, m.part, &at)
-                .iter()
-                .map(|velocity| slope * velocity)
-                .collect();
-            for (i, a) in columns.iter().enumerate() {
-                gradient[i] += a.dot(&error);
-                for (k, b) in columns.iter().enumerate() {
-                    hessian[(i, k)] += a.dot(b);
-                }
+            for k in 0..2 {
+                let row = velocities.of(m.part, &at).map(|velocity| (slope * velocity)[k]);
+                system.add(row, error[k], 1.0);
             }
         }
-        let Some(cholesky) = hessian.cholesky() else { break };
-        state = articulated.stepped(&state, &cholesky.solve(&-gradient));
+        let Some(step) = system.solve(1e-3) else { break };
+        state = articulated.stepped(&state, &step);
     }
     state
 }

@@ -166,6 +166,7 @@ impl Refiner<'_> {
 
     fn add_features(&self, system: &mut System, state: &State, slack: f64, share: f64) -> usize {
         let poses = self.articulated.poses(state);
+        let velocities = self.articulated.velocities(&poses);
         let mut used = 0;
         for m in self.matches {
             let Some(seen) = m.seen_point else { continue };
@@ -176,8 +177,9 @@ impl Refiner<'_> {
             let residual = moved - seen;
             let sigma = m.tolerance / 3.0;
             let weight = share / sigma.powi(2) / (residual.norm() / sigma / 1.5).max(1.0);
-            let velocities = self.articulated.velocities(&poses, m.part, &moved);
-            system.add_point(&velocities, &residual, weight);
+            for k in 0..3 {
+                system.add(velocities.of(m.part, &moved).map(|v| v[k]), residual[k], weight);
+            }
             used += 1;
         }
         used

@@ -5,51 +5,56 @@ use super::articulated::{Articulated, State};
 use super::scene::Scene;
 use super::verify::{Cloud, visible};
 use linkage_driver::depth::depth_sigma;
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector};
 
 /// Normal equations over pose and configurations.
 pub struct System {
-    hessian: DMatrix<f64>,
-    gradient: DVector<f64>,
+    /// Row by row; what is left of the diagonal is not filled.
+    hessian: Vec<f64>,
+    gradient: Vec<f64>,
+    row: Vec<f64>,
 }
 
 impl System {
     /// For so many unknowns.
     pub fn new(unknowns: usize) -> Self {
-        Self { hessian: DMatrix::zeros(unknowns, unknowns), gradient: DVector::zeros(unknowns) }
-    }
-
-    /// One residual.
-    pub fn add(&mut self, jacobian: &[f64], residual: f64, weight: f64) {
-        for (a, ja) in jacobian.iter().enumerate() {
-            self.gradient[a] += weight * ja * residual;
-            for (b, jb) in jacobian.iter().enumerate() {
-                self.hessian[(a, b)] += weight * ja * jb;
-            }
+        Self {
+            hessian: vec![0.0; unknowns * unknowns],
+            gradient: vec![0.0; unknowns],
+            row: Vec::with_capacity(unknowns),
         }
     }
 
-    /// The three residuals of a point.
-    pub fn add_point(&mut self, velocities: &[Vector3<f64>], residual: &Vector3<f64>, weight: f64) {
-        for k in 0..3 {
-            let row: Vec<f64> = velocities.iter().map(|v| v[k]).collect();
-            self.add(&row, residual[k], weight);
+    /// One residual, with how it changes with each unknown.
+    pub fn add(&mut self, jacobian: impl IntoIterator<Item = f64>, residual: f64, weight: f64) {
+        self.row.clear();
+        self.row.extend(jacobian);
+        let rows = self.hessian.chunks_exact_mut(self.row.len());
+        for (a, (hessian, gradient)) in rows.zip(&mut self.gradient).enumerate() {
+            let weighted = weight * self.row[a];
+            *gradient += weighted * residual;
+            for (h, b) in hessian[a..].iter_mut().zip(&self.row[a..]) {
+                *h += weighted * b;
+            }
         }
     }
 
     /// Holds the first unknowns, the pose, where they are.
     pub fn hold_pose(&mut self, weight: f64) {
         for k in 0..6 {
-            self.hessian[(k, k)] += weight;
+            self.hessian[k * (self.gradient.len() + 1)] += weight;
         }
     }
 
     /// The step that lowers the residuals; `None` when it cannot be told.
-    pub fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
-        for k in 0..self.hessian.nrows() {
-            self.hessian[(k, k)] += damping;
-        }
-        Some(self.hessian.cholesky()?.solve(&(-self.gradient)))
+    pub fn solve(self, damping: f64) -> Option<DVector<f64>> {
+        let n = self.gradient.len();
+        let symmetric = |a: usize, b: usize| {
+            let damping = if a == b { damping } else { 0.0 };
+            self.hessian[a.min(b) * n + a.max(b)] + damping
+        };
+        let hessian = DMatrix::from_fn(n, n, symmetric);
+        Some(hessian.cholesky()?.solve(&-DVector::from_vec(self.gradient)))
     }
 }
 
@@ -76,16 +81,13 @@ pub fn add_surface(
             planes.push((p, surface.normal, residual));
         }
     }
+    let velocities = articulated.velocities(&poses);
     let share = (300.0 / planes.len().max(1) as f64).min(1.0);
     for (p, normal, residual) in &planes {
         let sigma = depth_sigma(p.point.z) + 0.002;
         let weight = share / sigma.powi(2) / (residual.abs() / sigma / 2.0).max(1.0);
-        let row: Vec<f64> = articulated
-            .velocities(&poses, p.part, &p.point)
-            .iter()
-            .map(|v| normal.dot(v))
-            .collect();
-        system.add(&row, *residual, weight);
+        let row = velocities.of(p.part, &p.point).map(|v| normal.dot(&v));
+        system.add(row, *residual, weight);
     }
     planes.len()
 }

@@ -6,19 +6,17 @@ use super::scene::Scene;
 use crate::appearance::Appearance;
 use crate::geometry::Pose;
 use linkage_driver::depth::depth_sigma;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// An object's surface.
 pub struct Cloud {
     /// Part, place and normal at configuration 0, colour.
     pub surfels: Vec<CloudPoint>,
-}
-
-impl Cloud {
-    /// Every few surfels of each part: enough to compare configurations by.
-    pub fn thinned(&self) -> Self {
-        Self { surfels: self.surfels.iter().copied().step_by(THINNING).collect() }
-    }
+    /// The patch of each surfel.
+    patches: Vec<usize>,
+    /// The part of each patch.
+    part_of_patch: Vec<usize>,
 }
 
 /// Surfels for which one stands in a thinned cloud.
@@ -41,18 +39,30 @@ impl Cloud {
     /// Unpacks an appearance.
     pub fn new(appearance: &Appearance) -> Self {
         let wide = |a: [f32; 3]| Vector3::from(a).map(f64::from);
+        let surfels = appearance.surfels.iter().map(|s| CloudPoint {
+            part: usize::from(s.part),
+            point: Point3::from(wide(s.point)),
+            normal: wide(s.normal),
+            lab: s.lab,
+        });
+        Self::of(surfels.collect())
+    }
+
+    /// Of surfels.
+    pub fn of(surfels: Vec<CloudPoint>) -> Self {
+        let of_surfels: Vec<Patch> = surfels.iter().map(patch_of).collect();
+        let all: BTreeSet<Patch> = of_surfels.iter().copied().collect();
+        let number: BTreeMap<Patch, usize> = all.iter().copied().zip(0..).collect();
         Self {
-            surfels: appearance
-                .surfels
-                .iter()
-                .map(|s| CloudPoint {
-                    part: usize::from(s.part),
-                    point: Point3::from(wide(s.point)),
-                    normal: wide(s.normal),
-                    lab: s.lab,
-                })
-                .collect(),
+            patches: of_surfels.iter().map(|patch| number[patch]).collect(),
+            part_of_patch: all.iter().map(|patch| patch.part).collect(),
+            surfels,
         }
+    }
+
+    /// Every few surfels of each part: enough to compare configurations by.
+    pub fn thinned(&self) -> Self {
+        Self::of(self.surfels.iter().copied().step_by(THINNING).collect())
     }
 }
 
@@ -73,6 +83,8 @@ pub struct Placed {
     pub cosine: f64,
 }
 
+/// Nearer than this no depth camera sees, metres.
+const NEAREST_M: f64 = 0.3;
 /// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
 const BUFFER_PX: usize = 4;
 
@@ -103,37 +115,68 @@ impl Nearest {
     }
 }
 
+/// A coarse depth buffer of the part of the picture that an object covers.
+struct DepthBuffer {
+    first: (usize, usize),
+    columns: usize,
+    cells: Vec<Nearest>,
+}
+
+impl DepthBuffer {
+    /// Each surfel fills its cell and those about it.
+    fn of(placed: &[Placed]) -> Self {
+        let cells_of = || placed.iter().map(|p| cell_of(p.pixel));
+        let low = |k: fn((usize, usize)) -> usize| cells_of().map(k).min().unwrap_or(1) - 1;
+        let high = |k: fn((usize, usize)) -> usize| cells_of().map(k).max().unwrap_or(1) + 1;
+        let (first, last) = ((low(|c| c.0), low(|c| c.1)), (high(|c| c.0), high(|c| c.1)));
+        let columns = last.0 - first.0 + 1;
+        let mut cells = vec![Nearest::NONE; columns * (last.1 - first.1 + 1)];
+        for p in placed {
+            let (u, v) = cell_of(p.pixel);
+            for row in v - 1 - first.1..=v + 1 - first.1 {
+                let from = row * columns + u - 1 - first.0;
+                cells[from..=from + 2].iter_mut().for_each(|c| c.take(p.point.z, p.part));
+            }
+        }
+        Self { first, columns, cells }
+    }
+
+    fn at(&self, pixel: (usize, usize)) -> &Nearest {
+        let (u, v) = cell_of(pixel);
+        &self.cells[(v - self.first.1) * self.columns + u - self.first.0]
+    }
+}
+
+/// Counted from 1, so that each has neighbours.
+fn cell_of(pixel: (usize, usize)) -> (usize, usize) {
+    (pixel.0 / BUFFER_PX + 1, pixel.1 / BUFFER_PX + 1)
+}
+
 /// Surfels of a state that the camera should see. Where two parts claim one place, only the
 /// nearer one counts: what is seen there is no evidence for the other.
 pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     let camera = &scene.frame.camera;
-    let (columns, rows) = (camera.width / BUFFER_PX + 3, camera.height / BUFFER_PX + 3);
-    let mut buffer = vec![Nearest::NONE; columns * rows];
+    let motions: Vec<(Matrix3<f64>, Vector3<f64>)> = poses
+        .iter()
+        .map(|p| (p.rotation.to_rotation_matrix().into_inner(), p.translation.vector))
+        .collect();
     let mut placed = Vec::with_capacity(cloud.surfels.len());
     for (index, s) in cloud.surfels.iter().enumerate() {
-        let point = poses[s.part] * s.point;
-        if point.z < 0.3 {
+        let (rotation, shift) = &motions[s.part];
+        let point = Point3::from(rotation * s.point.coords + shift);
+        if point.z < NEAREST_M {
             continue;
         }
-        let Some(pixel) = camera.project(&point) else { continue };
-        if !camera.sees(&pixel, 2.0) {
-            continue;
-        }
+        let Some(pixel) = camera.project(&point).filter(|p| camera.sees(p, 2.0)) else { continue };
         let pixel = (pixel.x.round() as usize, pixel.y.round() as usize);
-        let (cu, cv) = (pixel.0 / BUFFER_PX + 1, pixel.1 / BUFFER_PX + 1);
-        for v in cv - 1..=cv + 1 {
-            for u in cu - 1..=cu + 1 {
-                buffer[v * columns + u].take(point.z, s.part);
-            }
-        }
-        let normal = poses[s.part] * s.normal;
-        let cosine = -normal.dot(&point.coords.normalize());
+        let normal = rotation * s.normal;
+        let cosine = -normal.dot(&point.coords) / point.coords.norm();
         placed.push(Placed { index, part: s.part, point, normal, pixel, cosine });
     }
+    let buffer = DepthBuffer::of(&placed);
     placed.retain(|p| {
-        let (cu, cv) = (p.pixel.0 / BUFFER_PX + 1, p.pixel.1 / BUFFER_PX + 1);
         let slack = 0.03 + 0.02 * (1.0 - p.cosine.clamp(0.0, 1.0));
-        let (own, other) = buffer[cv * columns + cu].of(p.part);
+        let (own, other) = buffer.at(p.pixel).of(p.part);
         p.cosine > 0.2 && p.point.z <= own + slack && p.point.z <= other + 0.005
     });
     placed
@@ -243,7 +286,7 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
     let poses = articulated.poses(state);
     let mut verdict =
         Verdict { parts: vec![PartVerdict::default(); articulated.parts], ..Default::default() };
-    let mut colours: Vec<Colour> = Vec::new();
+    let mut looks = vec![Looks::default(); cloud.part_of_patch.len()];
     for p in visible(scene, cloud, &poses) {
         let (u, v) = p.pixel;
         let Some(z) = scene.frame.depth.at(u, v) else { continue };
@@ -263,24 +306,22 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
                 verdict.parts[p.part].agree += 1;
             }
             if cosine > 0.7 {
-                let surfel = &cloud.surfels[p.index];
-                colours.push((patch_of(surfel), surfel.lab, scene.lab.at(u, v)));
+                let learned = cloud.surfels[p.index].lab[0];
+                looks[cloud.patches[p.index]].add(learned, scene.lab.at(u, v)[0]);
             }
         }
     }
     // What stands before the object takes nothing away from it, up to a point.
     let half = verdict.judged / 2;
     verdict.judged -= verdict.hidden.min(half);
-    colours.sort_by_key(|c| c.0);
-    verdict.correlation = correlation(&colours).unwrap_or(0.0);
-    for group in colours.chunk_by(|a, b| a.0.part == b.0.part) {
-        verdict.parts[group[0].0.part].correlation = correlation(group);
+    verdict.correlation = correlation(&looks).unwrap_or(0.0);
+    let numbered: Vec<(usize, Looks)> = cloud.part_of_patch.iter().copied().zip(looks).collect();
+    for group in numbered.chunk_by(|a, b| a.0 == b.0) {
+        let own: Vec<Looks> = group.iter().map(|g| g.1).collect();
+        verdict.parts[group[0].0].correlation = correlation(&own);
     }
     verdict
 }
-
-/// A surfel's patch, its learned colour, and the colour that is seen.
-type Colour = (Patch, [f32; 3], [f32; 3]);
 
 /// A piece of a part's surface on which light falls evenly.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -309,33 +350,54 @@ const TELLING: f64 = 3.0;
 /// Variation of lightness that noise makes.
 const NOISE: f64 = 1.0;
 /// Fewest surfels of a patch that are compared.
-const LEAST_IN_PATCH: usize = 12;
+const LEAST_IN_PATCH: f64 = 12.0;
 /// Fewest surfels that tell anything.
-const LEAST_IN_ALL: usize = 25;
+const LEAST_IN_ALL: f64 = 25.0;
+
+/// Learned and seen lightness of a patch.
+#[derive(Clone, Copy, Default)]
+struct Looks {
+    n: f64,
+    learned: f64,
+    seen: f64,
+    learned_squared: f64,
+    seen_squared: f64,
+    common: f64,
+}
+
+impl Looks {
+    fn add(&mut self, learned: f32, seen: f32) {
+        let (x, y) = (f64::from(learned), f64::from(seen));
+        self.n += 1.0;
+        self.learned += x;
+        self.seen += y;
+        self.learned_squared += x * x;
+        self.seen_squared += y * y;
+        self.common += x * y;
+    }
+
+    /// Correlation, and how much it tells. The noise keeps plain surfaces from correlating by
+    /// chance.
+    fn alike(&self) -> (f64, f64) {
+        let (mx, my) = (self.learned / self.n, self.seen / self.n);
+        let xx = (self.learned_squared / self.n - mx * mx).max(0.0);
+        let yy = (self.seen_squared / self.n - my * my).max(0.0);
+        let xy = self.common / self.n - mx * my;
+        let weight = self.n * xx.sqrt().min(TELLING);
+        (xy / ((xx + NOISE) * (yy + NOISE)).sqrt(), weight)
+    }
+}
 
 /// How well lightness varies alike within patches, -1 to 1: light differs between encounters,
 /// texture does not. Each patch speaks for itself, however strong its contrast, so that one
-/// mark upon another is no likeness. Sorted by patch; `None` for too little surface.
-fn correlation(colours: &[Colour]) -> Option<f64> {
-    let (mut sum, mut total, mut count) = (0.0, 0.0, 0);
-    for group in colours.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() >= LEAST_IN_PATCH) {
-        let n = group.len() as f64;
-        let mean =
-            |f: &dyn Fn(&Colour) -> f32| group.iter().map(|c| f64::from(f(c))).sum::<f64>() / n;
-        let (mx, my) = (mean(&|c| c.1[0]), mean(&|c| c.2[0]));
-        let (mut xx, mut yy, mut xy) = (0.0, 0.0, 0.0);
-        for c in group {
-            let (x, y) = (f64::from(c.1[0]) - mx, f64::from(c.2[0]) - my);
-            xx += x * x / n;
-            yy += y * y / n;
-            xy += x * y / n;
-        }
-        // The noise keeps plain surfaces from correlating by chance.
-        let alike = xy / ((xx + NOISE) * (yy + NOISE)).sqrt();
-        let weight = n * xx.sqrt().min(TELLING);
+/// mark upon another is no likeness. `None` for too little surface.
+fn correlation(patches: &[Looks]) -> Option<f64> {
+    let (mut sum, mut total, mut count) = (0.0, 0.0, 0.0);
+    for patch in patches.iter().filter(|patch| patch.n >= LEAST_IN_PATCH) {
+        let (alike, weight) = patch.alike();
         sum += weight * alike;
         total += weight;
-        count += group.len();
+        count += patch.n;
     }
     (count >= LEAST_IN_ALL && total > 0.0).then(|| sum / total)
 }

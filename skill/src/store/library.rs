@@ -80,9 +80,8 @@ impl Library {
             return (0..self.len()).collect();
         }
         self.index
-            .rank(&scene.features)
+            .rank(&scene.features, config.shortlist)
             .into_iter()
-            .take(config.shortlist)
             .map(|(number, _)| number)
             .collect()
     }

@@ -137,25 +137,69 @@ impl Index {
         self.features * size_of::<Posting>()
     }
 
-    /// Objects by their votes, most first; those with few are left out.
-    pub fn rank(&self, seen: &[DescribedFeature]) -> Vec<(usize, f64)> {
-        let mut votes: Vec<Vote> = seen.par_iter().flat_map_iter(|f| self.votes_of(f)).collect();
-        votes.par_sort_by_key(|v| v.object);
-        let of_objects: Vec<&[Vote]> = votes
-            .chunk_by(|a, b| a.object == b.object)
-            .filter(|v| v.len() >= LEAST_VOTES)
+    /// The first `places` objects by their votes, most first; those with few are left out.
+    pub fn rank(&self, seen: &[DescribedFeature], places: usize) -> Vec<(usize, f64)> {
+        let votes: Vec<Vec<Vote>> = seen.par_iter().map(|f| self.votes_of(f)).collect();
+        // All votes of an object are no fewer than those of its best region: these alone are
+        // counted for objects that may come among the first.
+        let mut totals = vec![(0_u32, 0.0); self.objects];
+        for vote in votes.iter().flatten() {
+            let (count, total) = &mut totals[vote.object as usize];
+            *count += 1;
+            *total += vote.weight;
+        }
+        let mut hopeful: Vec<(u32, f64)> = (0..)
+            .zip(&totals)
+            .filter(|(_, (count, _))| *count >= LEAST_VOTES)
+            .map(|(object, (_, total))| (object, *total))
             .collect();
-        let mut ranked: Vec<(usize, f64)> =
-            of_objects.par_iter().map(|v| (v[0].object as usize, most_in_a_region(v))).collect();
+        let first = (2 * places).min(hopeful.len());
+        if first < hopeful.len() {
+            hopeful.select_nth_unstable_by(first, |a, b| b.1.total_cmp(&a.1));
+        }
+        let others = hopeful.split_off(first);
+        let mut ranked = self.in_regions(&votes, seen, &hopeful);
+        let least = ranked.get(places.saturating_sub(1)).map_or(0.0, |r| r.1);
+        let others: Vec<(u32, f64)> = others.into_iter().filter(|o| o.1 >= least).collect();
+        ranked.extend(self.in_regions(&votes, seen, &others));
+        ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        ranked.truncate(places);
+        ranked
+    }
+
+    /// Objects by the votes of their best regions, most first.
+    fn in_regions(
+        &self,
+        votes: &[Vec<Vote>],
+        seen: &[DescribedFeature],
+        objects: &[(u32, f64)],
+    ) -> Vec<(usize, f64)> {
+        const NONE: u32 = u32::MAX;
+        let mut slots = vec![NONE; self.objects];
+        for (slot, (object, _)) in (0..).zip(objects) {
+            slots[*object as usize] = slot;
+        }
+        let mut placed: Vec<Vec<(Cell, f64)>> = vec![Vec::new(); objects.len()];
+        for (feature, votes) in seen.iter().zip(votes) {
+            let cell = cell_of(feature);
+            for vote in votes {
+                let slot = slots[vote.object as usize];
+                if slot != NONE {
+                    placed[slot as usize].push((cell, vote.weight));
+                }
+            }
+        }
+        let mut ranked: Vec<(usize, f64)> = objects
+            .par_iter()
+            .zip(placed)
+            .map(|((object, _), votes)| (*object as usize, most_in_a_region(votes)))
+            .collect();
         ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         ranked
     }
 
     /// Objects that a feature votes for, each once.
     fn votes_of(&self, feature: &DescribedFeature) -> Vec<Vote> {
-        let cell = feature
-            .point
-            .map_or([0; 3], |p| [p.x, p.y, p.z].map(|x| (x / (0.5 * REGION_M)).floor() as i32));
         let size = i32::from(size_step(feature.size as f32));
         let sizes = match (feature.point, feature.kind) {
             (None, _) => SMALLEST..=SMALLEST + SIZES - 1,
@@ -178,34 +222,36 @@ impl Index {
         // What many objects have tells little.
         let rarity = (self.objects as f64 / fitting.len().max(1) as f64).ln() + 1.0;
         let weight = |bits: u32| rarity * (-(f64::from(bits) / SIGMA_BITS).powi(2)).exp();
-        fitting
-            .into_iter()
-            .map(|(object, bits)| Vote { object, cell, weight: weight(bits) })
-            .collect()
+        fitting.into_iter().map(|(object, bits)| Vote { object, weight: weight(bits) }).collect()
     }
 }
 
 /// A feature's vote for an object.
 struct Vote {
     object: u32,
-    /// Where the feature is, in halves of a region.
-    cell: [i32; 3],
     weight: f64,
 }
 
+/// Where a feature is, in halves of a region.
+type Cell = [i32; 3];
+
+fn cell_of(feature: &DescribedFeature) -> Cell {
+    let number = |x: f64| (x / (0.5 * REGION_M)).floor() as i32;
+    feature.point.map_or([0; 3], |p| [p.x, p.y, p.z].map(number))
+}
+
 /// Fewest votes of an object that is ranked.
-const LEAST_VOTES: usize = 3;
+const LEAST_VOTES: u32 = 3;
 
 /// The greatest weight of an object's votes that lie in one region.
-fn most_in_a_region(votes: &[Vote]) -> f64 {
-    let mut cells: Vec<([i32; 3], f64)> = votes.iter().map(|v| (v.cell, v.weight)).collect();
-    cells.sort_by_key(|c| c.0);
-    let cells: Vec<([i32; 3], f64)> = cells
+fn most_in_a_region(mut votes: Vec<(Cell, f64)>) -> f64 {
+    votes.sort_by_key(|v| v.0);
+    let cells: Vec<(Cell, f64)> = votes
         .chunk_by(|a, b| a.0 == b.0)
         .map(|same| (same[0].0, same.iter().map(|c| c.1).sum()))
         .collect();
-    let from = |corner: &[i32; 3]| -> f64 {
-        let inside = |c: &[i32; 3]| (0..3).all(|k| (0..2).contains(&(c[k] - corner[k])));
+    let from = |corner: &Cell| -> f64 {
+        let inside = |c: &Cell| (0..3).all(|k| (0..2).contains(&(c[k] - corner[k])));
         cells.iter().filter(|(c, _)| inside(c)).map(|c| c.1).sum()
     };
     cells.iter().map(|(corner, _)| from(corner)).fold(0.0, f64::max)
@@ -275,7 +321,7 @@ mod tests {
 
     #[test]
     fn the_object_whose_features_are_seen_ranks_first() {
-        let ranked = twenty_objects().rank(&seen(13, 1.0));
+        let ranked = twenty_objects().rank(&seen(13, 1.0), 5);
         assert_eq!(ranked[0].0, 13);
         assert!(ranked.get(1).is_none_or(|second| ranked[0].1 > 3.0 * second.1), "{ranked:?}");
     }
@@ -284,7 +330,7 @@ mod tests {
     fn what_has_another_size_is_another_thing() {
         let index = twenty_objects();
         let votes =
-            |size| index.rank(&seen(13, size)).iter().find(|r| r.0 == 13).map_or(0.0, |r| r.1);
+            |size| index.rank(&seen(13, size), 20).iter().find(|r| r.0 == 13).map_or(0.0, |r| r.1);
         assert!(votes(2.0) < 0.1 * votes(1.0));
     }
 }

@@ -4,7 +4,7 @@
 //!
 //! One vocabulary serves all stores: words of what is learned tomorrow are the words of today.
 
-use crate::appearance::{DESCRIPTOR_LENGTH, Descriptor, product, quantise};
+use crate::appearance::{DESCRIPTOR_LENGTH, Descriptor, product, products, quantise};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -103,8 +103,7 @@ impl Vocabulary {
         for _ in 0..LEVELS {
             let children = &self.centres[level + node * BRANCHES..][..BRANCHES];
             let (mut best, mut next) = ((0, 0), (0, 0));
-            for (child, centre) in children.iter().enumerate() {
-                let nearness = product(centre, descriptor);
+            for (child, nearness) in products(descriptor, children).into_iter().enumerate() {
                 if nearness > best.0 {
                     (best, next) = ((nearness, child), best);
                 } else if nearness > next.0 {
@@ -131,7 +130,7 @@ impl Vocabulary {
 }
 
 /// A bit a direction: set where the residual points along it.
-#[multiversion::multiversion(targets("x86_64+avx2"))]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn sides(residual: &[i16; DESCRIPTOR_LENGTH], directions: &[[i8; DESCRIPTOR_LENGTH]]) -> u64 {
     directions.iter().enumerate().fold(0, |code, (bit, direction)| {
         let along: i32 =

@@ -13,14 +13,16 @@ use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, 
 use linkage_skill::SkillConfig;
 use linkage_skill::appearance::Appearance;
 use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
-use linkage_skill::recognise::{Recognised, Scene, find};
+use linkage_skill::recognise::{KnownObject, Recognised, Scene, find, recognise};
 use linkage_skill::store::{Library, StoreError, StoredObject};
+use linkage_skill::timing::StageTimes;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 pub use scale::made_up;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::Arc;
 use stills::{Shows, Still, THINGS};
 
 /// Where recordings are kept when no folder is named.
@@ -44,7 +46,14 @@ struct Row {
     reported: Vec<String>,
     right: bool,
     precision: Option<Precision>,
-    milliseconds: f64,
+    /// By stage.
+    milliseconds: BTreeMap<&'static str, f64>,
+}
+
+impl Row {
+    fn total_milliseconds(&self) -> f64 {
+        self.milliseconds.values().sum()
+    }
 }
 
 /// How far the right object's report is from the truth.
@@ -128,7 +137,9 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     print_bands(&report);
     print_wrong(&report);
     print_precision(&report);
-    report.ablation = ablation::run(&learned, &questions, &config)?;
+    if std::env::var_os("LINKAGE_SHORT").is_none() {
+        report.ablation = ablation::run(&learned, &questions, &config)?;
+    }
     let appearances: Vec<Appearance> = learned.into_iter().map(|l| l.stored.appearance).collect();
     report.scale = scale::run(&appearances, &questions);
     if let Some(path) = &args.json {
@@ -164,10 +175,14 @@ fn look(
 ) -> Outcome<(Row, Scene)> {
     let truth = Truth::read(recording)?;
     let frame = last_frame(&recording.display().to_string())?;
-    let start = Instant::now();
-    let scene = Scene::new(&frame)?;
-    let recognition = library.recognise(&scene, &config.recognise, config.seed)?;
-    let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+    let mut times = StageTimes::default();
+    let scene = times.measure("describe", || Scene::new(&frame))?;
+    let listed = times.measure("shortlist", || library.shortlist(&scene, &config.recognise));
+    let objects: Vec<Arc<KnownObject>> =
+        listed.into_iter().map(|number| library.object(number)).collect::<Result<_, _>>()?;
+    let recognition =
+        times.measure("compare", || recognise(&scene, &objects, &config.recognise, config.seed));
+    let milliseconds = times.iter().map(|(stage, t)| (stage, t.as_secs_f64() * 1e3)).collect();
     let all: Vec<(String, Option<Recognised>)> = (0..library.len())
         .into_par_iter()
         .map(|number| {
@@ -264,7 +279,7 @@ fn print_row(row: &Row) {
         if row.occluded { " behind" } else { "       " },
         number(row.own),
         number(row.wrong.as_ref().map(|w| w.1)),
-        row.milliseconds,
+        row.total_milliseconds(),
         if row.right { "right" } else { "WRONG" },
         row.reported.join(", "),
     );
@@ -288,8 +303,15 @@ fn print_bands(report: &Report) {
         let taken = rows.iter().filter(|r| !r.reported.is_empty()).count();
         println!("{shows:?}: something reported in {taken} of {}", rows.len());
     }
-    let mut times: Vec<f64> = report.rows.iter().map(|r| r.milliseconds).collect();
-    println!("median {:.0} ms a frame", median(&mut times).unwrap_or(0.0));
+    let middle = |of: &dyn Fn(&Row) -> f64| {
+        median(&mut report.rows.iter().map(of).collect::<Vec<f64>>()).unwrap_or(f64::NAN)
+    };
+    let stages: Vec<String> = ["describe", "shortlist", "compare"]
+        .iter()
+        .map(|stage| format!("{stage} {:.0}", middle(&|r: &Row| r.milliseconds[stage])))
+        .collect();
+    let total = middle(&|r: &Row| r.total_milliseconds());
+    println!("median {total:.0} ms a frame: {}", stages.join(", "));
 }
 
 fn print_wrong(report: &Report) {
