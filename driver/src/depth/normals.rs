@@ -49,6 +49,8 @@ type Sums = [f64; 10];
 /// Columns of the largest window.
 const COLUMNS: usize = 2 * HALF_WINDOWS[0] + 1;
 
+/// Loops as wide as the processor allows, with the same results on all.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn window_sums(
     depth: &DepthImage,
     camera: &PinholeCamera,

@@ -35,17 +35,15 @@ pub struct Pyramid(Vec<Level>);
 struct Level {
     width: usize,
     height: usize,
-    values: Vec<u8>,
+    /// Each pixel with its neighbours to the right, below, and below to the right; those of the
+    /// last column and row are not asked for.
+    squares: Vec<[u8; 4]>,
 }
 
 impl Pyramid {
     /// `levels` pictures, each half as large as the last.
     pub fn new(gray: &Gray, levels: usize) -> opencv::Result<Self> {
-        let mut pictures = vec![Level {
-            width: gray.width(),
-            height: gray.height(),
-            values: gray.bytes()?.to_vec(),
-        }];
+        let mut pictures = vec![Level::new(gray.mat())?];
         let mut larger = gray.mat().try_clone()?;
         while pictures.len() < levels {
             let mut smaller = Mat::default();
@@ -71,17 +69,14 @@ impl Pyramid {
 
 impl Level {
     fn new(mat: &Mat) -> opencv::Result<Self> {
-        Ok(Self {
-            width: mat.cols() as usize,
-            height: mat.rows() as usize,
-            values: mat.data_bytes()?.to_vec(),
-        })
-    }
-
-    /// Bilinear; beyond the border as at it.
-    fn at(&self, [x, y]: [f32; 2]) -> f32 {
-        let most = |side: usize| side as f32 - 1.001;
-        self.inside([x.clamp(0.0, most(self.width)), y.clamp(0.0, most(self.height))])
+        let (width, height) = (mat.cols() as usize, mat.rows() as usize);
+        let values = mat.data_bytes()?;
+        let squares = values
+            .windows(width + 2)
+            .map(|w| [w[0], w[1], w[width], w[width + 1]])
+            .chain(std::iter::repeat_n([0; 4], width + 1))
+            .collect();
+        Ok(Self { width, height, squares })
     }
 
     /// True where four pixels surround a place.
@@ -89,74 +84,86 @@ impl Level {
         x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f32 && y < (self.height - 1) as f32
     }
 
-    /// Bilinear, for a place that four pixels surround.
-    fn inside(&self, [x, y]: [f32; 2]) -> f32 {
-        let (u, v) = (x as usize, y as usize);
-        let (du, dv) = (x - u as f32, y - v as f32);
-        let first = v * self.width + u;
-        let [upper, lower] = [first, first + self.width].map(|i| {
-            let (left, right) = (f32::from(self.values[i]), f32::from(self.values[i + 1]));
-            left + (right - left) * du
-        });
-        upper + (lower - upper) * dv
+    /// Bilinear, at places that four pixels surround.
+    #[inline(always)]
+    fn row<const N: usize>(&self, [x, y]: &[[f32; N]; 2], values: &mut [f32; N]) {
+        let number = |i: usize| y[i] as u32 * self.width as u32 + x[i] as u32;
+        let numbers: [u32; N] = std::array::from_fn(number);
+        let squares = numbers.map(|n| self.squares[n as usize]);
+        for (i, square) in squares.iter().enumerate() {
+            let (du, dv) = (x[i] - x[i].trunc(), y[i] - y[i].trunc());
+            let [a, b, c, d] = square.map(f32::from);
+            let (upper, lower) = (a + (b - a) * du, c + (d - c) * du);
+            values[i] = upper + (lower - upper) * dv;
+        }
     }
 }
 
-/// The descriptor of a patch, a unit vector.
+/// The descriptor of a patch, a unit vector: loops as wide as the processor allows, with the same
+/// results on all.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 pub fn gradients(pyramid: &Pyramid, patch: &Patch) -> [f32; DESCRIPTOR_LENGTH] {
     let samples = sampled(pyramid, patch);
-    let mut histogram = [0.0_f32; DESCRIPTOR_LENGTH];
-    let shares = &*SHARES;
-    for (y, (row, of_row)) in shares.iter().enumerate() {
-        let gathered = row_histogram(&samples, y, shares);
-        for (r, share) in of_row.iter().enumerate() {
-            let cells = &mut histogram[(row + r) * gathered.len()..][..gathered.len()];
-            cells.iter_mut().zip(gathered).for_each(|(sum, value)| *sum += value * share);
+    let spread = &*SPREAD;
+    let rows: [Row; SIDE] = std::array::from_fn(|y| row_histogram(&samples, y, spread));
+    let mut histogram = [[0.0_f32; CELLS * DIRECTIONS]; CELLS];
+    for (r, (sums, shares)) in histogram.iter_mut().zip(spread).enumerate() {
+        for (row, share) in rows[r * PITCH..].iter().zip(shares) {
+            sums.iter_mut().zip(row.as_flattened()).for_each(|(sum, value)| *sum += value * share);
         }
     }
-    rooted(histogram)
+    let mut flat = [0.0; DESCRIPTOR_LENGTH];
+    flat.copy_from_slice(histogram.as_flattened());
+    rooted(flat)
 }
 
-/// By row or column of samples: the first row or column of cells that it shares what it has among,
-/// and the shares of this and the next.
-type Shares = [(usize, [f32; 2]); SIDE];
+/// Histograms of a row's cells.
+type Row = [[f32; DIRECTIONS]; CELLS];
+
+/// Samples from one cell to the next: each reaches to the middles of its neighbours.
+const PITCH: usize = SIDE / (CELLS + 1);
+
+/// By row or column of cells: what it takes of the samples that it reaches.
+type Spread = [[f32; 2 * PITCH]; CELLS];
 
 /// The outer half cell fades out, and all fade with their distance from the patch's centre.
-static SHARES: LazyLock<Shares> = LazyLock::new(|| {
-    let cell = SIDE as f32 / (CELLS + 1) as f32;
-    std::array::from_fn(|i| {
-        let from_centre = (i as f32 + 1.0 - 0.5 * (SIDE + 1) as f32) / cell;
-        let fading = (-from_centre * from_centre / (2.0 * CELLS as f32)).exp();
-        let place = from_centre + 0.5 * (CELLS - 1) as f32;
-        let beyond = place - place.floor();
-        match place.floor() {
-            first if first < 0.0 => (0, [fading * beyond, 0.0]),
-            first if first as usize + 1 >= CELLS => (CELLS - 2, [0.0, fading * (1.0 - beyond)]),
-            first => (first as usize, [fading * (1.0 - beyond), fading * beyond]),
-        }
+static SPREAD: LazyLock<Spread> = LazyLock::new(|| {
+    std::array::from_fn(|cell| {
+        std::array::from_fn(|i| {
+            let sample = (cell * PITCH + i) as f32 + 0.5;
+            let from_centre = (sample - 0.5 * SIDE as f32) / PITCH as f32;
+            let from_cell = from_centre + 0.5 * (CELLS - 1) as f32 - cell as f32;
+            let fading = (-from_centre * from_centre / (2.0 * CELLS as f32)).exp();
+            fading * (1.0 - from_cell.abs())
+        })
     })
 });
 
 /// Gradients of a row, shared among its cells and the directions next to their own.
-fn row_histogram(samples: &Samples, row: usize, shares: &Shares) -> [f32; CELLS * DIRECTIONS] {
+#[inline(always)]
+fn row_histogram(samples: &Samples, row: usize, spread: &Spread) -> Row {
     let (strengths, directions) = row_of_gradients(samples, row);
-    let mut histogram = [0.0; CELLS * DIRECTIONS];
-    for ((strength, direction), (column, of_column)) in
-        strengths.into_iter().zip(directions).zip(shares)
-    {
-        let first = direction as usize;
-        let beyond = direction - first as f32;
-        let (first, second) = (first % DIRECTIONS, (first + 1) % DIRECTIONS);
-        for (c, share) in of_column.iter().enumerate() {
-            let cell = (column + c) * DIRECTIONS;
-            histogram[cell + first] += strength * share * (1.0 - beyond);
-            histogram[cell + second] += strength * share * beyond;
+    let mut shared = [[0.0; DIRECTIONS]; SIDE];
+    for ((shared, strength), direction) in shared.iter_mut().zip(strengths).zip(directions) {
+        for (share, near) in shared.iter_mut().zip(NEAR) {
+            let apart = (direction - near).abs();
+            *share = strength * (1.0 - apart.min(DIRECTIONS as f32 - apart)).max(0.0);
         }
     }
-    histogram
+    let mut cells = [[0.0; DIRECTIONS]; CELLS];
+    for (c, (cell, shares)) in cells.iter_mut().zip(spread).enumerate() {
+        for (shared, share) in shared[c * PITCH..].iter().zip(shares) {
+            cell.iter_mut().zip(shared).for_each(|(sum, value)| *sum += value * share);
+        }
+    }
+    cells
 }
 
+/// The directions that are counted, eighths of a turn.
+const NEAR: [f32; DIRECTIONS] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
 /// Strengths of a row's gradients, and their directions in eighths of a turn, up to 8.
+#[inline(always)]
 fn row_of_gradients(samples: &Samples, row: usize) -> ([f32; SIDE], [f32; SIDE]) {
     let [above, here, below] = [&samples[row], &samples[row + 1], &samples[row + 2]];
     let (mut strengths, mut directions) = ([0.0; SIDE], [0.0; SIDE]);
@@ -169,6 +176,7 @@ fn row_of_gradients(samples: &Samples, row: usize) -> ([f32; SIDE], [f32; SIDE])
 }
 
 /// Direction of a vector in eighths of a turn, from 0 to 8, to 1e-4 of one; without a branch.
+#[inline(always)]
 fn eighths(dx: f32, dy: f32) -> f32 {
     let (across, down) = (dx.abs(), dy.abs());
     let (least, most) = (across.min(down), across.max(down));
@@ -189,6 +197,7 @@ fn eighths(dx: f32, dy: f32) -> f32 {
 type Samples = [[f32; SIDE + 2]; SIDE + 2];
 
 /// Values on a grid over the patch.
+#[inline(always)]
 fn sampled(pyramid: &Pyramid, patch: &Patch) -> Samples {
     let level = pyramid.level_of(patch);
     let picture = &pyramid.0[level];
@@ -201,17 +210,26 @@ fn sampled(pyramid: &Pyramid, patch: &Patch) -> Samples {
         [0, 1].map(|i| centre[i] + a * right[i] + b * down[i])
     };
     let corners = [0, SIDE + 1].into_iter().flat_map(|r| [0, SIDE + 1].map(|c| place(r, c)));
-    if corners.into_iter().all(|p| picture.is_inside(p)) {
-        grid(|row, column| picture.inside(place(row, column)))
-    } else {
-        grid(|row, column| picture.at(place(row, column)))
+    let is_inside = corners.into_iter().all(|p| picture.is_inside(p));
+    let mut samples = [[0.0; SIDE + 2]; SIDE + 2];
+    for (row, samples) in samples.iter_mut().enumerate() {
+        let mut places = [[0.0; SIDE + 2]; 2];
+        for (i, places) in places.iter_mut().enumerate() {
+            for (column, p) in places.iter_mut().enumerate() {
+                *p = place(row, column)[i];
+            }
+        }
+        if !is_inside {
+            let most = |side: usize| side as f32 - 1.001;
+            places[0].iter_mut().for_each(|x| *x = x.clamp(0.0, most(picture.width)));
+            places[1].iter_mut().for_each(|y| *y = y.clamp(0.0, most(picture.height)));
+        }
+        picture.row(&places, samples);
     }
+    samples
 }
 
-fn grid(value: impl Fn(usize, usize) -> f32) -> Samples {
-    std::array::from_fn(|row| std::array::from_fn(|column| value(row, column)))
-}
-
+#[inline(always)]
 fn rooted(mut histogram: [f32; DESCRIPTOR_LENGTH]) -> [f32; DESCRIPTOR_LENGTH] {
     let length = histogram.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-6);
     for x in &mut histogram {

@@ -6,6 +6,7 @@ use super::articulated::{Articulated, State};
 use super::scene::Scene;
 use super::verify::{Cloud, depth_tolerance, verify};
 use crate::articulate::JointKind;
+use rayon::prelude::*;
 use std::collections::HashSet;
 
 /// Configurations that are tried.
@@ -34,6 +35,7 @@ pub fn remaining(
     let moved = articulated.moved_by(joint);
     let step = (j.high - j.low) / (STEPS - 1) as f64;
     let tried: Vec<Trial> = (0..STEPS)
+        .into_par_iter()
         .map(|i| {
             let q = j.low + step * i as f64;
             let mut there = state.clone();

@@ -114,13 +114,18 @@ fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
     if seeds.is_empty() {
         return Vec::new();
     }
+    let n = pairs.len();
+    let mut is_neighbour = vec![false; n * n];
+    for (i, own) in neighbours.iter().enumerate() {
+        own.iter().for_each(|j| is_neighbour[i * n + j] = true);
+    }
     let mut triples = HashSet::new();
     let per_seed = (TRIPLES / seeds.len()).max(4);
     for &i in &seeds {
         for _ in 0..per_seed {
             let j = neighbours[i][rng.random_range(0..neighbours[i].len())];
             let common: Vec<usize> =
-                neighbours[i].iter().copied().filter(|k| neighbours[j].contains(k)).collect();
+                neighbours[i].iter().copied().filter(|&k| is_neighbour[j * n + k]).collect();
             let k = common.choose(rng).copied().unwrap_or(j);
             let mut triple = [i, j, k];
             triple.sort_unstable();

@@ -86,8 +86,6 @@ impl Table {
 const ONE_PLACE_M: f64 = 0.03;
 /// Largest distance of unit descriptors.
 const MAX_DISTANCE: f64 = 0.85;
-/// How many of the best are searched for one at another place.
-const RUNNERS_UP: usize = 24;
 
 /// The most distinct matches of both kinds.
 pub fn match_features(
@@ -115,25 +113,18 @@ fn match_kind(seen: &[&DescribedFeature], table: &Table, config: &RecogniseConfi
 }
 
 fn match_one(query: &DescribedFeature, table: &Table, config: &RecogniseConfig) -> Option<Match> {
-    let own = quantise(&query.descriptor);
-    let mut ranked: Vec<(u32, usize)> = Vec::with_capacity(RUNNERS_UP + 2);
     let gated = table.gated(query);
-    for (j, s) in gated.clone().zip(products(&own, &table.descriptors[gated])) {
-        if ranked.len() <= RUNNERS_UP || s > ranked[RUNNERS_UP].0 {
-            let at = ranked.partition_point(|r| r.0 >= s);
-            ranked.insert(at, (s, j));
-            ranked.truncate(RUNNERS_UP + 1);
-        }
-    }
-    let &(best, j) = ranked.first()?;
-    let elsewhere = ranked
-        .iter()
-        .find(|(_, k)| {
-            table.parts[*k] != table.parts[j]
-                || (table.points[*k] - table.points[j]).norm() > ONE_PLACE_M
-        })
-        .or(ranked.last().filter(|_| ranked.len() > 1))
-        .map_or(0, |r| r.0);
+    let first = gated.start;
+    let products = products(&quantise(&query.descriptor), &table.descriptors[gated]);
+    let (i, best) = products.iter().copied().enumerate().max_by_key(|p| p.1)?;
+    let j = first + i;
+    let is_elsewhere = |k: usize| {
+        table.parts[k] != table.parts[j]
+            || (table.points[k] - table.points[j]).norm_squared() > ONE_PLACE_M * ONE_PLACE_M
+    };
+    let elsewhere = products.iter().enumerate().fold(0, |most, (i, product)| {
+        if *product > most && is_elsewhere(first + i) { *product } else { most }
+    });
     let distance = |product: u32| (2.0 - 2.0 * similarity(product)).max(0.0).sqrt();
     let (d, second) = (distance(best), distance(elsewhere));
     let ratio = d / second.max(1e-6);

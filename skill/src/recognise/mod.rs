@@ -221,7 +221,9 @@ pub fn find_all(
     let mut taken = Taken::default();
     let mut all = Vec::new();
     while all.len() < config.max_of_a_make {
-        let Some(found) = find_beside(scene, object, &articulated, &taken, config, seed) else {
+        let least = all.first().map_or(0, |first: &Recognised| first.inliers.div_ceil(2));
+        let Some(found) = find_beside(scene, object, &articulated, &taken, least, config, seed)
+        else {
             break;
         };
         let recognised = report(object, &articulated, &found);
@@ -229,12 +231,10 @@ pub fn find_all(
             break;
         }
         let places = taken::places_of(&object.cloud, &articulated, &found.state);
-        let is_further = all.first().is_none_or(|first: &Recognised| {
-            found.evident.contains(&true)
-                && 2 * found.inliers >= first.inliers
-                && taken.share(&places) <= MAX_SHARED
-        });
-        if !is_further {
+        let is_further = found.evident.contains(&true)
+            && found.inliers >= least
+            && taken.share(&places) <= MAX_SHARED;
+        if !all.is_empty() && !is_further {
             break;
         }
         taken.add(&places);
@@ -255,16 +255,17 @@ pub fn find(
     seed: u64,
 ) -> Option<Recognised> {
     let articulated = Articulated::new(&object.model);
-    let found = find_beside(scene, object, &articulated, &Taken::default(), config, seed)?;
+    let found = find_beside(scene, object, &articulated, &Taken::default(), 0, config, seed)?;
     Some(report(object, &articulated, &found))
 }
 
-/// The same, away from what is taken.
+/// The same, away from what is taken, from hypotheses that at least so many matches bear out.
 fn find_beside(
     scene: &Scene,
     object: &KnownObject,
     articulated: &Articulated,
     taken: &Taken,
+    least: usize,
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Found> {
@@ -279,7 +280,7 @@ fn find_beside(
         "matched"
     );
     let found = if scene.has_depth() {
-        with_depth(scene, object, articulated, &matches, config, seed)
+        with_depth(scene, object, articulated, &matches, least, config, seed)
     } else {
         pnp::find(&scene.frame.camera, articulated, &matches)
     }?;
@@ -314,6 +315,7 @@ fn with_depth(
     object: &KnownObject,
     articulated: &Articulated,
     matches: &[Match],
+    least: usize,
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Found> {
@@ -323,7 +325,7 @@ fn with_depth(
         best = hypotheses.first().map_or(0, |h| h.support),
         "hypotheses"
     );
-    hypotheses.retain(|h| h.support + 1 >= config.min_inliers);
+    hypotheses.retain(|h| h.support + 1 >= config.min_inliers.max(least));
     let (cloud, coarse) = (&object.cloud, &object.coarse);
     let refiner = Refiner { scene, articulated, cloud, coarse, matches, config };
     let mut tried: Vec<(usize, Pose)> = Vec::new();
@@ -332,13 +334,13 @@ fn with_depth(
         if tried.len() >= config.hypotheses {
             break;
         }
-        let known = tried.iter().any(|(part, pose)| {
+        let is_tried = |(part, pose): &(usize, Pose)| {
             let apart = pose.inverse() * h.camera_from_part;
             *part == h.part
                 && apart.translation.vector.norm() < 0.05
                 && apart.rotation.angle() < 0.2
-        });
-        if known {
+        };
+        if tried.iter().any(is_tried) {
             continue;
         }
         tried.push((h.part, h.camera_from_part));
@@ -358,7 +360,7 @@ fn with_depth(
         }
     }
     let (_, mut best) = best.filter(|(_, b)| b.inliers >= config.min_inliers)?;
-    if config.eliminate {
+    if config.eliminate && probability(best.score) >= config.min_score {
         eliminate(scene, articulated, cloud, &mut best);
     }
     Some(best)

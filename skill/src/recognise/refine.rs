@@ -8,6 +8,7 @@ use super::matching::Match;
 use super::scene::Scene;
 use super::system::{System, add_surface};
 use super::verify::{Cloud, Verdict, verify};
+use rayon::prelude::*;
 
 /// Inliers on either side of a joint below which its configuration is scanned.
 const WEAK: usize = 6;
@@ -56,7 +57,7 @@ impl Refiner<'_> {
         // Depth alone may hold for several configurations: each is followed to its end.
         let settled = self
             .scan(part, &hypothesis.state, &weak, COARSE_STEPS, FOLLOWED)
-            .into_iter()
+            .into_par_iter()
             .map(|scanned| {
                 let aligned = self.align(scanned);
                 // Alignment may pull a small part into the surface behind it: look again.
@@ -66,6 +67,8 @@ impl Refiner<'_> {
                 if better { again } else { aligned }
             })
             .map(|state| (self.fit(self.cloud, &state), state))
+            .collect::<Vec<_>>()
+            .into_iter()
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let settled = settled.map_or_else(|| hypothesis.state.clone(), |(_, state)| state);
         weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint))
@@ -79,12 +82,15 @@ impl Refiner<'_> {
         let reach = (j.high - j.low) / (COARSE_STEPS - 1) as f64;
         let camera_from_part = self.articulated.poses(&state)[part];
         (-HALF..=HALF)
+            .into_par_iter()
             .map(|i| {
                 let mut q = state.q.clone();
                 q[joint] += reach * f64::from(i) / f64::from(HALF);
                 self.articulated.state_with(part, &camera_from_part, q)
             })
             .map(|s| (self.fit(self.cloud, &s), s))
+            .collect::<Vec<_>>()
+            .into_iter()
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .map_or(state, |(_, best)| best)
     }
@@ -128,9 +134,12 @@ impl Refiner<'_> {
             let camera_from_part = self.articulated.poses(&state)[part];
             let j = &self.articulated.joints[joint];
             let step = (j.high - j.low) / (steps - 1) as f64;
-            let mut tried: Vec<(f64, State)> = (0..steps)
+            let tried: Vec<f64> = (0..steps)
                 .map(|i| j.low + step * i as f64)
                 .chain(std::iter::once(state.q[joint]))
+                .collect();
+            let mut tried: Vec<(f64, State)> = tried
+                .into_par_iter()
                 .map(|q| {
                     let mut moved = state.q.clone();
                     moved[joint] = q;

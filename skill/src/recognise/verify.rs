@@ -168,7 +168,7 @@ pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
             continue;
         }
         let Some(pixel) = camera.project(&point).filter(|p| camera.sees(p, 2.0)) else { continue };
-        let pixel = (pixel.x.round() as usize, pixel.y.round() as usize);
+        let pixel = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
         let normal = rotation * s.normal;
         let cosine = -normal.dot(&point.coords) / point.coords.norm();
         placed.push(Placed { index, part: s.part, point, normal, pixel, cosine });

@@ -96,14 +96,13 @@ pub fn all() -> Vec<Still> {
 /// Renders a thing's demonstration, unless it is there.
 pub fn demonstration(thing: &str, dir: &Path, quiet: bool) -> Outcome {
     let seed = HOME + THINGS.iter().position(|t| *t == thing).unwrap_or(0) as u64;
-    let staged = scene(thing, seed);
-    render(staged, Take::Demonstration, seed, dir, quiet)
+    render(|| scene(thing, seed), Take::Demonstration, seed, dir, quiet)
 }
 
 impl Still {
     /// Renders it, unless it is there.
     pub fn render(&self, dir: &Path, quiet: bool) -> Outcome {
-        let staged = match self.shows {
+        let staged = || match self.shows {
             Shows::Known | Shows::Other => scene(&self.thing, self.seed),
             Shows::Repainted => repainted(&self.thing, self.seed),
             Shows::Reproportioned => reproportioned(&self.thing, self.seed),
@@ -112,12 +111,18 @@ impl Still {
     }
 }
 
-fn render(staged: Option<Scene>, take: Take, seed: u64, dir: &Path, quiet: bool) -> Outcome {
+fn render(
+    staged: impl FnOnce() -> Option<Scene>,
+    take: Take,
+    seed: u64,
+    dir: &Path,
+    quiet: bool,
+) -> Outcome {
     // The truth is written last: with it the recording is whole.
     if dir.join("truth.json").is_file() {
         return Ok(());
     }
-    let mut staged = staged.ok_or_else(|| anyhow!("{}: no such scene", dir.display()))?;
+    let mut staged = staged().ok_or_else(|| anyhow!("{}: no such scene", dir.display()))?;
     add_common_clutter(&mut staged, seed);
     let total = take.frames(&staged);
     let progress = Progress::new("rendering", Some(total), quiet);
