@@ -2,7 +2,7 @@
 
 use super::{Learned, Precision, Question, precision};
 use crate::commands::Outcome;
-use linkage_driver::DepthImage;
+use linkage_driver::{DepthImage, RgbdFrame};
 use linkage_skill::SkillConfig;
 use linkage_skill::appearance::{Appearance, FeatureKind};
 use linkage_skill::geometry::median;
@@ -92,9 +92,12 @@ pub fn run(learned: &[Learned], questions: &[Question], config: &SkillConfig) ->
         .collect()
 }
 
-/// The same picture of a camera that gives no depth.
-fn without_depth(scene: &Scene) -> Outcome<Scene> {
-    let mut frame = scene.frame.clone();
+/// A frame's scene, or that of a camera that gives no depth.
+fn scene_of(frame: &RgbdFrame, blind: bool) -> Outcome<Scene> {
+    if !blind {
+        return Ok(Scene::new(frame)?);
+    }
+    let mut frame = frame.clone();
     let (width, height) = (frame.depth.width(), frame.depth.height());
     frame.depth = DepthImage::from_metres(width, height, vec![0.0; width * height])?;
     Ok(Scene::new(&frame)?)
@@ -128,13 +131,12 @@ fn with(
     };
     let (mut precise, mut times): (Vec<Precision>, Vec<f64>) = (Vec::new(), Vec::new());
     for question in questions {
-        let blind = choice.blind.then(|| without_depth(&question.scene)).transpose()?;
-        let scene = blind.as_ref().unwrap_or(&question.scene);
+        let scene = scene_of(&question.frame, choice.blind)?;
         let start = Instant::now();
         let reported: Vec<(usize, Recognised)> = objects
             .par_iter()
             .enumerate()
-            .filter_map(|(i, object)| Some((i, find(scene, object, &sought, config.seed)?)))
+            .filter_map(|(i, object)| Some((i, find(&scene, object, &sought, config.seed)?)))
             .filter(|(_, found)| found.score >= sought.min_score)
             .collect();
         times.push(start.elapsed().as_secs_f64() * 1e3);

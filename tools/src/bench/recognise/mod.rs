@@ -10,8 +10,9 @@ use super::dir::{ConfigurationScore, configuration_scores};
 use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
+use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
-use linkage_skill::appearance::Appearance;
+use linkage_skill::appearance::{Appearance, DescribedFeature};
 use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
 use linkage_skill::recognise::{KnownObject, Recognised, Scene, find, recognise};
 use linkage_skill::store::{Library, StoreError, StoredObject};
@@ -91,7 +92,8 @@ struct Report {
 struct Question {
     still: Still,
     truth: Truth,
-    scene: Scene,
+    frame: RgbdFrame,
+    features: Vec<DescribedFeature>,
     /// Which learned thing it shows; `None`: none.
     number: Option<usize>,
 }
@@ -129,10 +131,17 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         let (row, scene) =
             look(&still, &recording, &library, &learned, &config, &mut report.wrong_scores)?;
         print_row(&row);
+        let Scene { frame, features, .. } = scene;
         report.rows.push(row);
         let known = still.shows == Shows::Known;
         let number = names.iter().position(|n| known && *n == still.thing);
-        questions.push(Question { truth: Truth::read(&recording)?, still, scene, number });
+        questions.push(Question {
+            truth: Truth::read(&recording)?,
+            still,
+            frame,
+            features,
+            number,
+        });
     }
     print_bands(&report);
     print_wrong(&report);

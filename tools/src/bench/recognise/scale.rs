@@ -69,7 +69,7 @@ fn ask(index: &Index, questions: &[Question], insertion_milliseconds: f64) -> Ro
     let mut found = [0_usize; PLACES.len()];
     for question in questions {
         let start = Instant::now();
-        let ranked = index.rank(&question.scene.features, PLACES[PLACES.len() - 1]);
+        let ranked = index.rank(&question.features, PLACES[PLACES.len() - 1]);
         times.push(start.elapsed().as_secs_f64() * 1e3);
         let place = ranked.iter().position(|(object, _)| Some(*object) == question.number);
         for (count, places) in found.iter_mut().zip(PLACES) {
