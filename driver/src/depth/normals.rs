@@ -184,9 +184,9 @@ impl NormalMap {
         let stride = self.size[0] + 1;
         let (a, b) = ((v - half) * stride, (v + half + 1) * stride);
         let (l, r) = (u - half, u + half + 1);
-        std::array::from_fn(|k| {
-            self.sums[b + r][k] - self.sums[b + l][k] - self.sums[a + r][k] + self.sums[a + l][k]
-        })
+        let [inner, left, above, corner] =
+            [b + r, b + l, a + r, a + l].map(|corner| &self.sums[corner]);
+        std::array::from_fn(|k| inner[k] - left[k] - above[k] + corner[k])
     }
 }
 

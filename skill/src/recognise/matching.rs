@@ -116,8 +116,8 @@ fn match_one(query: &DescribedFeature, table: &Table, config: &RecogniseConfig) 
     let gated = table.gated(query);
     let first = gated.start;
     let products = products(&quantise(&query.descriptor), &table.descriptors[gated]);
-    let (i, best) = products.iter().copied().enumerate().max_by_key(|p| p.1)?;
-    let j = first + i;
+    let best = products.iter().copied().max()?;
+    let j = first + products.iter().position(|p| *p == best)?;
     let is_elsewhere = |k: usize| {
         table.parts[k] != table.parts[j]
             || (table.points[k] - table.points[j]).norm_squared() > ONE_PLACE_M * ONE_PLACE_M
