@@ -239,26 +239,29 @@ impl Verdict {
 
     /// Less than 1 where the state claims surface that is seen through.
     pub fn free_space(&self) -> f64 {
-        (1.0 - self.violation() / self.judged.max(1) as f64).max(0.0)
+        let of_moving: usize = self.parts.iter().skip(1).map(|p| p.through).sum();
+        let of_base = self.parts.first().map_or(0, |p| p.through);
+        let worth = if self.is_known() { 1.0 } else { SEEN_THROUGH };
+        let violation = worth * of_base as f64 + SEEN_THROUGH * of_moving as f64;
+        (1.0 - violation / self.judged.max(1) as f64).max(0.0)
     }
 
     /// Share of the surface that is where the state claims it, less where there is little of it
     /// or few matches.
     pub fn agreement(&self, inliers: usize) -> f64 {
-        self.agree as f64 / self.judged.max(1) as f64
+        let gone = if self.is_known() { self.parts[0].through } else { 0 };
+        self.agree as f64 / (self.judged - gone).max(1) as f64
             * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
             * (1.0 - (-(inliers as f64) / 3.0).exp())
     }
 
-    /// Surfels that are seen through, as many as each counts. What moved is the object's own; of
-    /// the base some may be furniture that stood beside it, and where both look right the object
-    /// is there without it.
-    fn violation(&self) -> f64 {
-        let counted = |parts: &[PartVerdict]| parts.iter().map(|p| p.through).sum::<usize>() as f64;
-        let Some((base, moving)) = self.parts.split_first() else { return 0.0 };
-        let known = base.looks_right() && moving.iter().any(PartVerdict::is_seen);
-        let of_base = if known { 1.0 } else { SEEN_THROUGH };
-        of_base * base.through as f64 + SEEN_THROUGH * counted(moving)
+    /// The base and something that moves look right. What moved is the object's own, but of the
+    /// base some may be furniture that stood beside it: where both look right the object is
+    /// there without it.
+    fn is_known(&self) -> bool {
+        self.parts
+            .split_first()
+            .is_some_and(|(base, rest)| base.looks_right() && rest.iter().any(PartVerdict::is_seen))
     }
 
     /// Agreement in depth, part by part worth more where the part also looks right, for
