@@ -3,7 +3,7 @@
 
 use linkage_skill::SkillConfig;
 use linkage_skill::geometry::{distance_to_line, line_angle};
-use linkage_skill::recognise::{Follower, Scene};
+use linkage_skill::recognise::{Follower, RecogniseConfig, Scene};
 use linkage_skill::store::Store;
 use linkage_tests::{failure, linkage, program, python_with_lcm, shared_data, simulated};
 use nalgebra::{Point3, Vector3};
@@ -197,6 +197,18 @@ fn it_is_recognised_and_its_motion_predicted() {
         assert_eq!(found, status, "{message}");
         assert!(message.contains(words), "{message}");
     }
+}
+
+#[test]
+fn of_what_is_not_believed_the_best_score_is_told() {
+    let (dir, recording) = learned();
+    let library = Store::open(&dir.path().join("objects.linkage")).unwrap().load().unwrap();
+    let mut frames = linkage_driver::open(&text(recording)).unwrap();
+    let scene = Scene::new(&frames.next_frame().unwrap().unwrap()).unwrap();
+    let doubtful = RecogniseConfig { min_score: 1.0, ..RecogniseConfig::default() };
+    let found = library.recognise(&scene, &doubtful, 1).unwrap();
+    assert!(found.matches.is_empty());
+    assert!(found.best_refused > 0.5, "{}", found.best_refused);
 }
 
 #[test]

@@ -362,18 +362,13 @@ impl<'q> Perception<'q> {
     /// Looks for objects in a frame.
     fn search(&mut self, Arrived { frame, at }: &Arrived) {
         let State::Watching(w) = &mut self.state else { return };
-        let threshold = self.config.skill.recognise.min_score;
-        // All scores are wanted, to say how near it was.
-        let all = RecogniseConfig { min_score: 0.0, ..self.config.skill.recognise.clone() };
-        let found =
-            match search(&self.library, frame, w.object.as_deref(), &all, self.config.skill.seed) {
-                Ok(found) => found,
-                Err(reason) => return self.out.note(Note::Error(reason)),
-            };
-        let (believed, refused): (Vec<Recognised>, Vec<Recognised>) =
-            found.matches.into_iter().partition(|m| m.score >= threshold);
-        w.best_refused = refused.iter().map(|m| m.score).fold(w.best_refused, f64::max);
-        let believed = Recognition::new(believed);
+        let skill = &self.config.skill;
+        let sought = w.object.as_deref();
+        let believed = match search(&self.library, frame, sought, &skill.recognise, skill.seed) {
+            Ok(found) => found,
+            Err(reason) => return self.out.note(Note::Error(reason)),
+        };
+        w.best_refused = w.best_refused.max(believed.best_refused);
         let numbers = believed.matches.iter().filter_map(|m| self.library.number(&m.object));
         let known: Vec<Arc<KnownObject>> =
             numbers.filter_map(|n| self.library.object(n).ok()).collect();

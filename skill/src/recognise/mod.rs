@@ -186,13 +186,16 @@ pub struct Recognition {
     pub schema: String,
     /// Best first.
     pub matches: Vec<Recognised>,
+    /// Best score of what is not believed; stays in the program.
+    #[serde(skip)]
+    pub best_refused: f64,
 }
 
 impl Recognition {
     /// Wraps matches, best first.
     pub fn new(mut matches: Vec<Recognised>) -> Self {
         matches.sort_by(|a, b| b.score.total_cmp(&a.score));
-        Self { schema: RECOGNITION_SCHEMA.to_owned(), matches }
+        Self { schema: RECOGNITION_SCHEMA.to_owned(), matches, best_refused: 0.0 }
     }
 }
 
@@ -203,23 +206,26 @@ pub fn recognise(
     config: &RecogniseConfig,
     seed: u64,
 ) -> Recognition {
-    let matches =
-        objects.par_iter().flat_map_iter(|object| find_all(scene, object, config, seed)).collect();
-    Recognition::new(matches)
+    let looked: Vec<(Vec<Recognised>, f64)> =
+        objects.par_iter().map(|object| find_all(scene, object, config, seed)).collect();
+    let best_refused = looked.iter().map(|(_, refused)| *refused).fold(0.0, f64::max);
+    let matches = looked.into_iter().flat_map(|(matches, _)| matches).collect();
+    Recognition { best_refused, ..Recognition::new(matches) }
 }
 
-/// All that the scene shows of one make, above the threshold: each next one is looked for where
-/// none of those before it stands. As pieces of room may look alike, a further one must show
-/// both sides of a joint and half as much as the first.
-pub fn find_all(
+/// All that the scene shows of one make, above the threshold, and the best score below it: each
+/// next one is looked for where none of those before it stands. As pieces of room may look alike,
+/// a further one must show both sides of a joint and half as much as the first.
+fn find_all(
     scene: &Scene,
     object: &KnownObject,
     config: &RecogniseConfig,
     seed: u64,
-) -> Vec<Recognised> {
+) -> (Vec<Recognised>, f64) {
     let articulated = Articulated::new(&object.model);
     let mut taken = Taken::default();
     let mut all = Vec::new();
+    let mut refused = 0.0;
     while all.len() < config.max_of_a_make {
         let least = all.first().map_or(0, |first: &Recognised| first.inliers.div_ceil(2));
         let Some(found) = find_beside(scene, object, &articulated, &taken, least, config, seed)
@@ -228,6 +234,7 @@ pub fn find_all(
         };
         let recognised = report(object, &articulated, &found);
         if recognised.score < config.min_score {
+            refused = recognised.score;
             break;
         }
         let places = taken::places_of(&object.cloud, &articulated, &found.state);
@@ -243,7 +250,7 @@ pub fn find_all(
             break;
         }
     }
-    all
+    (all, refused)
 }
 
 /// The best explanation of the scene by one object, whatever its score; `None` when too few

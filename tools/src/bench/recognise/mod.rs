@@ -146,9 +146,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     print_bands(&report);
     print_wrong(&report);
     print_precision(&report);
-    if std::env::var_os("LINKAGE_SHORT").is_none() {
-        report.ablation = ablation::run(&learned, &questions, &config)?;
-    }
+    report.ablation = ablation::run(&learned, &questions, &config)?;
     let appearances: Vec<Appearance> = learned.into_iter().map(|l| l.stored.appearance).collect();
     report.scale = scale::run(&appearances, &questions);
     if let Some(path) = &args.json {
