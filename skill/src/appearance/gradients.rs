@@ -220,7 +220,7 @@ fn sampled(pyramid: &Pyramid, patch: &Patch) -> Samples {
             }
         }
         if !is_inside {
-            let most = |side: usize| side as f32 - 1.001;
+            let most = |side: usize| (side as f32 - 1.001).max(0.0);
             places[0].iter_mut().for_each(|x| *x = x.clamp(0.0, most(picture.width)));
             places[1].iter_mut().for_each(|y| *y = y.clamp(0.0, most(picture.height)));
         }

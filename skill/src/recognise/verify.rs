@@ -250,7 +250,7 @@ impl Verdict {
     /// or few matches.
     pub fn agreement(&self, inliers: usize) -> f64 {
         let gone = if self.is_known() { self.parts[0].through } else { 0 };
-        self.agree as f64 / (self.judged - gone).max(1) as f64
+        self.agree as f64 / self.judged.saturating_sub(gone).max(1) as f64
             * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
             * (1.0 - (-(inliers as f64) / 3.0).exp())
     }
