@@ -316,7 +316,7 @@ pub struct ExportArgs {
     /// Name of the object
     pub object: String,
     /// json: linkage.model/1; urdf, sdf, mjcf: links with boxes around their surface, joints with
-    /// the range that was seen
+    /// the range that was seen (screws in sdf alone)
     #[arg(long, default_value = "json")]
     pub format: ExportFormat,
     /// File; standard output where none is named

@@ -1,12 +1,16 @@
 //! MJCF, as MuJoCo reads it.
 
-use super::{Description, spaced};
+use super::{Description, Motion, spaced};
 use quick_xml::Writer;
 use std::io::{self, Write};
 
 /// The description as MJCF.
-pub fn mjcf(of: &Description) -> io::Result<String> {
-    super::document(|writer| {
+///
+/// # Errors
+/// For screws, which it has not.
+pub fn mjcf(of: &Description) -> anyhow::Result<String> {
+    let of = of.without_screws("MJCF")?;
+    let text = super::document(|writer| {
         writer
             .create_element("mujoco")
             .with_attribute(("model", of.name.as_str()))
@@ -16,7 +20,8 @@ pub fn mjcf(of: &Description) -> io::Result<String> {
                 Ok(())
             })
             .map(drop)
-    })
+    })?;
+    Ok(text)
 }
 
 /// A link within the one that carries it, with all that it carries.
@@ -35,7 +40,7 @@ fn body<W: Write>(writer: &mut Writer<W>, of: &Description, number: usize) -> io
                 w.create_element("joint")
                     .with_attributes([
                         ("name", joint.name.as_str()),
-                        ("type", if joint.turns { "hinge" } else { "slide" }),
+                        ("type", if joint.motion == Motion::Turns { "hinge" } else { "slide" }),
                         ("axis", joint.axis.map(|x| x.to_string()).join(" ").as_str()),
                         ("limited", "true"),
                         ("range", joint.range.map(|q| q.to_string()).join(" ").as_str()),

@@ -57,15 +57,33 @@ pub struct Hinge {
     pub name: String,
     pub parent: usize,
     pub child: usize,
-    pub turns: bool,
+    pub motion: Motion,
     pub axis: [f64; 3],
     pub range: [f64; 2],
+}
+
+/// How a joint moves along or about its axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion {
+    Turns,
+    Slides,
+    /// Turns, and advances so many metres a turn.
+    Screws(f64),
 }
 
 impl Hinge {
     /// What URDF and SDF call its type.
     pub fn kind(&self) -> &'static str {
-        if self.turns { "revolute" } else { "prismatic" }
+        match self.motion {
+            Motion::Turns => "revolute",
+            Motion::Slides => "prismatic",
+            Motion::Screws(_) => "screw",
+        }
+    }
+
+    /// True for a screw.
+    pub fn is_screw(&self) -> bool {
+        matches!(self.motion, Motion::Screws(_))
     }
 }
 
@@ -73,12 +91,26 @@ impl Description {
     /// Of a learned object.
     ///
     /// # Errors
-    /// When a joint neither turns nor slides, which the formats cannot hold.
+    /// When a joint neither turns, slides nor screws, which the formats cannot hold.
     pub fn new(object: &StoredObject) -> anyhow::Result<Self> {
         let model = &object.model;
         let joints = model.joints.iter().map(hinge).collect::<anyhow::Result<_>>()?;
         let links = (0..model.parts.len()).map(|part| link(part, model, &object.appearance));
         Ok(Self { name: model.object.clone(), links: links.collect(), joints })
+    }
+
+    /// Refuses screws for a format that has none.
+    ///
+    /// # Errors
+    /// Names the first screw.
+    fn without_screws(&self, format: &str) -> anyhow::Result<&Self> {
+        match self.joints.iter().find(|j| j.is_screw()) {
+            None => Ok(self),
+            Some(joint) => bail!(
+                "{} is helical, and {format} has no screws; use --format sdf or json",
+                joint.name
+            ),
+        }
     }
 
     /// Where the joint is in its parent's frame.
@@ -88,11 +120,12 @@ impl Description {
 }
 
 fn hinge(joint: &Joint) -> anyhow::Result<Hinge> {
-    let turns = match joint.kind {
-        JointKind::Revolute => true,
-        JointKind::Prismatic => false,
+    let motion = match joint.kind {
+        JointKind::Revolute => Motion::Turns,
+        JointKind::Prismatic => Motion::Slides,
+        JointKind::Helical => Motion::Screws(joint.pitch),
         other => bail!(
-            "{} is {}: only joints that turn or slide can be described; use --format json",
+            "{} is {}: only joints that turn, slide or screw can be described; use --format json",
             joint.name,
             other.name()
         ),
@@ -101,7 +134,7 @@ fn hinge(joint: &Joint) -> anyhow::Result<Hinge> {
         name: joint.name.clone(),
         parent: joint.parent,
         child: joint.child,
-        turns,
+        motion,
         axis: joint.axis,
         range: joint.range,
     })
@@ -185,7 +218,7 @@ mod tests {
     fn model_joint(kind: JointKind) -> Joint {
         let value = serde_json::json!({
             "name": "latch", "parent": 0, "child": 1, "type": kind, "axis": [1.0, 0.0, 0.0],
-            "origin": [0.0, 0.0, 0.0], "pitch": 0.0, "range": [0.0, 1.0], "covariance": [],
+            "origin": [0.0, 0.0, 0.0], "pitch": 0.09, "range": [0.0, 1.0], "covariance": [],
             "observations": 0, "bic": 0.0, "log_likelihood": 0.0, "position_rmse": 0.0,
             "orientation_rmse": 0.0, "configuration": [],
         });
@@ -204,11 +237,11 @@ mod tests {
             origin,
             shape: Cuboid::around(surface),
         };
-        let joint = |name: &str, parent, turns, axis, range| Hinge {
+        let joint = |name: &str, parent, motion, axis, range| Hinge {
             name: name.to_owned(),
             parent,
             child: parent + 1,
-            turns,
+            motion,
             axis,
             range,
         };
@@ -220,8 +253,8 @@ mod tests {
                 link("handle", origins[2], &[]),
             ],
             joints: vec![
-                joint("hinge", 0, true, [0.0, 1.0, 0.0], [0.0, 1.5]),
-                joint("latch", 1, false, [1.0, 0.0, 0.0], [-0.1, 0.0]),
+                joint("hinge", 0, Motion::Turns, [0.0, 1.0, 0.0], [0.0, 1.5]),
+                joint("latch", 1, Motion::Slides, [1.0, 0.0, 0.0], [-0.1, 0.0]),
             ],
         }
     }
@@ -269,9 +302,25 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_that_the_formats_cannot_hold_is_refused_by_name() {
-        assert!(hinge(&model_joint(JointKind::Revolute)).is_ok());
-        let refused = hinge(&model_joint(JointKind::Helical)).err().unwrap().to_string();
-        assert!(refused.contains("latch is helical"), "{refused}");
+    fn a_screw_is_written_where_the_format_has_screws_and_refused_by_name_elsewhere() {
+        let screw = hinge(&model_joint(JointKind::Helical)).unwrap();
+        let (parent, child) = (1, 2);
+        let description = Description {
+            joints: vec![cupboard().joints.swap_remove(0), Hinge { parent, child, ..screw }],
+            ..cupboard()
+        };
+        let text = sdf(&description).unwrap();
+        for wanted in ["version=\"1.10\"", "type=\"screw\"", "<screw_thread_pitch>0.09<"] {
+            assert!(text.contains(wanted), "{wanted} in {text}");
+        }
+        for refused in [urdf(&description), mjcf(&description)] {
+            assert!(refused.unwrap_err().to_string().contains("latch is helical"));
+        }
+    }
+
+    #[test]
+    fn a_joint_that_no_format_can_hold_is_refused_by_name() {
+        let refused = hinge(&model_joint(JointKind::Nonparametric)).err().unwrap().to_string();
+        assert!(refused.contains("latch is nonparametric"), "{refused}");
     }
 }

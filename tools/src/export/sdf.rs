@@ -1,16 +1,21 @@
 //! SDFormat, as Gazebo and Drake read it.
 
-use super::{Cuboid, Description, Hinge, Link, spaced};
+use super::{Cuboid, Description, Hinge, Link, Motion, spaced};
 use quick_xml::Writer;
 use quick_xml::events::BytesText;
 use std::io::{self, Write};
 
-/// The description as SDF 1.9.
-pub fn sdf(of: &Description) -> io::Result<String> {
-    super::document(|writer| {
+/// The description as SDF 1.9; with screws as 1.10, which was the first to say what the pitch of one
+/// is.
+///
+/// # Errors
+/// Whatever the writer says.
+pub fn sdf(of: &Description) -> anyhow::Result<String> {
+    let version = if of.joints.iter().any(Hinge::is_screw) { "1.10" } else { "1.9" };
+    let text = super::document(|writer| {
         writer
             .create_element("sdf")
-            .with_attribute(("version", "1.9"))
+            .with_attribute(("version", version))
             .write_inner_content(|w| {
                 w.create_element("model")
                     .with_attribute(("name", of.name.as_str()))
@@ -21,7 +26,8 @@ pub fn sdf(of: &Description) -> io::Result<String> {
                     .map(drop)
             })
             .map(drop)
-    })
+    })?;
+    Ok(text)
 }
 
 fn text<W: Write>(writer: &mut Writer<W>, name: &str, words: &str) -> io::Result<()> {
@@ -85,6 +91,9 @@ fn joint<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> i
         .write_inner_content(|w| {
             text(w, "parent", &of.links[joint.parent].name)?;
             text(w, "child", &of.links[joint.child].name)?;
+            if let Motion::Screws(pitch) = joint.motion {
+                text(w, "screw_thread_pitch", &pitch.to_string())?;
+            }
             w.create_element("axis").write_inner_content(|w| {
                 text(w, "xyz", &joint.axis.map(|x| x.to_string()).join(" "))?;
                 w.create_element("limit").write_inner_content(|w| {

@@ -9,8 +9,12 @@ const EFFORT: &str = "100";
 const VELOCITY: &str = "1";
 
 /// The description as URDF.
-pub fn urdf(of: &Description) -> io::Result<String> {
-    super::document(|writer| {
+///
+/// # Errors
+/// For screws, which it has not.
+pub fn urdf(of: &Description) -> anyhow::Result<String> {
+    let of = of.without_screws("URDF")?;
+    let text = super::document(|writer| {
         writer
             .create_element("robot")
             .with_attribute(("name", of.name.as_str()))
@@ -19,7 +23,8 @@ pub fn urdf(of: &Description) -> io::Result<String> {
                 of.joints.iter().try_for_each(|j| joint(w, of, j))
             })
             .map(drop)
-    })
+    })?;
+    Ok(text)
 }
 
 fn link<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
