@@ -7,54 +7,44 @@ use super::verify::{Cloud, visible};
 use linkage_driver::depth::depth_sigma;
 use nalgebra::{DMatrix, DVector};
 
-/// Normal equations over pose and configurations.
+/// Normal equations over pose and configurations; of the symmetric matrix the lower triangle
+/// alone.
 pub struct System {
-    /// Row by row; what is left of the diagonal is not filled.
-    hessian: Vec<f64>,
-    gradient: Vec<f64>,
-    row: Vec<f64>,
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+    row: DVector<f64>,
 }
 
 impl System {
     /// For so many unknowns.
     pub fn new(unknowns: usize) -> Self {
         Self {
-            hessian: vec![0.0; unknowns * unknowns],
-            gradient: vec![0.0; unknowns],
-            row: Vec::with_capacity(unknowns),
+            hessian: DMatrix::zeros(unknowns, unknowns),
+            gradient: DVector::zeros(unknowns),
+            row: DVector::zeros(unknowns),
         }
     }
 
     /// One residual, with how it changes with each unknown.
     pub fn add(&mut self, jacobian: impl IntoIterator<Item = f64>, residual: f64, weight: f64) {
-        self.row.clear();
-        self.row.extend(jacobian);
-        let rows = self.hessian.chunks_exact_mut(self.row.len());
-        for (a, (hessian, gradient)) in rows.zip(&mut self.gradient).enumerate() {
-            let weighted = weight * self.row[a];
-            *gradient += weighted * residual;
-            for (h, b) in hessian[a..].iter_mut().zip(&self.row[a..]) {
-                *h += weighted * b;
-            }
-        }
+        self.row.iter_mut().zip(jacobian).for_each(|(entry, value)| *entry = value);
+        self.gradient.axpy(weight * residual, &self.row, 1.0);
+        self.hessian.syger(weight, &self.row, &self.row, 1.0);
     }
 
     /// Holds the first unknowns, the pose, where they are.
     pub fn hold_pose(&mut self, weight: f64) {
         for k in 0..6 {
-            self.hessian[k * (self.gradient.len() + 1)] += weight;
+            self.hessian[(k, k)] += weight;
         }
     }
 
     /// The step that lowers the residuals; `None` when it cannot be told.
-    pub fn solve(self, damping: f64) -> Option<DVector<f64>> {
-        let n = self.gradient.len();
-        let symmetric = |a: usize, b: usize| {
-            let damping = if a == b { damping } else { 0.0 };
-            self.hessian[a.min(b) * n + a.max(b)] + damping
-        };
-        let hessian = DMatrix::from_fn(n, n, symmetric);
-        Some(hessian.cholesky()?.solve(&-DVector::from_vec(self.gradient)))
+    pub fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
+        for k in 0..self.hessian.nrows() {
+            self.hessian[(k, k)] += damping;
+        }
+        Some(self.hessian.cholesky()?.solve(&(-self.gradient)))
     }
 }
 
