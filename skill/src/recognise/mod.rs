@@ -223,13 +223,12 @@ fn find_all(
     seed: u64,
 ) -> (Vec<Recognised>, f64) {
     let articulated = Articulated::new(&object.model);
+    let mut config = config.clone();
     let mut taken = Taken::default();
     let mut all = Vec::new();
     let mut refused = 0.0;
     while all.len() < config.max_of_a_make {
-        let least = all.first().map_or(0, |first: &Recognised| first.inliers.div_ceil(2));
-        let Some(found) = find_beside(scene, object, &articulated, &taken, least, config, seed)
-        else {
+        let Some(found) = find_beside(scene, object, &articulated, &taken, &config, seed) else {
             break;
         };
         let recognised = report(object, &articulated, &found);
@@ -238,10 +237,10 @@ fn find_all(
             break;
         }
         let places = taken::places_of(&object.cloud, &articulated, &found.state);
-        let is_further = found.evident.contains(&true)
-            && found.inliers >= least
-            && taken.share(&places) <= MAX_SHARED;
-        if !all.is_empty() && !is_further {
+        let is_further = found.evident.contains(&true) && taken.share(&places) <= MAX_SHARED;
+        if all.is_empty() {
+            config.min_inliers = config.min_inliers.max(found.inliers.div_ceil(2));
+        } else if !is_further {
             break;
         }
         taken.add(&places);
@@ -262,17 +261,16 @@ pub fn find(
     seed: u64,
 ) -> Option<Recognised> {
     let articulated = Articulated::new(&object.model);
-    let found = find_beside(scene, object, &articulated, &Taken::default(), 0, config, seed)?;
+    let found = find_beside(scene, object, &articulated, &Taken::default(), config, seed)?;
     Some(report(object, &articulated, &found))
 }
 
-/// The same, away from what is taken, from hypotheses that at least so many matches bear out.
+/// The same, away from what is taken.
 fn find_beside(
     scene: &Scene,
     object: &KnownObject,
     articulated: &Articulated,
     taken: &Taken,
-    least: usize,
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Found> {
@@ -287,7 +285,7 @@ fn find_beside(
         "matched"
     );
     let found = if scene.has_depth() {
-        with_depth(scene, object, articulated, &matches, least, config, seed)
+        with_depth(scene, object, articulated, &matches, config, seed)
     } else {
         pnp::find(&scene.frame.camera, articulated, &matches)
     }?;
@@ -322,7 +320,6 @@ fn with_depth(
     object: &KnownObject,
     articulated: &Articulated,
     matches: &[Match],
-    least: usize,
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Found> {
@@ -332,7 +329,7 @@ fn with_depth(
         best = hypotheses.first().map_or(0, |h| h.support),
         "hypotheses"
     );
-    hypotheses.retain(|h| h.support + 1 >= config.min_inliers.max(least));
+    hypotheses.retain(|h| h.support + 1 >= config.min_inliers);
     let (cloud, coarse) = (&object.cloud, &object.coarse);
     let refiner = Refiner { scene, articulated, cloud, coarse, matches, config };
     let mut tried: Vec<(usize, Pose)> = Vec::new();
