@@ -55,7 +55,7 @@ impl Refiner<'_> {
             return self.align(self.fit_features(hypothesis.state.clone()));
         }
         // Depth alone may hold for several configurations: each is followed to its end.
-        let settled = self
+        let scanned = self
             .scan(part, &hypothesis.state, &weak, COARSE_STEPS, FOLLOWED)
             .into_par_iter()
             .map(|scanned| {
@@ -65,12 +65,8 @@ impl Refiner<'_> {
                 let better =
                     self.fit(self.cloud, &again) > SCAN_ADVANTAGE * self.fit(self.cloud, &aligned);
                 if better { again } else { aligned }
-            })
-            .map(|state| (self.fit(self.cloud, &state), state))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let settled = settled.map_or_else(|| hypothesis.state.clone(), |(_, state)| state);
+            });
+        let settled = self.best_of(scanned).unwrap_or_else(|| hypothesis.state.clone());
         weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint))
     }
 
@@ -81,18 +77,18 @@ impl Refiner<'_> {
         let j = &self.articulated.joints[joint];
         let reach = (j.high - j.low) / (COARSE_STEPS - 1) as f64;
         let camera_from_part = self.articulated.poses(&state)[part];
-        (-HALF..=HALF)
-            .into_par_iter()
-            .map(|i| {
-                let mut q = state.q.clone();
-                q[joint] += reach * f64::from(i) / f64::from(HALF);
-                self.articulated.state_with(part, &camera_from_part, q)
-            })
-            .map(|s| (self.fit(self.cloud, &s), s))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .map_or(state, |(_, best)| best)
+        let about = (-HALF..=HALF).into_par_iter().map(|i| {
+            let mut q = state.q.clone();
+            q[joint] += reach * f64::from(i) / f64::from(HALF);
+            self.articulated.state_with(part, &camera_from_part, q)
+        });
+        self.best_of(about).unwrap_or(state)
+    }
+
+    /// The state that fits best; of equal ones the last, whichever thread is first.
+    fn best_of(&self, states: impl ParallelIterator<Item = State>) -> Option<State> {
+        let fitted: Vec<(f64, State)> = states.map(|s| (self.fit(self.cloud, &s), s)).collect();
+        fitted.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
     }
 
     /// Agreement of surface and features; a feature weighs as much as some surface.
