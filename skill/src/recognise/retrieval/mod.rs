@@ -11,6 +11,7 @@ use crate::appearance::{
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
 use std::collections::{HashMap, HashSet};
 use vocabulary::{Coded, WORDS};
 
@@ -162,7 +163,7 @@ impl Index {
         let least = ranked.get(places.saturating_sub(1)).map_or(0.0, |r| r.1);
         let others: Vec<(u32, f64)> = others.into_iter().filter(|o| o.1 >= least).collect();
         ranked.extend(self.in_regions(&votes, seen, &others));
-        ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        ranked.sort_by(most_first);
         ranked.truncate(places);
         ranked
     }
@@ -194,7 +195,7 @@ impl Index {
             .zip(placed)
             .map(|((object, _), votes)| (*object as usize, most_in_a_region(votes)))
             .collect();
-        ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        ranked.sort_by(most_first);
         ranked
     }
 
@@ -224,6 +225,11 @@ impl Index {
         let weight = |bits: u32| rarity * (-(f64::from(bits) / SIGMA_BITS).powi(2)).exp();
         fitting.into_iter().map(|(object, bits)| Vote { object, weight: weight(bits) }).collect()
     }
+}
+
+/// By weight, then by number.
+fn most_first(a: &(usize, f64), b: &(usize, f64)) -> Ordering {
+    b.1.total_cmp(&a.1).then(a.0.cmp(&b.0))
 }
 
 /// A feature's vote for an object.
@@ -324,6 +330,25 @@ mod tests {
         let ranked = twenty_objects().rank(&seen(13, 1.0), 5);
         assert_eq!(ranked[0].0, 13);
         assert!(ranked.get(1).is_none_or(|second| ranked[0].1 > 3.0 * second.1), "{ranked:?}");
+    }
+
+    #[test]
+    fn the_first_places_are_those_of_the_whole_ranking() {
+        // Of each object something is seen, the more of it in one place the lower its number.
+        let seen: Vec<DescribedFeature> = (0..20)
+            .flat_map(|number| {
+                seen(number, 1.0).into_iter().enumerate().map(move |(i, feature)| {
+                    let apart = (i % (1 + number as usize)) as f64;
+                    DescribedFeature { point: Some(Point3::new(apart, 0.0, 1.0)), ..feature }
+                })
+            })
+            .collect();
+        let index = twenty_objects();
+        let whole = index.rank(&seen, 20);
+        assert_eq!(whole.len(), 20);
+        for places in 1..20 {
+            assert_eq!(index.rank(&seen, places), whole[..places]);
+        }
     }
 
     #[test]
