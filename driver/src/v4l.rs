@@ -49,10 +49,18 @@ struct Picture {
     bytes: Vec<u8>,
 }
 
+/// How a device lays out its pictures.
+struct Layout {
+    format: FourCC,
+    /// Bytes from one line to the next.
+    stride: usize,
+}
+
 /// Two open devices, each with a thread that waits for it.
 pub struct V4lCamera {
     camera: Arc<PinholeCamera>,
-    color_format: FourCC,
+    color: Layout,
+    depth: Layout,
     pictures: Receiver<Result<Picture, String>>,
     pairing: Pairing<Vec<u8>, Vec<u8>>,
     stop: Arc<AtomicBool>,
@@ -67,8 +75,8 @@ impl V4lCamera {
     pub fn open(color: &str, depth: &str, camera: Arc<PinholeCamera>) -> Result<Self, SourceError> {
         let (sender, pictures) = sync_channel(WAITING);
         let stop = Arc::new(AtomicBool::new(false));
-        let (color_device, color_format) = negotiate(color, &COLOR_FORMATS, &camera)?;
-        let (depth_device, _) = negotiate(depth, &DEPTH_FORMATS, &camera)?;
+        let (color_device, color) = negotiate(color, &COLOR_FORMATS, &camera)?;
+        let (depth_device, depth) = negotiate(depth, &DEPTH_FORMATS, &camera)?;
         let threads = [(color_device, false), (depth_device, true)]
             .map(|(device, is_depth)| {
                 let (sender, stop) = (sender.clone(), Arc::clone(&stop));
@@ -76,14 +84,15 @@ impl V4lCamera {
             })
             .into();
         let pairing = Pairing::new(MAX_PAIR_GAP_US);
-        Ok(Self { camera, color_format, pictures, pairing, stop, threads })
+        Ok(Self { camera, color, depth, pictures, pairing, stop, threads })
     }
 
     fn assemble(&self, pair: Paired<Vec<u8>, Vec<u8>>) -> Result<RgbdFrame, String> {
         let (width, height) = (self.camera.width, self.camera.height);
-        let color = decode_color(pair.color, self.color_format, width, height)?;
+        let color = decode_color(pair.color, &self.color, width, height)?;
+        let depth = packed(pair.depth, self.depth.stride, 2 * width);
         let raw: Vec<u16> =
-            pair.depth.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+            depth.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         let depth = DepthImage::from_raw(width, height, &raw, self.camera.depth_units_per_metre)
             .map_err(|e| e.to_string())?;
         RgbdFrame::new(pair.utime, Arc::clone(&self.camera), color, depth)
@@ -133,7 +142,7 @@ fn negotiate(
     path: &str,
     wanted: &[&[u8; 4]],
     camera: &PinholeCamera,
-) -> Result<(Device, FourCC), SourceError> {
+) -> Result<(Device, Layout), SourceError> {
     let failed = |reason: String| SourceError::Device { name: format!("v4l:{path}"), reason };
     let device = Device::with_path(Path::new(path)).map_err(|e| {
         failed(match e.kind() {
@@ -172,7 +181,7 @@ fn negotiate(
             set.width, set.height, camera.width, camera.height
         )));
     }
-    Ok((device, set.fourcc))
+    Ok((device, Layout { format: set.fourcc, stride: set.stride as usize }))
 }
 
 fn same_format(a: &FourCC, b: &FourCC) -> bool {
@@ -216,21 +225,33 @@ fn stream(
 
 fn decode_color(
     bytes: Vec<u8>,
-    format: FourCC,
+    layout: &Layout,
     width: usize,
     height: usize,
 ) -> Result<ColorImage, String> {
-    match &format.repr {
-        b"MJPG" => jpeg::decode(&bytes),
+    match &layout.format.repr {
+        b"MJPG" => jpeg::decode_motion(&bytes),
         b"YUYV" => {
+            let bytes = packed(bytes, layout.stride, 2 * width);
             let rgb = bytes.chunks_exact(4).flat_map(|p| {
                 let [first, second] = [p[0], p[2]].map(|y| yuv_to_rgb(y, p[1], p[3]));
                 [first[0], first[1], first[2], second[0], second[1], second[2]]
             });
             ColorImage::new(width, height, rgb.collect()).map_err(|e| e.to_string())
         }
-        _ => ColorImage::new(width, height, bytes).map_err(|e| e.to_string()),
+        _ => {
+            let bytes = packed(bytes, layout.stride, 3 * width);
+            ColorImage::new(width, height, bytes).map_err(|e| e.to_string())
+        }
     }
+}
+
+/// Lines without what pads them.
+fn packed(bytes: Vec<u8>, stride: usize, line: usize) -> Vec<u8> {
+    if stride <= line {
+        return bytes;
+    }
+    bytes.chunks(stride).flat_map(|padded| &padded[..line.min(padded.len())]).copied().collect()
 }
 
 /// ITU-R BT.601 with the usual narrow range, in 8.8 fixed point.
@@ -253,7 +274,8 @@ mod tests {
 
     #[test]
     fn a_short_picture_is_an_error() {
-        let error = decode_color(vec![0; 10], FourCC::new(b"YUYV"), 4, 2).unwrap_err();
+        let layout = Layout { format: FourCC::new(b"YUYV"), stride: 8 };
+        let error = decode_color(vec![0; 10], &layout, 4, 2).unwrap_err();
         assert!(error.contains("4x2"), "{error}");
     }
 }

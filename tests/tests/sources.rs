@@ -1,8 +1,10 @@
 //! Every driver through its real library, without hardware: what goes in comes out, and a
 //! demonstration teaches the same whichever way it comes.
 
+use linkage_driver::lcm::{Packing, decode_frame, encode_frame};
 use linkage_driver::record::{FakenectRecorder, Recorder};
 use linkage_driver::{RgbdFrame, SourceStatistics, open};
+use linkage_lcm::encode;
 use linkage_tests::{fixtures, linkage, program, simulated};
 use serde_json::Value;
 use std::fs;
@@ -331,6 +333,42 @@ fn two_v4l2_devices_make_one_camera() {
         let colours = a.color.as_rgb().chunks_exact(3).zip(b.color.as_rgb().chunks_exact(3));
         let worst = colours.map(|(a, b)| (grey(a) - grey(b)).abs()).max().unwrap();
         assert!(worst <= 2, "grey differs by {worst}");
+    }
+}
+
+#[test]
+fn a_v4l2_device_may_pad_its_lines() {
+    let _turn = in_turn();
+    let (original, _) = frames_of(text(&demonstration()));
+    let original = &original[..10];
+    let frames = recorded_from_v4l2(original, original.len(), &[("LINKAGE_COLOUR", "RGB3")]);
+    assert_eq!(frames.len(), original.len());
+    for (a, b) in original.iter().zip(&frames) {
+        assert!(a.color == b.color, "colour differs");
+        assert!(a.depth.to_raw(1000.0) == b.depth.to_raw(1000.0), "depth differs");
+    }
+}
+
+#[test]
+fn a_v4l2_device_may_send_motion_jpeg() {
+    let _turn = in_turn();
+    let (original, _) = frames_of(text(&demonstration()));
+    let scratch = tempfile::tempdir().unwrap();
+    let (mut pictures, mut expected) = (Vec::new(), Vec::new());
+    for frame in &original[..10] {
+        let message = encode_frame(frame, Packing::SMALL).unwrap();
+        pictures.extend((message.image.image_data.len() as u32).to_le_bytes());
+        pictures.extend(&message.image.image_data);
+        expected.push(decode_frame(&encode(&message).unwrap(), &frame.camera).unwrap());
+    }
+    let path = scratch.path().join("pictures.bin");
+    fs::write(&path, pictures).unwrap();
+    let settings = [("LINKAGE_COLOUR", "MJPG"), ("LINKAGE_JPEGS", text(&path))];
+    let frames = recorded_from_v4l2(&original[..10], expected.len(), &settings);
+    assert_eq!(frames.len(), expected.len());
+    for (a, b) in expected.iter().zip(&frames) {
+        assert!(a.color == b.color, "colour differs");
+        assert!(a.depth.to_raw(1000.0) == b.depth.to_raw(1000.0), "depth differs");
     }
 }
 
