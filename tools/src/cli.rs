@@ -422,7 +422,7 @@ pub struct BenchArgs {
     /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations
     /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
     /// a folder of recordings; recognise: look for learned things in stills, known ones and
-    /// look-alikes, and in libraries of up to 100 000; follow: follow
+    /// look-alikes (other rooms and shots by --seed), and in libraries of up to 100 000; follow: follow
     /// what was learned from a recording through it; serve: time from a frame to its prediction
     /// over LCM, and how a stream of setpoints keeps its time; logs: fit pose logs of known type; tracking: play clips forward
     /// and back
@@ -435,6 +435,9 @@ pub struct BenchArgs {
     /// says where they are
     #[arg(long)]
     pub tags: bool,
+    /// recognise: without ablation and without large libraries
+    #[arg(long)]
+    pub brief: bool,
     /// Write the figures as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -105,8 +105,8 @@ struct Learned {
 }
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
-    let dir = args.dir.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DIR));
     let config = skill_config(common)?;
+    let dir = folder(args, config.seed);
     let learned: Vec<Learned> = THINGS
         .iter()
         .map(|thing| learn(thing, &dir.join(thing), &config, common.quiet))
@@ -125,7 +125,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         scale: Vec::new(),
     };
     let mut questions = Vec::new();
-    for still in stills::all() {
+    for still in stills::all(config.seed) {
         let recording = dir.join(&still.name);
         still.render(&recording, common.quiet)?;
         let (row, scene) =
@@ -146,13 +146,22 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     print_bands(&report);
     print_wrong(&report);
     print_precision(&report);
-    report.ablation = ablation::run(&learned, &questions, &config)?;
-    let appearances: Vec<Appearance> = learned.into_iter().map(|l| l.stored.appearance).collect();
-    report.scale = scale::run(&appearances, &questions);
+    if !args.brief {
+        report.ablation = ablation::run(&learned, &questions, &config)?;
+        let appearances: Vec<Appearance> =
+            learned.into_iter().map(|l| l.stored.appearance).collect();
+        report.scale = scale::run(&appearances, &questions);
+    }
     if let Some(path) = &args.json {
         write_json(path, &report)?;
     }
     Ok(())
+}
+
+/// Where the recordings of a draw are kept.
+fn folder(args: &BenchArgs, draw: u64) -> PathBuf {
+    let dir = args.dir.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DIR));
+    if draw == SkillConfig::default().seed { dir } else { dir.join(format!("draw_{draw}")) }
 }
 
 fn learn(
@@ -161,7 +170,7 @@ fn learn(
     config: &SkillConfig,
     quiet: bool,
 ) -> Outcome<Option<Learned>> {
-    stills::demonstration(thing, recording, quiet)?;
+    stills::demonstration(thing, config.seed, recording, quiet)?;
     let source = recording.display().to_string();
     let demonstration = demonstrate(&source, thing, config, quiet)?;
     if demonstration.model.joints.is_empty() {

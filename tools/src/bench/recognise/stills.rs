@@ -31,8 +31,10 @@ pub const THINGS: [&str; 15] = [
 ];
 /// Turns from the demonstration's viewpoint, degrees, to either side.
 const TURNS: [f64; 5] = [10.0, 22.0, 34.0, 44.0, 57.0];
-/// Seed of the demonstrations' rooms.
-const HOME: u64 = 7000;
+/// First seed of a draw: of its demonstrations' rooms.
+fn home(draw: u64) -> u64 {
+    draw.wrapping_mul(1000).wrapping_add(6000)
+}
 
 /// What a still shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
@@ -61,11 +63,11 @@ pub struct Still {
     seed: u64,
 }
 
-/// All stills, in a fixed order.
-pub fn all() -> Vec<Still> {
+/// All stills of a draw of rooms and shots, in a fixed order.
+pub fn all(draw: u64) -> Vec<Still> {
     let mut stills = Vec::new();
     let mut add = |shows, thing: &str, tag: &str, turn: f64| {
-        let seed = HOME + 100 + stills.len() as u64;
+        let seed = home(draw).wrapping_add(100 + stills.len() as u64);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let shot = Shot {
@@ -94,8 +96,9 @@ pub fn all() -> Vec<Still> {
 }
 
 /// Renders a thing's demonstration, unless it is there.
-pub fn demonstration(thing: &str, dir: &Path, quiet: bool) -> Outcome {
-    let seed = HOME + THINGS.iter().position(|t| *t == thing).unwrap_or(0) as u64;
+pub fn demonstration(thing: &str, draw: u64, dir: &Path, quiet: bool) -> Outcome {
+    let number = THINGS.iter().position(|t| *t == thing).unwrap_or(0) as u64;
+    let seed = home(draw).wrapping_add(number);
     render(|| scene(thing, seed), Take::Demonstration, seed, dir, quiet)
 }
 
