@@ -291,6 +291,7 @@ fn nothing_is_recognised_in_a_room_without_it() {
 fn a_python_subscriber_and_the_logger_receive_model_prediction_and_plan() {
     let Some(python) = python_with_lcm() else { return };
     let (dir, _) = learned();
+    let encounter = simulated("drawer", true, 1);
     let scratch = tempfile::tempdir().unwrap();
     let types = Path::new(env!("CARGO_MANIFEST_DIR")).join("../planner_bridge/lcm/types");
     let files: Vec<PathBuf> =
@@ -322,7 +323,6 @@ fn a_python_subscriber_and_the_logger_receive_model_prediction_and_plan() {
         .spawn()
         .unwrap();
     std::thread::sleep(Duration::from_secs(2));
-    let encounter = simulated("drawer", true, 1);
     let output = linkage(&[
         "predict",
         &text(&encounter),
@@ -369,7 +369,7 @@ def on(channel, data):
 net = lcm.LCM(sys.argv[1])
 net.subscribe("LINKAGE_.*", on)
 import time
-end = time.time() + 60
+end = time.time() + 300
 while len(seen) < 3 and time.time() < end:
     net.handle_timeout(500)
 print("\n".join(seen.values()))
