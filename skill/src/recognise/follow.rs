@@ -137,7 +137,7 @@ impl Follower {
             state: self.state.clone(),
             score,
             inliers: 0,
-            verdict: None,
+            verdict,
             evident: evident.into_iter().map(|e| e && seen).collect(),
             seen: parts.into_iter().map(|p| p && seen).collect(),
         };

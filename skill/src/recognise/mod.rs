@@ -287,7 +287,7 @@ fn find_beside(
     let found = if scene.has_depth() {
         with_depth(scene, object, articulated, &matches, config, seed)
     } else {
-        pnp::find(&scene.frame.camera, articulated, &matches)
+        pnp::find(scene, articulated, &object.cloud, &matches)
     }?;
     tracing::debug!(
         object = object.model.object,
@@ -308,7 +308,7 @@ struct Found {
     state: State,
     score: f64,
     inliers: usize,
-    verdict: Option<Verdict>,
+    verdict: Verdict,
     /// Parts of which something is itself seen.
     seen: Vec<bool>,
     /// Joints whose configuration can be told.
@@ -359,13 +359,15 @@ fn with_depth(
         // what counts is how much is explained, and how well.
         let explained = score * refine::explained(&verdict, inliers);
         if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-            let verdict = Some(verdict);
             best = Some((explained, Found { state, score, inliers, verdict, seen, evident }));
         }
     }
     let (_, mut best) = best.filter(|(_, b)| b.inliers >= config.min_inliers)?;
     if config.eliminate && probability(best.score) >= config.min_score {
         eliminate(scene, articulated, cloud, &mut best);
+    }
+    if !best.evident.contains(&true) {
+        best.score *= best.verdict.mechanism(articulated);
     }
     Some(best)
 }

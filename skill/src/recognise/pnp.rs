@@ -4,7 +4,9 @@
 use super::articulated::{Articulated, State};
 use super::hypothesis::places;
 use super::matching::Match;
+use super::scene::Scene;
 use super::system::System;
+use super::verify::{Cloud, verify_looks};
 use super::{Found, evident_joints};
 use crate::geometry::Pose;
 use linkage_driver::PinholeCamera;
@@ -13,7 +15,7 @@ use opencv::calib3d;
 use opencv::core::{Mat, Point2f, Point3f, Vector};
 use opencv::prelude::*;
 
-/// Inliers that a pose without depth must have: nothing else verifies it.
+/// Inliers that a pose without depth must have.
 const MIN_INLIERS: usize = 12;
 /// Inliers that show a part.
 const MIN_OF_PART: usize = 4;
@@ -29,9 +31,34 @@ const STEPS: usize = 8;
 /// Samples drawn of a lot, at the most.
 const SAMPLES: i32 = 2000;
 
-/// The object from pixels; `None` without enough inliers.
-pub fn find(camera: &PinholeCamera, articulated: &Articulated, matches: &[Match]) -> Option<Found> {
-    let (state, inliers) = (0..articulated.parts)
+/// The object from pixels, verified by its looks; `None` without enough inliers.
+pub fn find(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    matches: &[Match],
+) -> Option<Found> {
+    let camera = &scene.frame.camera;
+    let (state, inliers) = place(camera, articulated, matches)?;
+    let verdict = verify_looks(scene, articulated, cloud, &state);
+    let seen: Vec<bool> = (0..articulated.parts)
+        .map(|p| {
+            inliers_of(camera, articulated, matches, &state, &[p]) >= MIN_OF_PART
+                && verdict.parts[p].looks_alike()
+        })
+        .collect();
+    let evident = evident_joints(articulated, &seen);
+    let score = verdict.looks() * (1.0 - (-(inliers as f64) / 10.0).exp());
+    Some(Found { state, score, inliers, verdict, seen, evident })
+}
+
+/// The state that most matches agree with, and how many.
+fn place(
+    camera: &PinholeCamera,
+    articulated: &Articulated,
+    matches: &[Match],
+) -> Option<(State, usize)> {
+    (0..articulated.parts)
         .flat_map(|part| LOTS.map(|lot| (part, lot)))
         .filter_map(|(part, lot)| {
             let own: Vec<&Match> = matches.iter().filter(|m| m.part == part).take(lot).collect();
@@ -41,14 +68,8 @@ pub fn find(camera: &PinholeCamera, articulated: &Articulated, matches: &[Match]
             let inliers = inliers(camera, articulated, matches, &state, |_| true);
             Some((state, inliers))
         })
-        .max_by_key(|(_, inliers)| *inliers)?;
-    let seen: Vec<bool> = (0..articulated.parts)
-        .map(|p| inliers_of(camera, articulated, matches, &state, &[p]) >= MIN_OF_PART)
-        .collect();
-    let evident = evident_joints(articulated, &seen);
-    let score = 1.0 - (-(inliers as f64) / 30.0).exp();
-    let verdict = None;
-    (inliers >= MIN_INLIERS).then_some(Found { state, score, inliers, verdict, seen, evident })
+        .max_by_key(|(_, inliers)| *inliers)
+        .filter(|(_, inliers)| *inliers >= MIN_INLIERS)
 }
 
 /// The state in which a part has a pose and the others' matches agree most.
@@ -246,10 +267,10 @@ mod tests {
         let turned = rotation_about(&Point3::new(0.0, 0.0, 1.7), &Vector3::y_axis(), 0.3);
         let truth = State { camera_from_object: turned, q: vec![0.8] };
         let matches = seen(&articulated, &truth, &camera);
-        let found = find(&camera, &articulated, &matches).unwrap();
-        let off = truth.camera_from_object.inverse() * found.state.camera_from_object;
+        let (state, inliers) = place(&camera, &articulated, &matches).unwrap();
+        let off = truth.camera_from_object.inverse() * state.camera_from_object;
         assert!(off.rotation.angle().to_degrees() < 0.3, "{off}");
-        assert!(found.evident[0] && (found.state.q[0] - 0.8).abs() < 0.02, "{:?}", found.state.q);
+        assert!(inliers > 60 && (state.q[0] - 0.8).abs() < 0.02, "{inliers}, {:?}", state.q);
     }
 
     #[test]
@@ -258,6 +279,6 @@ mod tests {
         let rest = State { camera_from_object: Pose::identity(), q: vec![0.0] };
         let wrong: Vec<Match> =
             seen(&articulated, &rest, &camera).into_iter().skip(1).step_by(2).collect();
-        assert!(find(&camera, &articulated, &wrong).is_none());
+        assert!(place(&camera, &articulated, &wrong).is_none());
     }
 }

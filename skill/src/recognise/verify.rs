@@ -199,8 +199,19 @@ impl PartVerdict {
         self.agree > 4 * self.through && self.looks_right()
     }
 
+    /// Share of its surface that is seen through, but for its edges.
+    fn seen_through(&self) -> f64 {
+        let through = self.through.saturating_sub(AT_EDGES) as f64;
+        through / (self.agree as f64 + through).max(1.0)
+    }
+
     fn looks_right(&self) -> bool {
-        self.agree >= 25 && self.correlation.is_some_and(|c| c > 0.4)
+        self.agree >= 25 && self.looks_alike()
+    }
+
+    /// Its lightness varies as it should.
+    pub fn looks_alike(&self) -> bool {
+        self.correlation.is_some_and(|c| c > 0.4)
     }
 }
 
@@ -223,10 +234,18 @@ pub struct Verdict {
     pub parts: Vec<PartVerdict>,
 }
 
-/// Surfels that one counts for where it is seen through.
+/// Surfels of the base that one counts for where it is seen through.
 const SEEN_THROUGH: f64 = 5.0;
+/// Share of a moving part's surface that is seen through where the part has another shape.
+const ANOTHER_SHAPE: f64 = 0.1;
+/// Surfels of a part that are seen through at its edges, whatever its shape.
+const AT_EDGES: usize = 5;
 
 impl Verdict {
+    fn nothing_yet(parts: usize) -> Self {
+        Self { parts: vec![PartVerdict::default(); parts], ..Self::default() }
+    }
+
     /// 0 to 1: appearance times agreement in depth times free space, less for little evidence.
     pub fn score(&self, inliers: usize) -> f64 {
         self.looks() * self.free_space() * self.agreement(inliers)
@@ -237,13 +256,14 @@ impl Verdict {
         self.correlation.max(0.0)
     }
 
-    /// Less than 1 where the state claims surface that is seen through.
+    /// Less than 1 where the state claims surface that is seen through. Of the base that may be
+    /// furniture; what moved is the object's own, and each part is judged by itself.
     pub fn free_space(&self) -> f64 {
-        let of_moving: usize = self.parts.iter().skip(1).map(|p| p.through).sum();
         let of_base = self.parts.first().map_or(0, |p| p.through);
         let worth = if self.is_known() { 1.0 } else { SEEN_THROUGH };
-        let violation = worth * of_base as f64 + SEEN_THROUGH * of_moving as f64;
-        (1.0 - violation / self.judged.max(1) as f64).max(0.0)
+        let base = worth * of_base as f64 / self.judged.max(1) as f64;
+        let worst = self.parts.iter().skip(1).map(PartVerdict::seen_through).fold(0.0, f64::max);
+        (1.0 - base - worst / ANOTHER_SHAPE).max(0.0)
     }
 
     /// Share of the surface that is where the state claims it, less where there is little of it
@@ -253,6 +273,30 @@ impl Verdict {
         self.agree as f64 / self.judged.saturating_sub(gone).max(1) as f64
             * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
             * (1.0 - (-(inliers as f64) / 3.0).exp())
+    }
+
+    /// Correlations of all and of each part, from what was compared of each patch.
+    fn tell_looks(&mut self, cloud: &Cloud, looks: &[Looks]) {
+        self.correlation = correlation(looks).unwrap_or(0.0);
+        let of_parts: Vec<(&usize, &Looks)> = cloud.part_of_patch.iter().zip(looks).collect();
+        for group in of_parts.chunk_by(|a, b| a.0 == b.0) {
+            let own: Vec<Looks> = group.iter().map(|g| *g.1).collect();
+            self.parts[*group[0].0].correlation = correlation(&own);
+        }
+    }
+
+    /// 0 to 1: less where one side of every joint shows next to nothing. Then a surface is
+    /// seen, and no more than that it may be this object's.
+    pub fn mechanism(&self, articulated: &Articulated) -> f64 {
+        let both_sides = (0..articulated.joints.len()).map(|joint| {
+            let moved = articulated.moved_by(joint);
+            let on = |side: bool| -> usize {
+                let own = |(part, _): &(usize, &PartVerdict)| moved.contains(part) == side;
+                self.parts.iter().enumerate().filter(own).map(|(_, p)| p.agree).sum()
+            };
+            on(true).min(on(false))
+        });
+        1.0 - 0.5 * (-(both_sides.max().unwrap_or(0) as f64) / 10.0).exp()
     }
 
     /// The base and something that moves look right. What moved is the object's own, but of the
@@ -287,8 +331,7 @@ pub fn depth_tolerance(z: f64, cosine: f64) -> f64 {
 /// Compares a state with the picture.
 pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {
     let poses = articulated.poses(state);
-    let mut verdict =
-        Verdict { parts: vec![PartVerdict::default(); articulated.parts], ..Default::default() };
+    let mut verdict = Verdict::nothing_yet(articulated.parts);
     let mut looks = vec![Looks::default(); cloud.part_of_patch.len()];
     for p in visible(scene, cloud, &poses) {
         let (u, v) = p.pixel;
@@ -317,12 +360,25 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
     // What stands before the object takes nothing away from it, up to a point.
     let half = verdict.judged / 2;
     verdict.judged -= verdict.hidden.min(half);
-    verdict.correlation = correlation(&looks).unwrap_or(0.0);
-    let numbered: Vec<(usize, Looks)> = cloud.part_of_patch.iter().copied().zip(looks).collect();
-    for group in numbered.chunk_by(|a, b| a.0 == b.0) {
-        let own: Vec<Looks> = group.iter().map(|g| g.1).collect();
-        verdict.parts[group[0].0].correlation = correlation(&own);
+    verdict.tell_looks(cloud, &looks);
+    verdict
+}
+
+/// Compares a state's looks with a picture that has no depth: what stands before the object
+/// counts against it.
+pub fn verify_looks(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    state: &State,
+) -> Verdict {
+    let mut verdict = Verdict::nothing_yet(articulated.parts);
+    let mut looks = vec![Looks::default(); cloud.part_of_patch.len()];
+    for p in visible(scene, cloud, &articulated.poses(state)) {
+        let learned = cloud.surfels[p.index].lab[0];
+        looks[cloud.patches[p.index]].add(learned, scene.lab.at(p.pixel.0, p.pixel.1)[0]);
     }
+    verdict.tell_looks(cloud, &looks);
     verdict
 }
 
@@ -403,4 +459,47 @@ fn correlation(patches: &[Looks]) -> Option<f64> {
         count += patch.n;
     }
     (count >= LEAST_IN_ALL && total > 0.0).then(|| sum / total)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::articulated::ChainJoint;
+    use super::*;
+    use crate::articulate::JointGeometry;
+
+    fn part(agree: usize, through: usize) -> PartVerdict {
+        PartVerdict { agree, through, correlation: Some(0.9) }
+    }
+
+    fn verdict(parts: Vec<PartVerdict>) -> Verdict {
+        let agree = parts.iter().map(|p| p.agree).sum();
+        let through: usize = parts.iter().map(|p| p.through).sum();
+        Verdict { judged: agree + through, agree, agree_normal: agree, parts, ..Verdict::default() }
+    }
+
+    #[test]
+    fn a_moving_part_that_is_seen_through_has_another_shape() {
+        let with_door = |through| verdict(vec![part(2000, 0), part(300, through)]).free_space();
+        assert_eq!(with_door(AT_EDGES), 1.0);
+        assert!(with_door(12) > 0.7);
+        assert!(with_door(30) < 0.3);
+        assert_eq!(with_door(60), 0.0);
+    }
+
+    #[test]
+    fn furniture_that_is_gone_counts_little_where_both_sides_are_seen() {
+        let gone = |door| verdict(vec![part(300, 100), door]).free_space();
+        assert!(gone(part(600, 0)) > 0.85);
+        assert!(gone(part(0, 0)) < 0.1);
+    }
+
+    #[test]
+    fn a_surface_alone_is_half_a_mechanism() {
+        let geometry = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
+        let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: 0.0, high: 1.0 }];
+        let articulated = Articulated { parts: 2, joints };
+        let with_door = |door| verdict(vec![part(500, 0), door]).mechanism(&articulated);
+        assert_eq!(with_door(part(0, 0)), 0.5);
+        assert!(with_door(part(30, 0)) > 0.95);
+    }
 }
