@@ -35,13 +35,14 @@ pub struct LearnConfig {
     pub way: LearningWay,
     /// Whole frames kept for appearance and free-space tests; bounds memory.
     pub keyframes: usize,
-    /// Frames between searches for joints while frames arrive; 0: only at the end.
+    /// Frames between searches for joints while frames arrive, and so how old a live guess may
+    /// be; 0: only at the end.
     pub search_every: usize,
 }
 
 impl Default for LearnConfig {
     fn default() -> Self {
-        Self { way: LearningWay::Joints, keyframes: 48, search_every: 40 }
+        Self { way: LearningWay::Joints, keyframes: 48, search_every: 20 }
     }
 }
 
