@@ -6,7 +6,7 @@ use super::JointsConfig;
 use super::adjust::{locate_points, refine};
 use super::consensus::agree;
 use super::dof::Dof;
-use super::grown::Grown;
+use super::grown::{Grown, TrackCost};
 use super::hypothesis::Hypothesis;
 use super::pitch;
 use super::view::View;
@@ -15,6 +15,7 @@ use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 /// Cost an observation above which a window's fit is not worth growing.
 const MAX_WINDOW_COST: f64 = 5.0;
@@ -394,20 +395,31 @@ struct Follower {
 fn gather(view: &View, joint: &mut Grown, candidates: &mut Vec<usize>, cut: f64) -> Vec<Follower> {
     locate_points(joint, view, candidates, 2.0 * cut);
     let motions = joint.motions();
-    let mut followers = Vec::new();
-    candidates.retain(|&track| {
-        let cost = joint.cost_of(&motions, view, track, cut);
-        let right = cost.inliers as f64 / cost.observations.max(1) as f64;
-        if cost.observations >= 5 && right > 0.7 {
-            let still = view.static_cost(track, &joint.known, cut);
-            if still - cost.sum > 2.0 * cut && joint.travel(view, track) > 0.012 {
-                let observations = cost.observations;
-                followers.push(Follower { track, still, cost: cost.sum, observations });
-            }
-        }
-        cost.observations < 5 || right > HOPELESS_SHARE
-    });
-    followers
+    let judged: Vec<(bool, Option<Follower>)> = candidates
+        .par_iter()
+        .map(|&track| {
+            let cost = joint.cost_of(&motions, view, track, cut);
+            let right = cost.inliers as f64 / cost.observations.max(1) as f64;
+            let is_right = cost.observations >= 5 && right > 0.7;
+            let follower = is_right.then(|| follower(view, joint, track, &cost, cut)).flatten();
+            (cost.observations < 5 || right > HOPELESS_SHARE, follower)
+        })
+        .collect();
+    let mut hopeful = judged.iter().map(|(hopeful, _)| *hopeful);
+    candidates.retain(|_| hopeful.next().unwrap_or(true));
+    judged.into_iter().filter_map(|(_, follower)| follower).collect()
+}
+
+fn follower(
+    view: &View,
+    joint: &Grown,
+    track: usize,
+    cost: &TrackCost,
+    cut: f64,
+) -> Option<Follower> {
+    let still = view.static_cost(track, &joint.known, cut);
+    let follows = still - cost.sum > 2.0 * cut && joint.travel(view, track) > 0.012;
+    follows.then_some(Follower { track, still, cost: cost.sum, observations: cost.observations })
 }
 
 /// Gathers members, refines on them, recomputes every frame's configuration; `rounds` times.
@@ -479,24 +491,39 @@ fn thinned(known: &[bool], anchor: usize) -> Vec<bool> {
 }
 
 fn configure_all(view: &View, joint: &mut Grown, members: &[usize], cut: f64, voters: usize) {
-    for f in 0..view.frames {
-        if !view.usable[f] || joint.contradicted.contains(&f) {
-            joint.known[f] = false;
-            continue;
-        }
-        let alive: Vec<usize> =
-            members.iter().copied().filter(|&t| view.at(t, f).is_some()).collect();
-        if alive.len() < 3 {
-            joint.known[f] &= alive.len() == 2;
-            continue;
-        }
-        let alive = some_of(alive, voters);
-        let guess = joint.known[f].then_some(joint.q[f]);
-        let ones = vec![1.0; alive.len()];
-        let agreement = agree(joint, view, &alive, &ones, f, guess, cut);
-        joint.known[f] = agreement.agreeing as f64 >= (0.4 * alive.len() as f64).max(3.0);
-        if joint.known[f] {
-            joint.q[f] = agreement.q;
-        }
+    let configured: Vec<Option<f64>> = (0..view.frames)
+        .into_par_iter()
+        .map(|f| configuration(view, joint, members, cut, voters, f))
+        .collect();
+    for (f, configuration) in configured.into_iter().enumerate() {
+        joint.known[f] = configuration.is_some();
+        joint.q[f] = configuration.unwrap_or(joint.q[f]);
     }
+}
+
+/// The configuration of a frame that enough members agree on.
+fn configuration(
+    view: &View,
+    joint: &Grown,
+    members: &[usize],
+    cut: f64,
+    voters: usize,
+    frame: usize,
+) -> Option<f64> {
+    if !view.usable[frame] || joint.contradicted.contains(&frame) {
+        return None;
+    }
+    let guess = joint.known[frame].then_some(joint.q[frame]);
+    let alive: Vec<usize> =
+        members.iter().copied().filter(|&t| view.at(t, frame).is_some()).collect();
+    match alive.len() {
+        0 | 1 => return None,
+        2 => return guess,
+        _ => {}
+    }
+    let alive = some_of(alive, voters);
+    let ones = vec![1.0; alive.len()];
+    let agreement = agree(joint, view, &alive, &ones, frame, guess, cut);
+    let enough = agreement.agreeing as f64 >= (0.4 * alive.len() as f64).max(3.0);
+    enough.then_some(agreement.q)
 }

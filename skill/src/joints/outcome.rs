@@ -13,6 +13,7 @@ use crate::model::{Joint, covariance_rows, is_undecided};
 use crate::structure::{LearnedJoint, orient, range_of};
 use crate::track::{TrackSet, Trajectory};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Tracks that a covariance is taken over.
@@ -32,7 +33,7 @@ pub fn base_from_part(joints: &[Grown], index: usize, frame: usize) -> Pose {
 pub fn to_learned(
     set: &TrackSet,
     base: &BaseMotion,
-    view_from: impl Fn(Option<usize>) -> Arc<View>,
+    view_from: impl Fn(Option<usize>) -> Arc<View> + Sync,
     joints: &[Grown],
     config: &SkillConfig,
 ) -> Vec<LearnedJoint> {
@@ -40,7 +41,7 @@ pub fn to_learned(
     let order = parents_first(joints);
     let number_of = |joint: usize| order.iter().position(|&j| j == joint).map_or(0, |n| n + 1);
     order
-        .iter()
+        .par_iter()
         .enumerate()
         .map(|(n, &i)| {
             let (mut joint, base_from_part) =

@@ -256,7 +256,9 @@ impl<'s> Search<'s> {
         for i in 0..self.joints.len() {
             let view = self.view_from(self.joints[i].parent);
             grow::polish(&view, &mut self.joints[i], &self.config.joints);
-            self.look_from(i);
+            if self.joints.iter().any(|j| j.parent == Some(i)) {
+                self.views[i] = Arc::new(view.seen_from(&self.joints[i]));
+            }
         }
     }
 

@@ -51,14 +51,18 @@ impl View {
     /// The given tracks from the base.
     pub fn from_base(base: &BaseMotion, track_ids: Vec<usize>) -> Self {
         let frames = base.camera_from_base.len();
-        let mut seen = Vec::new();
         let mut lives = Vec::with_capacity(track_ids.len());
+        let mut start = 0;
         for &id in &track_ids {
             let track: &BaseTrack = &base.tracks[id];
             let (first, end) = (track.first_frame, track.end_frame());
-            lives.push(Life { first, end, start: seen.len() });
-            seen.extend((first..end).map(|f| {
-                let p = track.at(f)?;
+            lives.push(Life { first, end, start });
+            start += end - first;
+        }
+        let mut seen = Vec::with_capacity(start);
+        for &id in &track_ids {
+            seen.extend(base.tracks[id].points.iter().map(|p| {
+                let p = p.as_ref()?;
                 Some(Seen { point: p.point, information: p.information, sigma: p.sigma })
             }));
         }
