@@ -278,6 +278,12 @@ fn with_part(
         (s.part, s.point, s.normal) = (id as u16, place(s.point), turn(s.normal));
         result.surfels.push(s);
     }
+    for e in newer.edges.iter().filter(|e| usize::from(e.part) == part) {
+        let mut e = *e;
+        (e.part, e.surface, e.normal, e.beyond) =
+            (id as u16, place(e.surface), turn(e.normal), place(e.beyond));
+        result.edges.push(e);
+    }
     result
 }
 

@@ -243,37 +243,18 @@ fn grip(hand: &[Point3<f64>], surface: &[Point3<f64>]) -> Option<Point3<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_driver::{ColorImage, DepthImage, PinholeCamera};
+    use crate::specimen::{board, seen};
     use nalgebra::Translation3;
-    use std::sync::Arc;
 
     /// A board that slides towards the camera, from 1.5 m, with or without a fist before its
     /// middle.
     fn frame(index: usize, slid: f64, fist: bool) -> RgbdFrame {
-        let (width, height) = (320, 240);
-        let camera =
-            PinholeCamera { width, height, fx: 260.0, fy: 260.0, ..PinholeCamera::kinect() };
-        let camera = PinholeCamera { cx: 160.0, cy: 120.0, ..camera };
-        let depth = (0..width * height)
-            .map(|i| {
-                let (u, v) = ((i % width) as f64 - 160.0, (i / width) as f64 - 120.0);
-                let front = 1.5 - slid;
-                let on = |x: f64, y: f64, half: f64, z: f64| {
-                    (u * z / 260.0 - x).abs() < half && (v * z / 260.0 - y).abs() < half
-                };
-                if fist && on(0.1, 0.05, 0.04, front - 0.05) {
-                    front - 0.05
-                } else if on(0.0, 0.0, 0.2, front) {
-                    front
-                } else {
-                    2.5
-                }
-            })
-            .map(|z: f64| z as f32)
-            .collect();
-        let color = ColorImage::new(width, height, vec![9; width * height * 3]).unwrap();
-        let depth = DepthImage::from_metres(width, height, depth).unwrap();
-        RgbdFrame::new(index as i64 + 1, Arc::new(camera), color, depth).unwrap()
+        let front = 1.5 - slid;
+        let drawer = board(0.2, front, 2.5);
+        seen(index as i64 + 1, |x, y| {
+            let held = |c: f64, centre: f64| (c * (front - 0.05) - centre).abs() < 0.04;
+            if fist && held(x, 0.1) && held(y, 0.05) { front - 0.05 } else { drawer(x, y) }
+        })
     }
 
     fn grasp(fist: bool) -> Option<Point3<f64>> {

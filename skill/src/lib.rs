@@ -19,6 +19,8 @@ pub mod pose;
 pub mod predict;
 pub mod recognise;
 pub mod segment;
+#[cfg(test)]
+mod specimen;
 pub mod store;
 pub mod structure;
 pub mod timing;

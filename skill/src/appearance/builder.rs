@@ -2,6 +2,7 @@
 
 use super::describe::{FeatureSpread, Keypoints};
 use super::descriptor::{product, quantise, similarity};
+use super::edges::edges;
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
 use crate::geometry::{plane_through, without_strays};
@@ -137,7 +138,15 @@ pub fn build(
             builder.take(*index, seen);
         }
     }
-    Ok(builder.finish(config))
+    let surface = surfels(builder.voxels);
+    let near = swept.grown(config.edge_margin_m);
+    let ends = |s: &&Surfel| s.part > 0 || near.holds(&Point3::from(s.point.map(f64::from)));
+    let beside: Vec<Surfel> = surface.iter().filter(ends).copied().collect();
+    Ok(Appearance {
+        features: merged(builder.features, config.max_features_per_part),
+        surfels: thinned(&surface, config.max_surfels_per_part),
+        edges: edges(&posed, &beside, &demonstration.model, config.max_edges_per_part),
+    })
 }
 
 /// Coarse cells of the base's surface that are enough to know it by.
@@ -505,16 +514,10 @@ impl Builder {
             voxel.keyframes.insert(keyframe);
         }
     }
-
-    fn finish(self, config: &AppearanceConfig) -> Appearance {
-        Appearance {
-            features: merged(self.features, config.max_features_per_part),
-            surfels: surfels(self.voxels, config.max_surfels_per_part),
-        }
-    }
 }
 
-fn surfels(voxels: HashMap<VoxelKey, Voxel>, per_part: usize) -> Vec<Surfel> {
+/// All of the surface, in an order that stands for none of it.
+fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
     let mut solid: Vec<(VoxelKey, Voxel)> = voxels
         .into_iter()
         .filter(|(_, v)| {
@@ -524,20 +527,24 @@ fn surfels(voxels: HashMap<VoxelKey, Voxel>, per_part: usize) -> Vec<Surfel> {
     solid.sort_by_key(|(key, _)| *key);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     solid.shuffle(&mut rng);
+    let surfel = |((part, _, _), v): (VoxelKey, Voxel)| Surfel {
+        part,
+        point: (v.point / v.count).map(|x| x as f32).into(),
+        normal: v.normal.normalize().map(|x| x as f32).into(),
+        lab: (v.lab / v.count).map(|x| x as f32).into(),
+    };
+    solid.into_iter().map(surfel).collect()
+}
+
+/// The first so many of each part.
+fn thinned(surfels: &[Surfel], per_part: usize) -> Vec<Surfel> {
     let mut taken: HashMap<u16, usize> = HashMap::new();
-    let mut kept: Vec<Surfel> = Vec::new();
-    for ((part, _, _), v) in solid {
-        let count = taken.entry(part).or_default();
-        if *count < per_part {
-            *count += 1;
-            kept.push(Surfel {
-                part,
-                point: (v.point / v.count).map(|x| x as f32).into(),
-                normal: v.normal.normalize().map(|x| x as f32).into(),
-                lab: (v.lab / v.count).map(|x| x as f32).into(),
-            });
-        }
-    }
+    let mut is_among_first = |s: &&Surfel| {
+        let count = taken.entry(s.part).or_default();
+        *count += 1;
+        *count <= per_part
+    };
+    let mut kept: Vec<Surfel> = surfels.iter().filter(&mut is_among_first).copied().collect();
     kept.sort_by_key(|s| s.part);
     kept
 }

@@ -6,11 +6,13 @@
 mod builder;
 mod describe;
 mod descriptor;
+mod edges;
 mod gradients;
 mod labels;
 
 pub use builder::build;
 pub use describe::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, Keypoints};
+pub use edges::Edge;
 
 pub use descriptor::{Descriptor, bytes_of, product, products, quantise, similarity};
 use serde::{Deserialize, Serialize};
@@ -52,6 +54,9 @@ pub struct Appearance {
     pub features: Vec<ModelFeature>,
     /// Surface.
     pub surfels: Vec<Surfel>,
+    /// Where that is known to end. The store keeps it apart: older ones have none.
+    #[serde(skip)]
+    pub edges: Vec<Edge>,
 }
 
 /// Values of the appearance stage. Ours.
@@ -64,12 +69,17 @@ pub struct AppearanceConfig {
     pub max_features_per_part: usize,
     /// Surfels kept per part.
     pub max_surfels_per_part: usize,
+    /// Edges kept per part.
+    pub max_edges_per_part: usize,
     /// The base's features are kept within this distance of what moved, metres.
     pub feature_margin_m: f64,
     /// The base's surface is kept within this distance of what moved, metres.
     pub surface_margin_m: f64,
     /// and, where that is little, this much farther along what hangs together with it, metres.
     pub base_reach_m: f64,
+    /// The base's edges are kept within this distance of what moved, metres: farther away rooms
+    /// differ.
+    pub edge_margin_m: f64,
 }
 
 impl Default for AppearanceConfig {
@@ -78,9 +88,11 @@ impl Default for AppearanceConfig {
             keyframes: 16,
             max_features_per_part: 2000,
             max_surfels_per_part: 1200,
+            max_edges_per_part: 300,
             feature_margin_m: 0.3,
             surface_margin_m: 0.25,
             base_reach_m: 0.4,
+            edge_margin_m: 0.1,
         }
     }
 }

@@ -4,8 +4,9 @@
 
 use super::articulated::{Articulated, State};
 use super::scene::Scene;
-use super::verify::{Cloud, depth_tolerance, verify};
+use super::verify::{Cloud, verify};
 use crate::articulate::JointKind;
+use linkage_driver::depth::depth_tolerance;
 use rayon::prelude::*;
 use std::collections::HashSet;
 

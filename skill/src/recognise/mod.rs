@@ -8,6 +8,7 @@
 
 mod articulated;
 mod elimination;
+mod ends;
 mod follow;
 mod hypothesis;
 mod matching;
@@ -46,9 +47,8 @@ pub const RECOGNITION_SCHEMA: &str = "linkage.recognition/1";
 #[serde(default, deny_unknown_fields)]
 pub struct RecogniseConfig {
     /// Score above which an object is reported. Of 2145 wrong pairs (`bench --suite recognise`)
-    /// none scores more; with other rooms and shots (`--seed 2`) one does: a thing with the
-    /// object's own surface, only longer, of which a post hides half. Whether such a thing
-    /// passes hangs on a few surfels: what goes on beyond the learned surface is not looked at.
+    /// none scores more; with other rooms and shots (`--seed 2`) one does: a longer door in a
+    /// longer frame that both wear the learned surface.
     pub min_score: f64,
     /// Matches kept, best first.
     pub max_matches: usize,
@@ -64,6 +64,8 @@ pub struct RecogniseConfig {
     pub compare_looks: bool,
     /// Surface that is seen through counts against a state.
     pub check_free_space: bool,
+    /// Surface that goes on where the learned one ends counts against a state.
+    pub check_ends: bool,
     /// States are aligned by their surface too, not by matches alone.
     pub align_surface: bool,
     /// Configurations that few matches tell are searched for by surface.
@@ -85,6 +87,7 @@ impl Default for RecogniseConfig {
             shortlist: 6,
             compare_looks: true,
             check_free_space: true,
+            check_ends: true,
             align_surface: true,
             search_configurations: true,
             eliminate: true,
@@ -378,7 +381,8 @@ fn with_depth(
 fn score_of(verdict: &Verdict, inliers: usize, config: &RecogniseConfig) -> f64 {
     let looks = if config.compare_looks { verdict.looks() } else { 1.0 };
     let free_space = if config.check_free_space { verdict.free_space() } else { 1.0 };
-    looks * free_space * verdict.agreement(inliers)
+    let ends = if config.check_ends { verdict.ends() } else { 1.0 };
+    looks * free_space * ends * verdict.agreement(inliers)
 }
 
 /// Parts of which something was itself seen.

@@ -2,10 +2,11 @@
 //! depth, in orientation and in appearance.
 
 use super::articulated::{Articulated, State};
+use super::ends::{Ends, KnownEdge, edges_of, ends};
 use super::scene::Scene;
 use crate::appearance::Appearance;
 use crate::geometry::Pose;
-use linkage_driver::depth::depth_sigma;
+use linkage_driver::depth::depth_tolerance;
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,6 +18,8 @@ pub struct Cloud {
     patches: Vec<usize>,
     /// The part of each patch.
     part_of_patch: Vec<usize>,
+    /// Where its parts are known to end; none of a thinned cloud.
+    edges: Vec<KnownEdge>,
 }
 
 /// Surfels for which one stands in a thinned cloud.
@@ -45,7 +48,7 @@ impl Cloud {
             normal: wide(s.normal),
             lab: s.lab,
         });
-        Self::of(surfels.collect())
+        Self { edges: edges_of(appearance), ..Self::of(surfels.collect()) }
     }
 
     /// Of surfels.
@@ -57,6 +60,7 @@ impl Cloud {
             patches: of_surfels.iter().map(|patch| number[patch]).collect(),
             part_of_patch: all.iter().map(|patch| patch.part).collect(),
             surfels,
+            edges: Vec::new(),
         }
     }
 
@@ -84,7 +88,7 @@ pub struct Placed {
 }
 
 /// Nearer than this no depth camera sees, metres.
-const NEAREST_M: f64 = 0.3;
+pub const NEAREST_M: f64 = 0.3;
 /// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
 const BUFFER_PX: usize = 4;
 
@@ -116,7 +120,7 @@ impl Nearest {
 }
 
 /// A coarse depth buffer of the part of the picture that an object covers.
-struct DepthBuffer {
+pub struct DepthBuffer {
     first: (usize, usize),
     columns: usize,
     cells: Vec<Nearest>,
@@ -124,7 +128,7 @@ struct DepthBuffer {
 
 impl DepthBuffer {
     /// Each surfel fills its cell and those about it.
-    fn of(placed: &[Placed]) -> Self {
+    pub fn of(placed: &[Placed]) -> Self {
         let cells_of = || placed.iter().map(|p| cell_of(p.pixel));
         let low = |k: fn((usize, usize)) -> usize| cells_of().map(k).min().unwrap_or(1) - 1;
         let high = |k: fn((usize, usize)) -> usize| cells_of().map(k).max().unwrap_or(1) + 1;
@@ -144,6 +148,17 @@ impl DepthBuffer {
     fn at(&self, pixel: (usize, usize)) -> &Nearest {
         let (u, v) = cell_of(pixel);
         &self.cells[(v - self.first.1) * self.columns + u - self.first.0]
+    }
+
+    /// Depth of the nearest surfel at a pixel that is none of a part's; infinite where there is
+    /// none.
+    pub fn nearest_other(&self, pixel: (usize, usize), part: usize) -> f64 {
+        let (u, v) = cell_of(pixel);
+        let column = u.checked_sub(self.first.0).filter(|column| *column < self.columns);
+        let row = v.checked_sub(self.first.1);
+        row.zip(column)
+            .and_then(|(row, column)| self.cells.get(row * self.columns + column))
+            .map_or(f64::INFINITY, |cell| cell.of(part).1)
     }
 }
 
@@ -191,6 +206,8 @@ pub struct PartVerdict {
     pub through: usize,
     /// Correlation of lightness, -1 to 1; `None` with too little surface to tell.
     pub correlation: Option<f64>,
+    /// What is beyond its edges.
+    pub ends: Ends,
 }
 
 impl PartVerdict {
@@ -246,9 +263,9 @@ impl Verdict {
         Self { parts: vec![PartVerdict::default(); parts], ..Self::default() }
     }
 
-    /// 0 to 1: appearance times agreement in depth times free space, less for little evidence.
+    /// 0 to 1: appearance times agreement in depth times free space and ends, less for little evidence.
     pub fn score(&self, inliers: usize) -> f64 {
-        self.looks() * self.free_space() * self.agreement(inliers)
+        self.looks() * self.free_space() * self.ends() * self.agreement(inliers)
     }
 
     /// How much it looks like the object, 0 to 1.
@@ -264,6 +281,12 @@ impl Verdict {
         let base = worth * of_base as f64 / self.judged.max(1) as f64;
         let worst = self.parts.iter().skip(1).map(PartVerdict::seen_through).fold(0.0, f64::max);
         (1.0 - base - worst / ANOTHER_SHAPE).max(0.0)
+    }
+
+    /// Less than 1 where a part goes on beyond the edges of the learned one.
+    pub fn ends(&self) -> f64 {
+        let all = self.parts.iter().enumerate().map(|(i, part)| part.ends.likeness(i == 0));
+        all.fold(1.0, f64::min)
     }
 
     /// Share of the surface that is where the state claims it, less where there is little of it
@@ -321,19 +344,18 @@ impl Verdict {
     }
 }
 
-/// How far a reading may lie from a surface at depth `z` whose normal has this cosine to the
-/// line of sight, metres.
-pub fn depth_tolerance(z: f64, cosine: f64) -> f64 {
-    let slant = (1.0 / cosine.max(0.2).powi(2) - 1.0).max(0.0).sqrt();
-    0.006 + 3.0 * depth_sigma(z) + 0.004 * slant
-}
-
 /// Compares a state with the picture.
 pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {
     let poses = articulated.poses(state);
     let mut verdict = Verdict::nothing_yet(articulated.parts);
     let mut looks = vec![Looks::default(); cloud.part_of_patch.len()];
-    for p in visible(scene, cloud, &poses) {
+    let visible = visible(scene, cloud, &poses);
+    if !cloud.edges.is_empty() {
+        let buffer = DepthBuffer::of(&visible);
+        let all = ends(scene, articulated, &cloud.edges, state, &buffer);
+        verdict.parts.iter_mut().zip(all).for_each(|(part, ends)| part.ends = ends);
+    }
+    for p in visible {
         let (u, v) = p.pixel;
         let Some(z) = scene.frame.depth.at(u, v) else { continue };
         let tolerance = depth_tolerance(p.point.z, p.cosine);
@@ -468,7 +490,7 @@ mod tests {
     use crate::articulate::JointGeometry;
 
     fn part(agree: usize, through: usize) -> PartVerdict {
-        PartVerdict { agree, through, correlation: Some(0.9) }
+        PartVerdict { agree, through, correlation: Some(0.9), ..PartVerdict::default() }
     }
 
     fn verdict(parts: Vec<PartVerdict>) -> Verdict {

@@ -148,12 +148,14 @@ impl Store {
     pub fn get(&self, name: &str) -> Result<StoredObject, StoreError> {
         let row = self.sql(
             self.connection
-                .query_row("SELECT model, appearance FROM object WHERE name = ?1", [name], |row| {
-                    Ok((row.get::<_, String>(0)?, row.get::<_, Vec<u8>>(1)?))
-                })
+                .query_row(
+                    "SELECT model, appearance, edges FROM object WHERE name = ?1",
+                    [name],
+                    |row| <(String, Vec<u8>, Vec<u8>)>::try_from(row),
+                )
                 .optional(),
         )?;
-        let Some((model, appearance)) = row else {
+        let Some((model, appearance, edges)) = row else {
             return Err(self.unknown(name)?);
         };
         let damaged = |reason: String| StoreError::Damaged {
@@ -161,9 +163,12 @@ impl Store {
             object: name.to_owned(),
             reason,
         };
+        let appearance: Appearance =
+            postcard::from_bytes(&appearance).map_err(|e| damaged(e.to_string()))?;
+        let edges = postcard::from_bytes(&edges).map_err(|e| damaged(e.to_string()))?;
         Ok(StoredObject {
             model: serde_json::from_str(&model).map_err(|e| damaged(e.to_string()))?,
-            appearance: postcard::from_bytes(&appearance).map_err(|e| damaged(e.to_string()))?,
+            appearance: Appearance { edges, ..appearance },
             provenance: self.provenance(name)?,
         })
     }
@@ -258,10 +263,11 @@ fn write_object(
     let name = &object.model.object;
     let model = serde_json::to_string(&object.model).map_err(|e| encoding(e.into()))?;
     let appearance = postcard::to_stdvec(&object.appearance).map_err(|e| encoding(e.into()))?;
+    let edges = postcard::to_stdvec(&object.appearance.edges).map_err(|e| encoding(e.into()))?;
     transaction.execute("DELETE FROM object WHERE name = ?1", [name])?;
     transaction.execute(
-        "INSERT INTO object (name, model, appearance) VALUES (?1, ?2, ?3)",
-        params![name, model, appearance],
+        "INSERT INTO object (name, model, appearance, edges) VALUES (?1, ?2, ?3, ?4)",
+        params![name, model, appearance, edges],
     )?;
     let words =
         postcard::to_stdvec(&Words::of(&object.appearance)).map_err(|e| encoding(e.into()))?;
@@ -279,6 +285,7 @@ fn write_object(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::appearance::Edge;
     use crate::model::{MODEL_SCHEMA, ReferenceFrame};
 
     pub fn object(name: &str) -> StoredObject {
@@ -356,6 +363,7 @@ mod tests {
         let path = dir.path().join("s.linkage");
         Store::open_or_create(&path).unwrap().put(&object("door")).unwrap();
         let as_it_was = "DROP TABLE words;
+            ALTER TABLE object DROP COLUMN edges;
             CREATE TABLE vocabulary (id INTEGER PRIMARY KEY, tree BLOB NOT NULL);
             PRAGMA user_version = 1;";
         Connection::open(&path).unwrap().execute_batch(as_it_was).unwrap();
@@ -363,6 +371,29 @@ mod tests {
         assert_eq!(store.load().unwrap().len(), 1);
         store.put(&object("fridge")).unwrap();
         assert_eq!(store.load().unwrap().object(1).unwrap().model.object, "fridge");
+    }
+
+    #[test]
+    fn objects_of_version_2_know_no_edges() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        let edge = Edge {
+            part: 1,
+            surface: [0.1, 0.2, 0.3],
+            normal: [0.0, 0.0, 1.0],
+            beyond: [0.14, 0.2, 0.3],
+            configurations: [0.0, 1.2],
+        };
+        let appearance = Appearance { edges: vec![edge], ..Appearance::default() };
+        let door = StoredObject { appearance, ..object("door") };
+        Store::open_or_create(&path).unwrap().put(&door).unwrap();
+        assert_eq!(Store::open(&path).unwrap().get("door").unwrap(), door);
+        let as_it_was = "ALTER TABLE object DROP COLUMN edges; PRAGMA user_version = 2;";
+        Connection::open(&path).unwrap().execute_batch(as_it_was).unwrap();
+        let mut store = Store::open(&path).unwrap();
+        assert_eq!(store.get("door").unwrap(), object("door"));
+        store.put(&door).unwrap();
+        assert_eq!(store.get("door").unwrap(), door);
     }
 
     #[test]

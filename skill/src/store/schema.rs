@@ -5,7 +5,7 @@ use rusqlite::Connection;
 use std::path::Path;
 
 /// The newest schema that this version knows.
-pub const SCHEMA_VERSION: i64 = 2;
+pub const SCHEMA_VERSION: i64 = 3;
 
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
@@ -15,7 +15,8 @@ BEGIN IMMEDIATE;
 CREATE TABLE object (
     name TEXT PRIMARY KEY,
     model TEXT NOT NULL,
-    appearance BLOB NOT NULL
+    appearance BLOB NOT NULL,
+    edges BLOB NOT NULL
 );
 CREATE TABLE demonstration (
     id INTEGER PRIMARY KEY,
@@ -29,12 +30,14 @@ CREATE TABLE words (
     words BLOB NOT NULL
 );
 PRAGMA application_id = 1280199495;
-PRAGMA user_version = 2;
+PRAGMA user_version = 3;
 COMMIT;
 ";
 
-/// From version 1, which trained a vocabulary of its own for every store.
-const UPGRADE: &str = "
+/// What each version up to the newest lacks. The first trained a vocabulary of its own for every
+/// store; objects of the second know no edges: an empty list is written as one zero.
+const UPGRADES: [&str; 2] = [
+    "
 BEGIN IMMEDIATE;
 DROP TABLE IF EXISTS vocabulary;
 CREATE TABLE IF NOT EXISTS words (
@@ -43,7 +46,14 @@ CREATE TABLE IF NOT EXISTS words (
 );
 PRAGMA user_version = 2;
 COMMIT;
-";
+",
+    "
+BEGIN IMMEDIATE;
+ALTER TABLE object ADD COLUMN edges BLOB NOT NULL DEFAULT x'00';
+PRAGMA user_version = 3;
+COMMIT;
+",
+];
 
 /// Makes the tables of an empty file, or checks those of an old one.
 pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
@@ -67,8 +77,10 @@ pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
             found: version,
             known: SCHEMA_VERSION,
         });
-    } else if version < SCHEMA_VERSION {
-        connection.execute_batch(UPGRADE).map_err(sql)?;
+    } else {
+        for upgrade in UPGRADES.iter().skip(usize::try_from(version - 1).unwrap_or(0)) {
+            connection.execute_batch(upgrade).map_err(sql)?;
+        }
     }
     connection.pragma_update(None, "foreign_keys", true).map_err(sql)?;
     connection.pragma_update(None, "synchronous", "FULL").map_err(sql)

@@ -299,7 +299,7 @@ mod tests {
                 descriptor: quantise(&descriptor(&mut rng)).to_vec(),
             })
             .collect();
-        Appearance { features, surfels: Vec::new() }
+        Appearance { features, ..Appearance::default() }
     }
 
     /// Every third feature of an object, `size` times as large as it is.

@@ -102,7 +102,7 @@ pub fn made_up(features: &[&ModelFeature], seed: u64) -> Appearance {
             ModelFeature { descriptor: between(&a.descriptor, &b.descriptor), ..a.clone() }
         })
         .collect();
-    Appearance { features, surfels: Vec::new() }
+    Appearance { features, ..Appearance::default() }
 }
 
 /// The descriptor half way between two, as long as they are.
