@@ -308,8 +308,8 @@ impl Verdict {
         }
     }
 
-    /// 0 to 1: less where one side of every joint shows next to nothing. Then a surface is
-    /// seen, and no more than that it may be this object's.
+    /// 0 to 1: less where one side of every joint shows next to nothing, unless what moves is seen
+    /// to end as learned. Else a surface is seen, and no more than that it may be this object's.
     pub fn mechanism(&self, articulated: &Articulated) -> f64 {
         let both_sides = (0..articulated.joints.len()).map(|joint| {
             let moved = articulated.moved_by(joint);
@@ -319,7 +319,9 @@ impl Verdict {
             };
             on(true).min(on(false))
         });
-        1.0 - 0.5 * (-(both_sides.max().unwrap_or(0) as f64) / 10.0).exp()
+        let ends: usize = self.parts.iter().skip(1).map(|part| part.ends.as_learned).sum();
+        let evidence = both_sides.max().unwrap_or(0) as f64 / 10.0 + ends as f64 / 20.0;
+        1.0 - 0.5 * (-evidence).exp()
     }
 
     /// The base and something that moves look right. What moved is the object's own, but of the
@@ -523,5 +525,8 @@ mod tests {
         let with_door = |door| verdict(vec![part(500, 0), door]).mechanism(&articulated);
         assert_eq!(with_door(part(0, 0)), 0.5);
         assert!(with_door(part(30, 0)) > 0.95);
+        let ends = Ends { as_learned: 60, goes_on: 0 };
+        let door = PartVerdict { ends, ..part(500, 0) };
+        assert!(verdict(vec![part(0, 0), door]).mechanism(&articulated) > 0.95);
     }
 }
