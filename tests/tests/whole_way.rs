@@ -3,8 +3,8 @@
 
 use linkage_skill::SkillConfig;
 use linkage_skill::geometry::{distance_to_line, line_angle};
-use linkage_skill::recognise::{Follower, RecogniseConfig, Scene};
-use linkage_skill::store::Store;
+use linkage_skill::recognise::{Follower, RecogniseConfig, Recognition, Scene};
+use linkage_skill::store::{Library, Store};
 use linkage_tests::{failure, linkage, program, python_with_lcm, shared_data, simulated};
 use nalgebra::{Point3, Vector3};
 use serde_json::Value;
@@ -209,6 +209,27 @@ fn of_what_is_not_believed_the_best_score_is_told() {
     let found = library.recognise(&scene, &doubtful, 1).unwrap();
     assert!(found.matches.is_empty());
     assert!(found.best_refused > 0.5, "{}", found.best_refused);
+}
+
+#[test]
+fn what_is_not_in_the_first_shortlist_is_found_in_the_next() {
+    let (dir, recording) = learned();
+    let drawer = Store::open(&dir.path().join("objects.linkage")).unwrap().get("drawer").unwrap();
+    let mut decoy = drawer.clone();
+    decoy.model.object = "decoy".into();
+    decoy.appearance.surfels.iter_mut().for_each(|s| s.point[0] += 1.0);
+    let library = Library::new(vec![decoy, drawer]);
+    let config = RecogniseConfig { shortlist: 1, shortlists: 2, ..RecogniseConfig::default() };
+    let mut frames = linkage_driver::open(&text(recording)).unwrap();
+    let scene = Scene::new(&frames.next_frame().unwrap().unwrap()).unwrap();
+    let names = |found: Recognition| -> Vec<String> {
+        found.matches.into_iter().map(|m| m.object).collect()
+    };
+    assert_eq!(names(library.recognise(&scene, &config, 1).unwrap()), ["drawer"]);
+    let in_turn = |turn| names(library.recognise_in_turn(&scene, &config, 1, turn).unwrap());
+    assert!(in_turn(0).is_empty());
+    assert_eq!(in_turn(1), ["drawer"]);
+    assert!(in_turn(2).is_empty());
 }
 
 #[test]

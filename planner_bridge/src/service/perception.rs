@@ -14,11 +14,9 @@ use crossbeam_channel::Receiver;
 use linkage_driver::RgbdFrame;
 use linkage_driver::live::{LatestReader, Nothing};
 use linkage_skill::predict::Target;
-use linkage_skill::recognise::{
-    Follower, KnownObject, RecogniseConfig, Recognised, Recognition, Scene, recognise,
-};
+use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
 use linkage_skill::store::{Library, Store, StoreError};
-use linkage_skill::{LearnError, Learner, ObjectModel};
+use linkage_skill::{LearnError, Learner, ObjectModel, SkillConfig};
 use nalgebra::Point3;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -66,6 +64,14 @@ struct Watching {
     pending: Option<Pending>,
     /// Best score so far of what was not believed.
     best_refused: f64,
+    /// Frames that were searched.
+    searched: usize,
+}
+
+impl Watching {
+    fn new(object: Option<String>, pending: Option<Pending>) -> Self {
+        Self { object, pending, best_refused: 0.0, searched: 0 }
+    }
 }
 
 struct Tracking {
@@ -257,7 +263,7 @@ impl<'q> Perception<'q> {
             Some(name) => format!("looking for {name}"),
             None => "looking for anything known".to_owned(),
         };
-        self.state = State::Watching(Watching { object, pending, best_refused: 0.0 });
+        self.state = State::Watching(Watching::new(object, pending));
         Ok(answer)
     }
 
@@ -363,11 +369,11 @@ impl<'q> Perception<'q> {
     fn search(&mut self, Arrived { frame, at }: &Arrived) {
         let State::Watching(w) = &mut self.state else { return };
         let skill = &self.config.skill;
-        let sought = w.object.as_deref();
-        let believed = match search(&self.library, frame, sought, &skill.recognise, skill.seed) {
+        let believed = match search(&self.library, frame, w, skill) {
             Ok(found) => found,
             Err(reason) => return self.out.note(Note::Error(reason)),
         };
+        w.searched += 1;
         w.best_refused = w.best_refused.max(believed.best_refused);
         let numbers = believed.matches.iter().filter_map(|m| self.library.number(&m.object));
         let known: Vec<Arc<KnownObject>> =
@@ -413,7 +419,7 @@ impl<'q> Perception<'q> {
                 // Its configuration may be any by now: it is looked for again.
                 let object = Some(t.object.model.object.clone());
                 let pending = t.pending.take();
-                self.state = State::Watching(Watching { object, pending, best_refused: 0.0 });
+                self.state = State::Watching(Watching::new(object, pending));
                 self.stop_stream();
             }
         }
@@ -572,21 +578,21 @@ impl<'q> Perception<'q> {
     }
 }
 
+/// Looks for what is watched for; for anything known, in one shortlist a frame.
 fn search(
     library: &Library,
     frame: &RgbdFrame,
-    object: Option<&str>,
-    config: &RecogniseConfig,
-    seed: u64,
+    watching: &Watching,
+    skill: &SkillConfig,
 ) -> Result<Recognition, String> {
     let scene = Scene::new(frame).map_err(|e| e.to_string())?;
-    match object.and_then(|name| library.number(name)) {
-        Some(number) => {
-            let object = library.object(number).map_err(|e| e.to_string())?;
-            Ok(recognise(&scene, &[object], config, seed))
-        }
-        None => library.recognise(&scene, config, seed).map_err(|e| e.to_string()),
-    }
+    let config = &skill.recognise;
+    let listed = watching.object.as_deref().and_then(|name| library.number(name));
+    let found = match listed {
+        Some(number) => library.recognise_listed(&scene, &[number], config, skill.seed),
+        None => library.recognise_in_turn(&scene, config, skill.seed, watching.searched),
+    };
+    found.map_err(|e| e.to_string())
 }
 
 /// Kind and certainty of each joint.

@@ -58,8 +58,10 @@ pub struct RecogniseConfig {
     pub min_inliers: usize,
     /// Pose hypotheses that are refined and verified.
     pub hypotheses: usize,
-    /// Objects compared in full; more are shortlisted by their words.
+    /// Objects compared in full at a time; of more, the likeliest by their words come first.
     pub shortlist: usize,
+    /// Shortlists gone through, one after the other, until something is recognised.
+    pub shortlists: usize,
     /// Surfaces are compared in lightness too, not in depth alone.
     pub compare_looks: bool,
     /// Surface that is seen through counts against a state.
@@ -85,6 +87,7 @@ impl Default for RecogniseConfig {
             min_inliers: 7,
             hypotheses: 4,
             shortlist: 6,
+            shortlists: 3,
             compare_looks: true,
             check_free_space: true,
             check_ends: true,

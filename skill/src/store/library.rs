@@ -56,7 +56,8 @@ impl Library {
         self.objects.is_empty()
     }
 
-    /// What of it is in the scene, best first.
+    /// What of it is in the scene, best first. One shortlist after the other is gone through until
+    /// something is recognised.
     ///
     /// # Errors
     /// [`StoreError::Damaged`], [`StoreError::Database`] for an object that cannot be read.
@@ -66,24 +67,60 @@ impl Library {
         config: &RecogniseConfig,
         seed: u64,
     ) -> Result<Recognition, StoreError> {
-        let objects: Vec<Arc<KnownObject>> = self
-            .shortlist(scene, config)
-            .into_iter()
-            .map(|number| self.object(number))
-            .collect::<Result<_, _>>()?;
+        let mut best_refused: f64 = 0.0;
+        for listed in self.shortlists(scene, config) {
+            let found = self.recognise_listed(scene, &listed, config, seed)?;
+            best_refused = best_refused.max(found.best_refused);
+            if !found.matches.is_empty() {
+                return Ok(Recognition { best_refused, ..found });
+            }
+        }
+        Ok(Recognition { best_refused, ..Recognition::new(Vec::new()) })
+    }
+
+    /// The same of one shortlist, so that no frame of a stream takes longer than another: of the
+    /// first in turn 0, of the next in turn 1, and of the first again after the last.
+    ///
+    /// # Errors
+    /// As [`Self::recognise`].
+    pub fn recognise_in_turn(
+        &self,
+        scene: &Scene,
+        config: &RecogniseConfig,
+        seed: u64,
+        turn: usize,
+    ) -> Result<Recognition, StoreError> {
+        let lists = self.shortlists(scene, config);
+        let listed = lists.get(turn % lists.len().max(1)).map_or(&[][..], Vec::as_slice);
+        self.recognise_listed(scene, listed, config, seed)
+    }
+
+    /// The same of given objects.
+    ///
+    /// # Errors
+    /// As [`Self::recognise`].
+    pub fn recognise_listed(
+        &self,
+        scene: &Scene,
+        listed: &[usize],
+        config: &RecogniseConfig,
+        seed: u64,
+    ) -> Result<Recognition, StoreError> {
+        let objects: Vec<Arc<KnownObject>> =
+            listed.iter().map(|&number| self.object(number)).collect::<Result<_, _>>()?;
         Ok(recognise(scene, &objects, config, seed))
     }
 
-    /// Numbers of the objects that are worth looking for.
-    pub fn shortlist(&self, scene: &Scene, config: &RecogniseConfig) -> Vec<usize> {
-        if self.len() <= config.shortlist {
-            return (0..self.len()).collect();
-        }
-        self.index
-            .rank(&scene.features, config.shortlist)
-            .into_iter()
-            .map(|(number, _)| number)
-            .collect()
+    /// Numbers of the objects that are worth looking for, the likeliest in the first list.
+    pub fn shortlists(&self, scene: &Scene, config: &RecogniseConfig) -> Vec<Vec<usize>> {
+        let most = config.shortlist.max(1);
+        let likely: Vec<usize> = if self.len() <= most {
+            (0..self.len()).collect()
+        } else {
+            let ranked = self.index.rank(&scene.features, most * config.shortlists.max(1));
+            ranked.into_iter().map(|(number, _)| number).collect()
+        };
+        likely.chunks(most).map(<[usize]>::to_vec).collect()
     }
 
     /// The number of an object.
