@@ -5,7 +5,7 @@ use super::grown::Grown;
 use super::outcome::base_from_part;
 use super::view::View;
 use crate::base::BaseMotion;
-use crate::geometry::{Moments, Pose};
+use crate::geometry::{Moments, Pose, median};
 use crate::keyframes::Keyframes;
 use crate::structure::probe_points;
 use nalgebra::{DMatrix, DVector, Point3};
@@ -276,6 +276,13 @@ pub fn moves_beside(parent: &Grown, view: &View, tracks: &[usize]) -> bool {
         high = high.max(parent.filled[f]);
     }
     high - low > resting(parent)
+}
+
+/// Frames in which a part is away from where it mostly is while a joint's configuration is known.
+pub fn away(part: &Grown, joint: &Grown) -> Vec<bool> {
+    let mut beside: Vec<f64> = joint.known_frames().iter().map(|&f| part.filled[f]).collect();
+    let usual = median(&mut beside).unwrap_or(0.0);
+    part.filled.iter().map(|q| (q - usual).abs() > resting(part)).collect()
 }
 
 /// Share of a joint's configuration that is a smooth function of another's, while nearly all

@@ -18,6 +18,7 @@ mod memory;
 mod merge;
 mod outcome;
 mod pitch;
+mod rehang;
 mod search;
 #[cfg(test)]
 mod specimen;

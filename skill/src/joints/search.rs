@@ -21,8 +21,8 @@ pub struct Search<'s> {
     view: Arc<View>,
     /// and that from each joint's part.
     views: Vec<Arc<View>>,
-    witness: Witness<'s>,
-    config: &'s SkillConfig,
+    pub(super) witness: Witness<'s>,
+    pub(super) config: &'s SkillConfig,
     earlier: &'s Memory,
     cancelled: Option<&'s AtomicBool>,
     /// Joints that were adopted, parents first.
@@ -62,6 +62,13 @@ impl<'s> Search<'s> {
 
     /// Adopts joints until none is left.
     pub fn run(&mut self) {
+        self.adopt_all();
+        if self.config.joints.chains && !self.is_cancelled() {
+            self.rehang();
+        }
+    }
+
+    fn adopt_all(&mut self) {
         let config = &self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
         // What one round grew, the next need not grow again.
@@ -142,7 +149,7 @@ impl<'s> Search<'s> {
     }
 
     /// The view from a part.
-    fn view_from(&self, parent: Option<usize>) -> Arc<View> {
+    pub(super) fn view_from(&self, parent: Option<usize>) -> Arc<View> {
         parent.map_or_else(|| Arc::clone(&self.view), |p| Arc::clone(&self.views[p]))
     }
 
@@ -292,7 +299,7 @@ impl<'s> Search<'s> {
         })
     }
 
-    fn report(&self, how: &str, joint: &Grown) {
+    pub(super) fn report(&self, how: &str, joint: &Grown) {
         tracing::debug!(
             how,
             parent = joint.parent.map_or(0, |p| p + 1),
@@ -316,7 +323,7 @@ impl<'s> Search<'s> {
 
     /// Confronts a joint with the depth pictures; takes back configurations that they
     /// contradict.
-    fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
+    pub(super) fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
         joint.coupling = self.coupling(joint, joint.parent);
         if !self.witness.is_worth_asking(joint) {
             return;
@@ -495,7 +502,7 @@ impl<'s> Search<'s> {
     }
 
     /// Renews the views from a joint's part and from what may hang on it: parents come first.
-    fn look_from(&mut self, joint: usize) {
+    pub(super) fn look_from(&mut self, joint: usize) {
         self.views.truncate(joint);
         for j in joint..self.joints.len() {
             let view = self.view_from(self.joints[j].parent).seen_from(&self.joints[j]);

@@ -7,25 +7,31 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 /// A track for each place, seen at each configuration.
 pub fn seen_moving(dof: &Dof, places: &[Point3<f64>], q: &[f64]) -> View {
+    let paths: Vec<Vec<Point3<f64>>> =
+        places.iter().map(|p| q.iter().map(|&q| dof.move_point(q, p)).collect()).collect();
+    View::from_base(&seen_along(&paths), (0..places.len()).collect())
+}
+
+/// A track for each path, by a camera that rests.
+pub fn seen_along(paths: &[Vec<Point3<f64>>]) -> BaseMotion {
     let mut state = 1_u32;
     let mut noise = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         0.004 * (f64::from(state >> 8) / f64::from(1 << 24) - 0.5)
     };
-    let mut seen = |place: Point3<f64>| BasePoint {
+    let mut seen = |place: &Point3<f64>| BasePoint {
         point: place + Vector3::from_fn(|_, _| noise()),
         information: Matrix3::identity() / 0.002_f64.powi(2),
         sigma: 0.002,
     };
-    let tracks = places
+    let tracks = paths
         .iter()
-        .map(|p| BaseTrack {
+        .map(|path| BaseTrack {
             first_frame: 0,
             moves: true,
-            points: q.iter().map(|&q| Some(seen(dof.move_point(q, p)))).collect(),
+            points: path.iter().map(|place| Some(seen(place))).collect(),
         })
         .collect();
-    let camera_from_base = vec![Default::default(); q.len()];
-    let base = BaseMotion { camera_from_base, tracks, static_count: 0 };
-    View::from_base(&base, (0..places.len()).collect())
+    let camera_from_base = vec![Default::default(); paths.first().map_or(0, Vec::len)];
+    BaseMotion { camera_from_base, tracks, static_count: 0 }
 }
