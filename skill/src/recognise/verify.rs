@@ -263,7 +263,8 @@ impl Verdict {
         Self { parts: vec![PartVerdict::default(); parts], ..Self::default() }
     }
 
-    /// 0 to 1: appearance times agreement in depth times free space and ends, less for little evidence.
+    /// 0 to 1: appearance times agreement in depth times free space and ends, less for little
+    /// evidence.
     pub fn score(&self, inliers: usize) -> f64 {
         self.looks() * self.free_space() * self.ends() * self.agreement(inliers)
     }
