@@ -51,11 +51,19 @@ pub fn edges(
         let joint = model.joints.iter().find(|j| j.child == part);
         let views: Vec<View> = posed.iter().filter_map(|frame| View::of(frame, joint)).collect();
         let own: Vec<&Surfel> = surface.iter().filter(|s| usize::from(s.part) == part).collect();
-        let found = own.par_iter().flat_map_iter(|s| edges_beside(s, &views));
-        edges.extend(found.collect::<Vec<Edge>>().into_iter().take(per_part));
+        let mut found: Vec<Edge> = Vec::new();
+        for some in own.chunks(AT_ONCE) {
+            if found.len() < per_part {
+                found.par_extend(some.par_iter().flat_map_iter(|s| edges_beside(s, &views)));
+            }
+        }
+        edges.extend(found.into_iter().take(per_part));
     }
     edges
 }
+
+/// Pieces of surface looked at before it is asked whether there are edges enough.
+const AT_ONCE: usize = 500;
 
 /// A keyframe and the configuration of the joint that carries a part.
 struct View<'p> {
