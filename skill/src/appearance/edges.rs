@@ -5,6 +5,7 @@ use super::Surfel;
 use super::labels::PosedFrame;
 use crate::geometry::orthonormal_basis;
 use crate::model::{Joint, ObjectModel};
+use linkage_driver::RgbdFrame;
 use linkage_driver::depth::depth_tolerance;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -82,23 +83,26 @@ impl<'p> View<'p> {
         Some(Self { posed, configuration })
     }
 
-    /// Whether nothing is at a place of a part; `None` where something hides it or it is not
-    /// seen.
+    /// Whether nothing is at a place of a part; `None` where that is not known.
     fn sees_through(&self, part: u16, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<bool> {
-        let pose = self.posed.camera_from_part[usize::from(part)].as_ref()?;
-        let in_camera = pose * place;
-        let cosine = (pose * normal).dot(&in_camera.coords).abs() / in_camera.coords.norm();
-        if cosine < LEAST_COSINE {
-            return None;
-        }
-        let frame = self.posed.frame;
-        let pixel = frame.camera.project(&in_camera)?;
-        let behind = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?) - in_camera.z;
-        let tolerance = depth_tolerance(in_camera.z, cosine);
-        match behind > 2.0 * tolerance {
-            true => Some(true),
-            false => (behind.abs() < tolerance).then_some(false),
-        }
+        let camera_from_part = self.posed.camera_from_part[usize::from(part)].as_ref()?;
+        is_empty(self.posed.frame, &(camera_from_part * place), &(camera_from_part * normal))
+    }
+}
+
+/// Whether nothing is at a place where a surface of that normal might be, both in the camera
+/// frame; `None` where something hides the place or it is not seen.
+pub fn is_empty(frame: &RgbdFrame, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<bool> {
+    let cosine = normal.dot(&place.coords).abs() / place.coords.norm();
+    if cosine < LEAST_COSINE {
+        return None;
+    }
+    let pixel = frame.camera.project(place)?;
+    let behind = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?) - place.z;
+    let tolerance = depth_tolerance(place.z, cosine);
+    match behind > 2.0 * tolerance {
+        true => Some(true),
+        false => (behind.abs() < tolerance).then_some(false),
     }
 }
 
@@ -150,7 +154,6 @@ mod tests {
     use super::*;
     use crate::geometry::Pose;
     use crate::specimen::{board, seen};
-    use linkage_driver::RgbdFrame;
 
     const HALF_M: f64 = 0.2;
 

@@ -12,7 +12,7 @@ mod labels;
 
 pub use builder::build;
 pub use describe::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, Keypoints};
-pub use edges::Edge;
+pub use edges::{Edge, is_empty};
 
 pub use descriptor::{Descriptor, bytes_of, product, products, quantise, similarity};
 use serde::{Deserialize, Serialize};

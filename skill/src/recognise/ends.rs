@@ -4,8 +4,7 @@
 use super::articulated::{Articulated, State};
 use super::scene::Scene;
 use super::verify::{DepthBuffer, NEAREST_M};
-use crate::appearance::{Appearance, Edge};
-use linkage_driver::depth::depth_tolerance;
+use crate::appearance::{Appearance, Edge, is_empty};
 use nalgebra::{Point2, Point3, Vector3, center};
 
 /// What is beyond a part's edges.
@@ -108,22 +107,14 @@ enum There {
 /// What is at a place in the camera frame: nothing, or a surface of that orientation, seen from
 /// either side; `None` where something else is, or hides it.
 fn at(scene: &Scene, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<There> {
-    let cosine = normal.dot(&place.coords).abs() / place.coords.norm();
-    if cosine < LEAST_COSINE {
-        return None;
-    }
-    let (u, v) = pixel_of(scene, place)?;
-    let behind = f64::from(scene.frame.depth.at(u, v)?) - place.z;
-    let tolerance = depth_tolerance(place.z, cosine);
-    if behind > 2.0 * tolerance {
+    if is_empty(&scene.frame, place, normal)? {
         return Some(There::Nothing);
     }
-    let is_parallel = || scene.surface(u, v).is_some_and(|s| s.normal.dot(normal).abs() > PARALLEL);
-    (behind.abs() < tolerance && is_parallel()).then_some(There::Surface)
+    let (u, v) = pixel_of(scene, place)?;
+    let surface = scene.surface(u, v)?;
+    (surface.normal.dot(normal).abs() > PARALLEL).then_some(There::Surface)
 }
 
-/// A surface seen at less than this cosine tells nothing.
-const LEAST_COSINE: f64 = 0.3;
 /// Cosine of the largest angle between two normals of one surface.
 const PARALLEL: f64 = 0.87;
 
