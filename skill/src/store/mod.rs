@@ -397,6 +397,27 @@ mod tests {
     }
 
     #[test]
+    fn many_who_open_one_file_at_once_make_and_upgrade_it_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        let open_at_once = || {
+            std::thread::scope(|scope| {
+                let opening: Vec<_> =
+                    (0..8).map(|_| scope.spawn(|| Store::open_or_create(&path))).collect();
+                for opened in opening {
+                    opened.join().unwrap().unwrap();
+                }
+            });
+        };
+        open_at_once();
+        Store::open(&path).unwrap().put(&object("door")).unwrap();
+        let as_it_was = "ALTER TABLE object DROP COLUMN edges; PRAGMA user_version = 2;";
+        Connection::open(&path).unwrap().execute_batch(as_it_was).unwrap();
+        open_at_once();
+        assert_eq!(Store::open(&path).unwrap().get("door").unwrap(), object("door"));
+    }
+
+    #[test]
     fn an_object_that_is_removed_is_looked_for_no_more() {
         let dir = tempfile::tempdir().unwrap();
         let mut store = Store::open_or_create(&dir.path().join("s.linkage")).unwrap();

@@ -1,7 +1,7 @@
 //! The store's tables and their versions.
 
 use super::StoreError;
-use rusqlite::Connection;
+use rusqlite::{Connection, Transaction, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this version knows.
@@ -11,7 +11,6 @@ pub const SCHEMA_VERSION: i64 = 3;
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
 
 const CREATE: &str = "
-BEGIN IMMEDIATE;
 CREATE TABLE object (
     name TEXT PRIMARY KEY,
     model TEXT NOT NULL,
@@ -31,34 +30,48 @@ CREATE TABLE words (
 );
 PRAGMA application_id = 1280199495;
 PRAGMA user_version = 3;
-COMMIT;
 ";
 
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
 /// store; objects of the second know no edges: an empty list is written as one zero.
 const UPGRADES: [&str; 2] = [
     "
-BEGIN IMMEDIATE;
 DROP TABLE IF EXISTS vocabulary;
 CREATE TABLE IF NOT EXISTS words (
     object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
     words BLOB NOT NULL
 );
 PRAGMA user_version = 2;
-COMMIT;
 ",
     "
-BEGIN IMMEDIATE;
 ALTER TABLE object ADD COLUMN edges BLOB NOT NULL DEFAULT x'00';
 PRAGMA user_version = 3;
-COMMIT;
 ",
 ];
 
-/// Makes the tables of an empty file, or checks those of an old one.
+/// Makes the tables of an empty file, or brings those of an old one up to date.
 pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     let sql = |e| explain(path, e);
     connection.busy_timeout(std::time::Duration::from_secs(5)).map_err(sql)?;
+    if steps(path, connection)? == [CREATE] {
+        connection.pragma_update(None, "journal_mode", "WAL").map_err(sql)?;
+    }
+    if !steps(path, connection)?.is_empty() {
+        let alone = Transaction::new_unchecked(connection, TransactionBehavior::Immediate);
+        let alone = alone.map_err(sql)?;
+        // Another process may have been faster.
+        for step in steps(path, &alone)? {
+            alone.execute_batch(step).map_err(sql)?;
+        }
+        alone.commit().map_err(sql)?;
+    }
+    connection.pragma_update(None, "foreign_keys", true).map_err(sql)?;
+    connection.pragma_update(None, "synchronous", "FULL").map_err(sql)
+}
+
+/// What a file lacks of the newest schema.
+fn steps(path: &Path, connection: &Connection) -> Result<Vec<&'static str>, StoreError> {
+    let sql = |e| explain(path, e);
     let number = |pragma: &str| {
         connection.pragma_query_value(None, pragma, |row| row.get::<_, i64>(0)).map_err(sql)
     };
@@ -67,23 +80,18 @@ pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
         .map_err(sql)?;
     let (application, version) = (number("application_id")?, number("user_version")?);
     if tables == 0 && application == 0 {
-        connection.pragma_update(None, "journal_mode", "WAL").map_err(sql)?;
-        connection.execute_batch(CREATE).map_err(sql)?;
+        Ok(vec![CREATE])
     } else if application != APPLICATION_ID {
-        return Err(StoreError::NotAStore { path: path.display().to_string() });
+        Err(StoreError::NotAStore { path: path.display().to_string() })
     } else if version > SCHEMA_VERSION {
-        return Err(StoreError::Newer {
+        Err(StoreError::Newer {
             path: path.display().to_string(),
             found: version,
             known: SCHEMA_VERSION,
-        });
+        })
     } else {
-        for upgrade in UPGRADES.iter().skip(usize::try_from(version - 1).unwrap_or(0)) {
-            connection.execute_batch(upgrade).map_err(sql)?;
-        }
+        Ok(UPGRADES.into_iter().skip(usize::try_from(version - 1).unwrap_or(0)).collect())
     }
-    connection.pragma_update(None, "foreign_keys", true).map_err(sql)?;
-    connection.pragma_update(None, "synchronous", "FULL").map_err(sql)
 }
 
 /// An error of SQLite with the file's name.
