@@ -139,7 +139,7 @@ impl Follower {
             inliers: 0,
             verdict,
             evident: evident.into_iter().map(|e| e && seen).collect(),
-            seen: parts.into_iter().map(|p| p && seen).collect(),
+            placed: parts.into_iter().map(|p| p && seen).collect(),
         };
         Ok(Followed { recognised: report(&self.object, &self.articulated, &found), seen })
     }

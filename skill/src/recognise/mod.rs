@@ -15,6 +15,7 @@ mod matching;
 mod pnp;
 mod refine;
 mod retrieval;
+mod rivals;
 mod scene;
 mod system;
 mod taken;
@@ -304,6 +305,8 @@ fn find_beside(
         inliers = found.inliers,
         matches = matches.len(),
         verdict = ?found.verdict,
+        placed = ?found.placed,
+        evident = ?found.evident,
         "candidate"
     );
     Some(found)
@@ -318,8 +321,8 @@ struct Found {
     score: f64,
     inliers: usize,
     verdict: Verdict,
-    /// Parts of which something is itself seen.
-    seen: Vec<bool>,
+    /// Parts of which something seen tells where they are.
+    placed: Vec<bool>,
     /// Joints whose configuration can be told.
     evident: Vec<bool>,
 }
@@ -362,16 +365,19 @@ fn with_depth(
         let verdict = verify::verify(scene, articulated, cloud, &state);
         let score = score_of(&verdict, inliers, config);
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
-        let seen = seen_parts(articulated, matches, &state, &verdict);
-        let evident = evident_joints(articulated, &seen);
+        let placed = placed_parts(articulated, matches, &state, &verdict);
+        let evident = evident_joints(articulated, &placed);
         // A small piece of the room may look better than all of the object does in poor light:
         // what counts is how much is explained, and how well.
         let explained = score * refine::explained(&verdict, inliers);
         if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-            best = Some((explained, Found { state, score, inliers, verdict, seen, evident }));
+            best = Some((explained, Found { state, score, inliers, verdict, placed, evident }));
         }
     }
     let (_, mut best) = best.filter(|(_, b)| b.inliers >= config.min_inliers)?;
+    if probability(best.score) >= config.min_score {
+        doubt_rivalled(&refiner, &mut best);
+    }
     if config.eliminate && probability(best.score) >= config.min_score {
         eliminate(scene, articulated, cloud, &mut best);
     }
@@ -389,8 +395,8 @@ fn score_of(verdict: &Verdict, inliers: usize, config: &RecogniseConfig) -> f64 
     looks * free_space * ends * verdict.agreement(inliers)
 }
 
-/// Parts of which something was itself seen.
-fn seen_parts(
+/// Parts of which something was itself seen, where the state puts it.
+fn placed_parts(
     articulated: &Articulated,
     matches: &[Match],
     state: &State,
@@ -404,16 +410,29 @@ fn seen_parts(
         .collect()
 }
 
-/// A configuration is told when something was seen on either side of the joint.
-fn evident_joints(articulated: &Articulated, seen: &[bool]) -> Vec<bool> {
+/// A configuration is told when something on either side of the joint tells where it is.
+fn evident_joints(articulated: &Articulated, placed: &[bool]) -> Vec<bool> {
     (0..articulated.joints.len())
         .map(|j| {
             let moved = articulated.moved_by(j);
-            let on =
-                |side: bool| (0..articulated.parts).any(|p| seen[p] && moved.contains(&p) == side);
+            let on = |side: bool| {
+                (0..articulated.parts).any(|p| placed[p] && moved.contains(&p) == side)
+            };
             on(true) && on(false)
         })
         .collect()
+}
+
+/// Parts that could as well be elsewhere do not tell where they are.
+fn doubt_rivalled(refiner: &Refiner, found: &mut Found) {
+    for joint in 0..found.evident.len() {
+        if found.evident[joint] {
+            for part in rivals::adrift(refiner, &found.state, joint) {
+                found.placed[part] = false;
+            }
+        }
+    }
+    found.evident = evident_joints(refiner.articulated, &found.placed);
 }
 
 /// Tells configurations that nothing seen beyond the joint shows, where all others can be
@@ -421,7 +440,7 @@ fn evident_joints(articulated: &Articulated, seen: &[bool]) -> Vec<bool> {
 fn eliminate(scene: &Scene, articulated: &Articulated, cloud: &Cloud, found: &mut Found) {
     for j in 0..articulated.joints.len() {
         let moved = articulated.moved_by(j);
-        let held = (0..articulated.parts).any(|p| found.seen[p] && !moved.contains(&p));
+        let held = (0..articulated.parts).any(|p| found.placed[p] && !moved.contains(&p));
         if found.evident[j] || !held {
             continue;
         }
@@ -444,26 +463,26 @@ fn probability(score: f64) -> f64 {
     CEILING / (1.0 + (-STEEPNESS * (score - EVEN)).exp())
 }
 
-/// The base is seen, or a part from which told configurations lead to it.
+/// Something tells where the base is, or a part from which told configurations lead to it.
 fn base_is_known(articulated: &Articulated, found: &Found) -> bool {
     let leads = |part: usize| {
         (0..found.evident.len())
             .all(|j| found.evident[j] || !articulated.moved_by(j).contains(&part))
     };
-    (0..articulated.parts).any(|part| found.seen[part] && leads(part))
+    (0..articulated.parts).any(|part| found.placed[part] && leads(part))
 }
 
 /// Why a joint's configuration is not told.
 fn reason(model: &ObjectModel, articulated: &Articulated, found: &Found, joint: usize) -> String {
     let moved = articulated.moved_by(joint);
     let is_hidden =
-        |side: bool| (0..articulated.parts).all(|p| !found.seen[p] || moved.contains(&p) != side);
+        |side: bool| (0..articulated.parts).all(|p| !found.placed[p] || moved.contains(&p) != side);
     let name = |part: usize| model.parts[part].name.as_str();
     let (parent, child) = (name(model.joints[joint].parent), name(model.joints[joint].child));
     match (is_hidden(true), is_hidden(false)) {
-        (true, false) => format!("nothing of {child} is seen"),
-        (false, true) => format!("nothing of {parent} is seen"),
-        _ => format!("nothing of {parent} and {child} is seen"),
+        (true, false) => format!("nothing seen of {child} tells where it is"),
+        (false, true) => format!("nothing seen of {parent} tells where it is"),
+        _ => format!("nothing seen of {parent} and {child} tells where they are"),
     }
 }
 

@@ -41,15 +41,15 @@ pub fn find(
     let camera = &scene.frame.camera;
     let (state, inliers) = place(camera, articulated, matches)?;
     let verdict = verify_looks(scene, articulated, cloud, &state);
-    let seen: Vec<bool> = (0..articulated.parts)
+    let placed: Vec<bool> = (0..articulated.parts)
         .map(|p| {
             inliers_of(camera, articulated, matches, &state, &[p]) >= MIN_OF_PART
                 && verdict.parts[p].looks_alike()
         })
         .collect();
-    let evident = evident_joints(articulated, &seen);
+    let evident = evident_joints(articulated, &placed);
     let score = verdict.looks() * (1.0 - (-(inliers as f64) / 10.0).exp());
-    Some(Found { state, score, inliers, verdict, seen, evident })
+    Some(Found { state, score, inliers, verdict, placed, evident })
 }
 
 /// The state that most matches agree with, and how many.

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 /// Inliers on either side of a joint below which its configuration is scanned.
 const WEAK: usize = 6;
 /// Surfels that a matched feature is worth.
-const FEATURE_WORTH: f64 = 8.0;
+pub const FEATURE_WORTH: f64 = 8.0;
 /// Scanned configurations that are followed to their end.
 const FOLLOWED: usize = 3;
 /// Configurations that are tried of a joint's range.
@@ -47,27 +47,33 @@ pub struct Refiner<'r> {
 }
 
 impl Refiner<'_> {
-    /// From a hypothesis to the state that fits best.
+    /// From a hypothesis to the state that fits best. Depth alone may hold for several states, and
+    /// plain boards slide as they are aligned: what the matches say by themselves competes too.
     pub fn settle(&self, hypothesis: &Hypothesis) -> State {
         let part = hypothesis.part;
+        let matched = self.fit_features(hypothesis.state.clone());
+        let aligned = self.align(matched.clone());
+        let mut states = vec![matched, aligned];
         let weak = self.weak_joints(&hypothesis.state);
-        if weak.is_empty() || !self.config.search_configurations {
-            return self.align(self.fit_features(hypothesis.state.clone()));
+        if self.config.search_configurations && !weak.is_empty() {
+            let scanned = self.scan(part, &hypothesis.state, &weak, COARSE_STEPS, FOLLOWED);
+            states.par_extend(scanned.into_par_iter().map(|s| self.follow(part, s, &weak)));
         }
-        // Depth alone may hold for several configurations: each is followed to its end.
-        let scanned = self
-            .scan(part, &hypothesis.state, &weak, COARSE_STEPS, FOLLOWED)
-            .into_par_iter()
-            .map(|scanned| {
-                let aligned = self.align(scanned);
-                // Alignment may pull a small part into the surface behind it: look again.
-                let again = self.scan(part, &aligned, &weak, 41, 1).swap_remove(0);
-                let better =
-                    self.fit(self.cloud, &again) > SCAN_ADVANTAGE * self.fit(self.cloud, &aligned);
-                if better { again } else { aligned }
-            });
-        let settled = self.best_of(scanned).unwrap_or_else(|| hypothesis.state.clone());
+        let settled = self.best_of(states.into_par_iter());
+        let settled = settled.unwrap_or_else(|| hypothesis.state.clone());
+        if !self.config.search_configurations {
+            return settled;
+        }
         weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint))
+    }
+
+    /// A scanned state, followed to its end. Alignment may pull a small part into the surface
+    /// behind it: its configuration is looked for again.
+    fn follow(&self, part: usize, scanned: State, weak: &[usize]) -> State {
+        let aligned = self.align(scanned);
+        let again = self.scan(part, &aligned, weak, 41, 1).swap_remove(0);
+        let better = self.fit(self.cloud, &again) > SCAN_ADVANTAGE * self.fit(self.cloud, &aligned);
+        if better { again } else { aligned }
     }
 
     /// Moves a joint to where its parts look most alike, from the nearest scanned configuration:

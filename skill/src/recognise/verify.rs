@@ -222,6 +222,12 @@ impl PartVerdict {
         through / (self.agree as f64 + through).max(1.0)
     }
 
+    /// Agreement in depth, worth more where it also looks right.
+    pub fn fit(&self) -> f64 {
+        let looks = self.correlation.unwrap_or(0.0).max(0.0);
+        self.agree as f64 * (0.4 + 1.2 * looks) - 2.0 * self.through as f64
+    }
+
     fn looks_right(&self) -> bool {
         self.agree >= 25 && self.looks_alike()
     }
@@ -334,16 +340,9 @@ impl Verdict {
             .is_some_and(|(base, rest)| base.looks_right() && rest.iter().any(PartVerdict::is_seen))
     }
 
-    /// Agreement in depth, part by part worth more where the part also looks right, for
-    /// comparing configurations.
+    /// [`PartVerdict::fit`] of all parts, for comparing configurations.
     pub fn fit(&self) -> f64 {
-        self.parts
-            .iter()
-            .map(|p| {
-                let looks = p.correlation.unwrap_or(0.0).max(0.0);
-                p.agree as f64 * (0.4 + 1.2 * looks) - 2.0 * p.through as f64
-            })
-            .sum()
+        self.parts.iter().map(PartVerdict::fit).sum()
     }
 }
 

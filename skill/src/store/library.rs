@@ -117,8 +117,13 @@ impl Library {
         let likely: Vec<usize> = if self.len() <= most {
             (0..self.len()).collect()
         } else {
-            let ranked = self.index.rank(&scene.features, most * config.shortlists.max(1));
-            ranked.into_iter().map(|(number, _)| number).collect()
+            let all = most * config.shortlists.max(1);
+            let ranked = self.index.rank(&scene.features, all);
+            let mut likely: Vec<usize> = ranked.into_iter().map(|(number, _)| number).collect();
+            let room = all - likely.len();
+            let unlikely = (0..self.len()).filter(|number| !likely.contains(number)).take(room);
+            likely.extend(unlikely.collect::<Vec<_>>());
+            likely
         };
         likely.chunks(most).map(<[usize]>::to_vec).collect()
     }
