@@ -36,13 +36,11 @@ impl Search<'_> {
 
     fn hung(&self, joint: usize, parent: usize) -> Option<Grown> {
         let alone = &self.joints[joint];
-        let away = accept::away(&self.joints[parent], alone);
-        let lost = |j: &Grown| (0..away.len()).filter(|&f| away[f] && !j.known[f]).count();
-        let at_rest = (0..away.len()).find(|&f| !away[f] && alone.known[f])?;
-        let lost_alone = lost(alone);
-        if lost_alone < LEAST_LOST || 2 * lost_alone < away.iter().filter(|a| **a).count() {
+        if !self.is_lost_beside(alone, parent) {
             return None;
         }
+        let away = accept::away(&self.joints[parent], alone);
+        let at_rest = (0..away.len()).find(|&f| !away[f] && alone.known[f])?;
         let part_from_base = base_from_part(&self.joints, parent, at_rest).inverse();
         let mut hung = alone.clone();
         hung.parent = Some(parent);
@@ -65,8 +63,16 @@ impl Search<'_> {
         grow::finish(&view, &mut hung, &candidates, &self.config.joints, 2);
         self.question(&view, &mut hung, &candidates);
         self.report("hung", &hung);
-        let goes_along = 3 * lost(&hung) < 2 * lost_alone;
+        let goes_along = 3 * lost(&hung, &away) < 2 * lost(alone, &away);
         (goes_along && self.witness.accepts(&hung)).then_some(hung)
+    }
+
+    /// A joint of the base is lost for most of the time that another part moves: its part may hang
+    /// on that.
+    pub(super) fn is_lost_beside(&self, alone: &Grown, other: usize) -> bool {
+        let away = accept::away(&self.joints[other], alone);
+        let lost = lost(alone, &away);
+        lost >= LEAST_LOST && 2 * lost >= away.iter().filter(|a| **a).count()
     }
 
     /// Puts a joint in place of another, after its new parent.
@@ -78,6 +84,11 @@ impl Search<'_> {
         }
         self.look_from(0);
     }
+}
+
+/// Of these frames, those in which a joint's configuration is not known.
+fn lost(joint: &Grown, frames: &[bool]) -> usize {
+    frames.iter().zip(&joint.known).filter(|(among, known)| **among && !**known).count()
 }
 
 #[cfg(test)]

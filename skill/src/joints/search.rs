@@ -98,7 +98,8 @@ impl<'s> Search<'s> {
     }
 
     /// Carries the earlier search's joints on to the present. Those that are beyond doubt are
-    /// adopted; the others are to compete with what else can be grown.
+    /// adopted; the others are to compete with what else can be grown, and so are those that are
+    /// lost while what was adopted moves.
     fn recall(&mut self, rest: &mut Vec<usize>) -> Vec<Grown> {
         let mut doubtful: Vec<Grown> = Vec::new();
         let mut parents = vec![None];
@@ -123,9 +124,13 @@ impl<'s> Search<'s> {
                 sound.retain(|j| j.dof != best.dof && apart(j));
                 others.retain(apart);
                 doubtful.retain(apart);
-                let adopted = Some(self.adopt(best, rest));
-                if !parents.contains(&adopted) {
-                    parents.push(adopted);
+                let adopted = self.adopt(best, rest);
+                let (lost, found): (Vec<Grown>, Vec<Grown>) =
+                    sound.into_iter().partition(|j| self.is_lost_beside(j, adopted));
+                sound = found;
+                others.extend(lost);
+                if !parents.contains(&Some(adopted)) {
+                    parents.push(Some(adopted));
                 }
             }
             if !others.iter().all(|j| self.witness.accepts(j)) {
