@@ -67,8 +67,8 @@ impl Search<'_> {
         (goes_along && self.witness.accepts(&hung)).then_some(hung)
     }
 
-    /// A joint of the base is lost for most of the time that another part moves: its part may hang
-    /// on that.
+    /// A joint is lost for most of the time that another's part moves: its own part may hang on
+    /// that.
     pub(super) fn is_lost_beside(&self, alone: &Grown, other: usize) -> bool {
         let away = accept::away(&self.joints[other], alone);
         let lost = lost(alone, &away);

@@ -177,8 +177,9 @@ pub struct Recognised {
     pub inliers: usize,
     /// Pose of the object frame.
     pub camera_from_object: [f64; 7],
-    /// False where only parts are seen whose configuration is not known: `camera_from_object` is
-    /// then a guess, while the axes of the joints that carry them are right. Left out where true.
+    /// False where nothing tells where the base is, as where only parts are seen whose
+    /// configuration is not known: `camera_from_object` is then a guess, while the axes of the
+    /// joints that carry them are right. Left out where true.
     #[serde(default = "yes", skip_serializing_if = "is_yes")]
     pub base_known: bool,
     /// Its joints.
