@@ -21,7 +21,7 @@ const MAX_DISTANCE: f64 = 0.05;
 const MAX_STRAY: f64 = 0.1;
 /// Keyframes in which tracks and plane must agree.
 const MIN_AGREEING: usize = 2;
-/// Farthest turn from one keyframe to the next, radians.
+/// Farthest turn from one keyframe to the next, radians; as much more for each that shows nothing.
 const MAX_STEP: f64 = 0.9;
 
 /// A plane about the line, at a keyframe.
@@ -50,8 +50,9 @@ pub fn extend(
         return;
     }
     let patches = moving_patches(keyframes, base, seed);
+    let frames: Vec<usize> = keyframes.iter().map(|(frame, _)| frame).collect();
     for learned in joints.iter_mut().filter(|l| lacks(l)) {
-        let found = shown_by_planes(learned, &patches);
+        let found = shown_by_planes(learned, &patches, &frames);
         tracing::debug!(joint = learned.joint.name, keyframes = found.len(), "shown by its plane");
         if !found.is_empty() {
             fill(learned, &found, set);
@@ -60,7 +61,11 @@ pub fn extend(
 }
 
 /// Frame and configuration of keyframes in which tracks tell nothing.
-fn shown_by_planes(learned: &LearnedJoint, patches: &[PlanePatch]) -> Vec<(usize, f64)> {
+fn shown_by_planes(
+    learned: &LearnedJoint,
+    patches: &[PlanePatch],
+    keyframes: &[usize],
+) -> Vec<(usize, f64)> {
     let geometry = learned.joint.geometry();
     let sightings = sightings(&geometry, patches);
     let known = |s: &Sighting| configuration(learned, &geometry, s.frame);
@@ -79,22 +84,25 @@ fn shown_by_planes(learned: &LearnedJoint, patches: &[PlanePatch]) -> Vec<(usize
         return Vec::new();
     }
     let mut found = Vec::new();
-    let mut before = 0.0;
-    let last = learned.base_from_part.len();
-    for frame in 0..last {
+    let (mut before, mut unseen) = (0.0, 0);
+    for frame in 0..learned.base_from_part.len() {
         if let Some(q) = configuration(learned, &geometry, frame) {
-            before = q;
+            (before, unseen) = (q, 0);
             continue;
         }
+        if !keyframes.contains(&frame) {
+            continue;
+        }
+        unseen += 1;
         let own = sightings
             .iter()
             .filter(|s| s.frame == frame && s.lie.alike(&reference.lie))
             .max_by_key(|s| s.samples);
         if let Some(s) = own {
             let q = near(s.turn - offset, before);
-            if (q - before).abs() < MAX_STEP {
+            if (q - before).abs() < MAX_STEP * f64::from(unseen) {
                 found.push((frame, q));
-                before = q;
+                (before, unseen) = (q, 0);
             }
         }
     }
