@@ -42,7 +42,7 @@ pub struct LearnConfig {
 
 impl Default for LearnConfig {
     fn default() -> Self {
-        Self { way: LearningWay::Joints, keyframes: 48, search_every: 40 }
+        Self { way: LearningWay::Joints, keyframes: 48, search_every: 15 }
     }
 }
 

@@ -152,11 +152,54 @@ fn fill(learned: &mut LearnedJoint, found: &[(usize, f64)], set: &TrackSet) {
 
 #[cfg(test)]
 mod tests {
-    use super::near;
+    use super::*;
+    use crate::model::Joint;
+    use nalgebra::{Point3, Vector3};
+
+    const LAST: usize = 40;
+
+    fn line() -> JointGeometry {
+        JointGeometry::hinge(Vector3::x_axis(), Point3::new(0.0, 0.0, 1.0))
+    }
+
+    /// How far a lid is turned in a frame.
+    fn turn(frame: usize) -> f64 {
+        0.04 * frame as f64
+    }
+
+    /// The plane of the lid in a frame.
+    fn patch(frame: usize) -> PlanePatch {
+        let at = |x: i32, y: i32| Point3::new(0.03 * f64::from(x), 0.02 * f64::from(y), 1.0);
+        let closed = (-5..5).flat_map(|x| (1..10).map(move |y| at(x, y)));
+        let motion = line().motion(turn(frame));
+        let normal = motion.rotation * -Vector3::z();
+        let points: Vec<Point3<f64>> = closed.map(|p| motion * p).collect();
+        PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
+    }
+
+    /// Where planes show the lid that tracks followed to frame 12, if it is seen in these frames
+    /// of all keyframes.
+    fn shown(seen: &[usize]) -> Vec<(usize, f64)> {
+        let learned = LearnedJoint {
+            joint: Joint::of(&line()),
+            base_from_part: (0..=LAST).map(|f| (f <= 12).then(|| line().motion(turn(f)))).collect(),
+            tracks: Vec::new(),
+        };
+        let patches: Vec<PlanePatch> = seen.iter().map(|&f| patch(f)).collect();
+        let keyframes: Vec<usize> = (0..=LAST).step_by(4).collect();
+        shown_by_planes(&learned, &patches, &keyframes)
+    }
+
+    #[test]
+    fn a_lid_is_followed_by_its_plane_though_it_was_out_of_sight() {
+        let found = shown(&[0, 4, 8, 12, 36, 40]);
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [36, 40]);
+        assert!(found.iter().all(|(f, q)| (q - turn(*f)).abs() < 1e-6), "{found:?}");
+    }
 
     #[test]
     fn an_angle_is_taken_where_it_continues_the_last() {
-        assert!((near(-3.0, 3.0) - (std::f64::consts::TAU - 3.0)).abs() < 1e-12);
+        assert!((near(-3.0, 3.0) - (TAU - 3.0)).abs() < 1e-12);
         assert!((near(0.2, 0.0) - 0.2).abs() < 1e-12);
     }
 }
