@@ -20,8 +20,11 @@ const MIN_CELLS: usize = 60;
 const NOISE_SHARE: f64 = 0.08;
 /// Share of the resting parts' surface that a configuration must leave as visible as it is.
 const KEPT_SURFACE: f64 = 0.85;
-/// Half the widest interval that tells a configuration: radians, metres.
-const HALF_WIDTH: (f64, f64) = (0.087, 0.02);
+
+/// How far off a told configuration may be: radians or metres.
+pub fn told_within(kind: JointKind) -> f64 {
+    if kind == JointKind::Prismatic { 0.02 } else { 0.087 }
+}
 
 /// The configuration of `joint` that the picture leaves possible, all else being as in
 /// `state`; `None` where it leaves several apart, too wide an interval, or none.
@@ -57,14 +60,10 @@ pub fn remaining(
         })
         .collect();
     let (low, high) = (possible.first()?.q, possible.last()?.q);
-    let half_width = match j.geometry.kind {
-        JointKind::Prismatic => HALF_WIDTH.1,
-        _ => HALF_WIDTH.0,
-    };
     tracing::debug!(joint, low, high, most, surface, of = possible.len(), "by elimination");
     // A configuration beyond the range would leave its end as the only possible one.
     let inside = low > j.low + 0.5 * step && high < j.high - 0.5 * step;
-    let narrow = 0.5 * (high - low) < half_width;
+    let narrow = 0.5 * (high - low) < told_within(j.geometry.kind);
     (inside && narrow).then_some(0.5 * (low + high))
 }
 

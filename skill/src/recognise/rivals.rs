@@ -3,18 +3,16 @@
 //! configuration is told only where no other one explains the picture about as well.
 
 use super::articulated::State;
+use super::elimination::told_within;
 use super::hypothesis::unique_inliers;
 use super::refine::{FEATURE_WORTH, Refiner};
 use super::verify::verify;
-use crate::articulate::JointKind;
 use rayon::prelude::*;
 
 /// Configurations that are tried.
 const STEPS: usize = 25;
 /// Share of what a configuration explains from which another one is its rival.
 const AS_GOOD: f64 = 0.9;
-/// How far apart rivals are: radians, metres.
-const APART: (f64, f64) = (0.087, 0.02);
 
 /// The parts on that side of a joint which shows less, if they could as well be elsewhere while
 /// the others stay where they are; else none.
@@ -28,12 +26,11 @@ pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
         (explained(refiner, state, &moving), explained(refiner, state, &resting));
     let (weak, held) = if of_moving < of_resting { (moving, resting) } else { (resting, moving) };
     let camera_from_held = articulated.poses(state)[held[0]];
-    let apart = if j.geometry.kind == JointKind::Prismatic { APART.1 } else { APART.0 };
     let step = (j.high - j.low) / (STEPS - 1) as f64;
     let has_rival = (0..STEPS)
         .into_par_iter()
         .map(|i| j.low + step * i as f64)
-        .filter(|q| (q - state.q[joint]).abs() > apart)
+        .filter(|q| (q - state.q[joint]).abs() > told_within(j.geometry.kind))
         .any(|q| {
             let mut elsewhere = state.q.clone();
             elsewhere[joint] = q;

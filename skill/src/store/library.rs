@@ -120,9 +120,11 @@ impl Library {
             let all = most * config.shortlists.max(1);
             let ranked = self.index.rank(&scene.features, all);
             let mut likely: Vec<usize> = ranked.into_iter().map(|(number, _)| number).collect();
-            let room = all - likely.len();
-            let unlikely = (0..self.len()).filter(|number| !likely.contains(number)).take(room);
-            likely.extend(unlikely.collect::<Vec<_>>());
+            // Where there is room for all, those without votes are compared last.
+            if self.len() <= all {
+                let others = (0..self.len()).filter(|number| !likely.contains(number));
+                likely.extend(others.collect::<Vec<_>>());
+            }
             likely
         };
         likely.chunks(most).map(<[usize]>::to_vec).collect()

@@ -53,10 +53,11 @@ PRAGMA user_version = 3;
 pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     let sql = |e| explain(path, e);
     connection.busy_timeout(std::time::Duration::from_secs(5)).map_err(sql)?;
-    if steps(path, connection)? == [CREATE] {
+    let lacking = steps(path, connection)?;
+    if lacking == [CREATE] {
         connection.pragma_update(None, "journal_mode", "WAL").map_err(sql)?;
     }
-    if !steps(path, connection)?.is_empty() {
+    if !lacking.is_empty() {
         let alone = Transaction::new_unchecked(connection, TransactionBehavior::Immediate);
         let alone = alone.map_err(sql)?;
         // Another process may have been faster.
