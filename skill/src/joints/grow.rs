@@ -33,6 +33,8 @@ const REFINE_SHARE: usize = 6;
 const REFINE_TRACKS: usize = 80;
 /// Rounds of refinement when growth has ended.
 const GROWTH_ROUNDS: usize = 3;
+/// The same where the joint was certain already.
+const RENEWAL_ROUNDS: usize = 1;
 /// Tracks that the last refinements use.
 const FINISH_TRACKS: usize = 150;
 /// Tracks that the very last one uses.
@@ -102,7 +104,7 @@ fn with_pitch(view: &View, grown: Grown, candidates: &[usize], config: &JointsCo
         }
         refine(&mut screw, view, &some, FAR * config.cut, config.finish_steps);
     }
-    let screw = carried_on(view, screw, candidates, config);
+    let screw = carried_on(view, screw, candidates, config, GROWTH_ROUNDS);
     if screw.gain > grown.gain { screw } else { grown }
 }
 
@@ -239,15 +241,30 @@ impl Book {
     }
 }
 
-/// Carries a joint to all frames, from those in which it is known.
-pub fn grow(view: &View, joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
-    with_pitch(view, carried_on(view, joint, candidates, config), candidates, config)
+/// Carries a joint to all frames, from those in which it is known; `was_certain`: those told its
+/// line so well that a few more frames hardly move it.
+pub fn grow(
+    view: &View,
+    joint: Grown,
+    was_certain: bool,
+    candidates: &[usize],
+    config: &JointsConfig,
+) -> Grown {
+    let rounds = if was_certain { RENEWAL_ROUNDS } else { GROWTH_ROUNDS };
+    let joint = carried_on(view, joint, candidates, config, rounds);
+    with_pitch(view, joint, candidates, config)
 }
 
 /// The same as the kind of joint that it is taken for.
-fn carried_on(view: &View, joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+fn carried_on(
+    view: &View,
+    joint: Grown,
+    candidates: &[usize],
+    config: &JointsConfig,
+    rounds: usize,
+) -> Grown {
     let mut joint = swept(view, joint, candidates, config);
-    finish(view, &mut joint, candidates, config, GROWTH_ROUNDS);
+    finish(view, &mut joint, candidates, config, rounds);
     joint
 }
 
@@ -464,13 +481,14 @@ pub fn finish(
 }
 
 /// Refines a joint on its members in all frames.
-pub fn polish(view: &View, joint: &mut Grown, config: &JointsConfig) {
+pub fn polish(view: &View, mut joint: Grown, config: &JointsConfig) -> Grown {
     let members = joint.members.clone();
     let some = some_of(members.clone(), POLISH_TRACKS);
-    refine(joint, view, &some, config.cut, config.finish_steps);
-    locate_points(joint, view, &members, config.cut);
-    configure_all(view, joint, &members, config.cut, POLISH_TRACKS);
+    refine(&mut joint, view, &some, config.cut, config.finish_steps);
+    locate_points(&mut joint, view, &members, config.cut);
+    configure_all(view, &mut joint, &members, config.cut, POLISH_TRACKS);
     joint.summarise();
+    joint
 }
 
 /// At most about `most` of them, evenly spread.

@@ -213,6 +213,7 @@ impl<'s> Search<'s> {
             }
             let more: Vec<Option<Grown>> = batch
                 .par_iter()
+                .filter(|_| !self.is_cancelled())
                 .map(|h| {
                     let mirrors = |j: &Grown| self.coupling(j, parent) > accept::MAX_COUPLING;
                     let mut joint = grow::grow_hypothesis(&view, h, &candidates, config, mirrors)?;
@@ -247,9 +248,10 @@ impl<'s> Search<'s> {
         candidates: &[usize],
     ) -> Vec<(Grown, bool)> {
         let mut joints = self.earlier.recalled(former, view, self.seen.set);
-        joints.par_iter_mut().for_each(|(joint, _)| {
+        joints.par_iter_mut().filter(|_| !self.is_cancelled()).for_each(|(joint, was_certain)| {
             joint.parent = parent;
-            *joint = grow::grow(view, joint.clone(), candidates, &self.config.joints);
+            let config = &self.config.joints;
+            *joint = grow::grow(view, joint.clone(), *was_certain, candidates, config);
             self.question(view, joint, candidates);
             self.report("recalled", joint);
         });
@@ -265,13 +267,30 @@ impl<'s> Search<'s> {
 
     /// Refines what it found on all frames, parents first.
     pub fn polish(&mut self) {
-        for i in 0..self.joints.len() {
-            let view = self.view_from(self.joints[i].parent);
-            grow::polish(&view, &mut self.joints[i], &self.config.joints);
-            if self.joints.iter().any(|j| j.parent == Some(i)) {
-                self.views[i] = Arc::new(view.seen_from(&self.joints[i]));
+        let mut generation = self.carried_by(|parent| parent.is_none());
+        while !generation.is_empty() {
+            let polished: Vec<Grown> = generation
+                .par_iter()
+                .map(|&i| {
+                    let joint = self.joints[i].clone();
+                    let view = self.view_from(joint.parent);
+                    grow::polish(&view, joint, &self.config.joints)
+                })
+                .collect();
+            for (&i, joint) in generation.iter().zip(polished) {
+                let view = self.view_from(joint.parent);
+                if !self.carried_by(|parent| parent == Some(i)).is_empty() {
+                    self.views[i] = Arc::new(view.seen_from(&joint));
+                }
+                self.joints[i] = joint;
             }
+            generation = self.carried_by(|parent| parent.is_some_and(|p| generation.contains(&p)));
         }
+    }
+
+    /// Joints whose parents are such.
+    fn carried_by(&self, is_such: impl Fn(Option<usize>) -> bool) -> Vec<usize> {
+        (0..self.joints.len()).filter(|&i| is_such(self.joints[i].parent)).collect()
     }
 
     /// What it found, as a model tells it.
