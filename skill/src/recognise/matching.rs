@@ -24,7 +24,9 @@ pub struct Match {
     pub seen_normal: Vector3<f64>,
     /// Pixel.
     pub pixel: [f32; 2],
-    /// Ratio of distances: the smaller the more distinct.
+    /// Distance of the descriptors,
+    pub distance: f64,
+    /// and its ratio to that of the best one at another place: the smaller the more distinct.
     pub ratio: f64,
     /// Tolerance of its place, metres.
     pub tolerance: f64,
@@ -87,32 +89,43 @@ const ONE_PLACE_M: f64 = 0.03;
 /// Largest distance of unit descriptors.
 const MAX_DISTANCE: f64 = 0.85;
 
-/// The most distinct matches of both kinds.
-pub fn match_features(
-    seen: &[&DescribedFeature],
-    table: &FeatureTable,
-    config: &RecogniseConfig,
-) -> Vec<Match> {
-    let mut matches: Vec<Match> =
-        table.0.iter().flat_map(|t| match_kind(seen, t, config)).collect();
-    matches.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-    matches
+/// Matches of all features.
+pub struct Matches {
+    /// The most distinct ones of both kinds, most distinct first.
+    pub distinct: Vec<Match>,
+    /// All, nearest first.
+    pub all: Vec<Match>,
 }
 
-fn match_kind(seen: &[&DescribedFeature], table: &Table, config: &RecogniseConfig) -> Vec<Match> {
+impl Matches {
+    /// Compares a scene's features with an object's.
+    pub fn new(seen: &[&DescribedFeature], table: &FeatureTable, config: &RecogniseConfig) -> Self {
+        let of_kinds: Vec<Vec<Match>> = table.0.iter().map(|t| match_kind(seen, t)).collect();
+        let distinct = |of_kind: &Vec<Match>| -> Vec<Match> {
+            let is_distinct = |m: &&Match| m.ratio < config.max_ratio;
+            let mut distinct: Vec<Match> = of_kind.iter().filter(is_distinct).cloned().collect();
+            distinct.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
+            distinct.truncate(config.max_matches);
+            distinct
+        };
+        let mut distinct: Vec<Match> = of_kinds.iter().flat_map(distinct).collect();
+        distinct.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
+        let mut all: Vec<Match> = of_kinds.into_iter().flatten().collect();
+        all.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        Self { distinct, all }
+    }
+}
+
+fn match_kind(seen: &[&DescribedFeature], table: &Table) -> Vec<Match> {
     let queries: Vec<&DescribedFeature> =
         seen.iter().copied().filter(|f| f.kind == table.kind).collect();
     if table.parts.len() < 2 {
         return Vec::new();
     }
-    let mut matches: Vec<Match> =
-        queries.par_iter().filter_map(|query| match_one(query, table, config)).collect();
-    matches.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-    matches.truncate(config.max_matches);
-    matches
+    queries.par_iter().filter_map(|query| match_one(query, table)).collect()
 }
 
-fn match_one(query: &DescribedFeature, table: &Table, config: &RecogniseConfig) -> Option<Match> {
+fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
     let gated = table.gated(query);
     let first = gated.start;
     let products = products(&quantise(&query.descriptor), &table.descriptors[gated]);
@@ -127,15 +140,15 @@ fn match_one(query: &DescribedFeature, table: &Table, config: &RecogniseConfig) 
     });
     let distance = |product: u32| (2.0 - 2.0 * similarity(product)).max(0.0).sqrt();
     let (d, second) = (distance(best), distance(elsewhere));
-    let ratio = d / second.max(1e-6);
-    (ratio < config.max_ratio && d < MAX_DISTANCE).then(|| Match {
+    (d < MAX_DISTANCE).then(|| Match {
         part: table.parts[j],
         model_point: table.points[j],
         model_normal: table.normals[j],
         seen_point: query.point,
         seen_normal: query.normal,
         pixel: query.pixel,
-        ratio,
+        distance: d,
+        ratio: d / second.max(1e-6),
         tolerance: query.point.map_or(0.0, |p| tolerance(p.z)),
     })
 }

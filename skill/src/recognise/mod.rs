@@ -31,7 +31,7 @@ use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
 use articulated::{Articulated, State};
-use matching::{FeatureTable, Match, match_features};
+use matching::{FeatureTable, Match, Matches};
 use nalgebra::UnitVector3;
 use rayon::prelude::*;
 use refine::Refiner;
@@ -60,6 +60,8 @@ pub struct RecogniseConfig {
     pub min_inliers: usize,
     /// Pose hypotheses that are refined and verified.
     pub hypotheses: usize,
+    /// Where distinct matches lead to nothing, all are tried, for what is not hidden.
+    pub try_all_matches: bool,
     /// Objects compared in full at a time; of more, the likeliest by their words come first.
     pub shortlist: usize,
     /// Shortlists gone through, one after the other, until something is recognised.
@@ -74,6 +76,8 @@ pub struct RecogniseConfig {
     pub align_surface: bool,
     /// Configurations that few matches tell are searched for by surface.
     pub search_configurations: bool,
+    /// Configurations are told only where no other one explains the picture about as well.
+    pub check_rivals: bool,
     /// Configurations that nothing shows are told where all others are ruled out.
     pub eliminate: bool,
     /// Things of one make that are looked for in one picture.
@@ -88,6 +92,7 @@ impl Default for RecogniseConfig {
             max_ratio: 0.9,
             min_inliers: 7,
             hypotheses: 4,
+            try_all_matches: true,
             shortlist: 6,
             shortlists: 3,
             compare_looks: true,
@@ -95,6 +100,7 @@ impl Default for RecogniseConfig {
             check_ends: true,
             align_surface: true,
             search_configurations: true,
+            check_rivals: true,
             eliminate: true,
             max_of_a_make: 4,
         }
@@ -251,6 +257,7 @@ fn find_all(
         let is_further = found.evident.contains(&true) && taken.share(&places) <= MAX_SHARED;
         if all.is_empty() {
             config.min_inliers = config.min_inliers.max(found.inliers.div_ceil(2));
+            config.try_all_matches = false;
         } else if !is_further {
             break;
         }
@@ -287,24 +294,25 @@ fn find_beside(
 ) -> Option<Found> {
     let free: Vec<&DescribedFeature> =
         scene.features.iter().filter(|f| f.point.is_none_or(|p| !taken.holds(&p))).collect();
-    let matches = match_features(&free, &object.table, config);
+    let matches = Matches::new(&free, &object.table, config);
+    let distinct = &matches.distinct;
     tracing::debug!(
         object = object.model.object,
         features = free.len(),
-        matches = matches.len(),
-        of_base = matches.iter().filter(|m| m.part == 0).count(),
+        matches = matches.all.len(),
+        distinct = distinct.len(),
+        of_base = distinct.iter().filter(|m| m.part == 0).count(),
         "matched"
     );
     let found = if scene.has_depth() {
         with_depth(scene, object, articulated, &matches, config, seed)
     } else {
-        pnp::find(scene, articulated, &object.cloud, &matches)
+        pnp::find(scene, articulated, &object.cloud, distinct)
     }?;
     tracing::debug!(
         object = object.model.object,
         score = found.score,
         inliers = found.inliers,
-        matches = matches.len(),
         verdict = ?found.verdict,
         placed = ?found.placed,
         evident = ?found.evident,
@@ -332,10 +340,38 @@ fn with_depth(
     scene: &Scene,
     object: &KnownObject,
     articulated: &Articulated,
-    matches: &[Match],
+    matches: &Matches,
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Found> {
+    let KnownObject { cloud, coarse, .. } = object;
+    let by_distinct = &matches.distinct[..];
+    let by_all = &matches.all[..];
+    let refiner = Refiner { scene, articulated, cloud, coarse, matches: by_distinct, config };
+    let mut tried = Vec::new();
+    let found = best_settled(&refiner, &mut tried, seed);
+    if config.try_all_matches && found.as_ref().is_none_or(|f| !is_believed(f, config)) {
+        // Paint that repeats has its like elsewhere: of 40 matches that are right two may be
+        // distinct. As more agree by chance, nothing is forgiven for being hidden.
+        let of_all = Refiner { matches: by_all, ..refiner };
+        let more = best_settled(&of_all, &mut tried, seed).map(|mut found| {
+            found.score *= found.verdict.unhidden();
+            found
+        });
+        if let Some(more) = more.filter(|f| is_believed(f, config)) {
+            return Some(concluded(&refiner, more));
+        }
+    }
+    Some(concluded(&refiner, found?))
+}
+
+fn is_believed(found: &Found, config: &RecogniseConfig) -> bool {
+    probability(found.score) >= config.min_score
+}
+
+/// The best state that hypotheses lead to, of those that were not tried before.
+fn best_settled(refiner: &Refiner, tried: &mut Vec<(usize, Pose)>, seed: u64) -> Option<Found> {
+    let Refiner { scene, articulated, cloud, matches, config, .. } = *refiner;
     let mut hypotheses = hypothesis::all(articulated, matches, seed);
     tracing::debug!(
         hypotheses = hypotheses.len(),
@@ -343,12 +379,10 @@ fn with_depth(
         "hypotheses"
     );
     hypotheses.retain(|h| h.support + 1 >= config.min_inliers);
-    let (cloud, coarse) = (&object.cloud, &object.coarse);
-    let refiner = Refiner { scene, articulated, cloud, coarse, matches, config };
-    let mut tried: Vec<(usize, Pose)> = Vec::new();
+    let most = tried.len() + config.hypotheses;
     let mut best: Option<(f64, Found)> = None;
     for h in &hypotheses {
-        if tried.len() >= config.hypotheses {
+        if tried.len() >= most {
             break;
         }
         let is_tried = |(part, pose): &(usize, Pose)| {
@@ -366,26 +400,32 @@ fn with_depth(
         let verdict = verify::verify(scene, articulated, cloud, &state);
         let score = score_of(&verdict, inliers, config);
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
-        let placed = placed_parts(articulated, matches, &state, &verdict);
-        let evident = evident_joints(articulated, &placed);
         // A small piece of the room may look better than all of the object does in poor light:
         // what counts is how much is explained, and how well.
         let explained = score * refine::explained(&verdict, inliers);
         if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-            best = Some((explained, Found { state, score, inliers, verdict, placed, evident }));
+            let found = Found { state, score, inliers, verdict, placed: vec![], evident: vec![] };
+            best = Some((explained, found));
         }
     }
-    let (_, mut best) = best.filter(|(_, b)| b.inliers >= config.min_inliers)?;
-    if probability(best.score) >= config.min_score {
-        doubt_rivalled(&refiner, &mut best);
+    best.map(|(_, best)| best).filter(|b| b.inliers >= config.min_inliers)
+}
+
+/// What of a state can be told.
+fn concluded(refiner: &Refiner, mut found: Found) -> Found {
+    let Refiner { scene, articulated, cloud, config, .. } = *refiner;
+    found.placed = placed_parts(articulated, refiner.matches, &found.state, &found.verdict);
+    found.evident = evident_joints(articulated, &found.placed);
+    if config.check_rivals && is_believed(&found, config) {
+        doubt_rivalled(refiner, &mut found);
     }
-    if config.eliminate && probability(best.score) >= config.min_score {
-        eliminate(scene, articulated, cloud, &mut best);
+    if config.eliminate && is_believed(&found, config) {
+        eliminate(scene, articulated, cloud, &mut found);
     }
-    if !best.evident.contains(&true) {
-        best.score *= best.verdict.mechanism(articulated);
+    if !found.evident.contains(&true) {
+        found.score *= found.verdict.mechanism(articulated);
     }
-    Some(best)
+    found
 }
 
 /// [`Verdict::score`] of what the configuration asks for.

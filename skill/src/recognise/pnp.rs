@@ -254,6 +254,7 @@ mod tests {
                     seen_point: None,
                     seen_normal: Vector3::zeros(),
                     pixel,
+                    distance: 0.5,
                     ratio: 0.5,
                     tolerance: 0.0,
                 }

@@ -305,6 +305,12 @@ impl Verdict {
             * (1.0 - (-(inliers as f64) / 3.0).exp())
     }
 
+    /// Share of the surface that nothing else stands before.
+    pub fn unhidden(&self) -> f64 {
+        let forgiven = self.hidden.min(self.judged);
+        self.judged as f64 / (self.judged + forgiven).max(1) as f64
+    }
+
     /// Correlations of all and of each part, from what was compared of each patch.
     fn tell_looks(&mut self, cloud: &Cloud, looks: &[Looks]) {
         self.correlation = correlation(looks).unwrap_or(0.0);

@@ -37,7 +37,9 @@ const CHOICES: &[Choice] = &[
     Choice::of_search("ends not looked at", |c| c.check_ends = false),
     Choice::of_search("matches alone align", |c| c.align_surface = false),
     Choice::of_search("configurations by votes alone", |c| c.search_configurations = false),
+    Choice::of_search("rivals not looked for", |c| c.check_rivals = false),
     Choice::of_search("nothing ruled out", |c| c.eliminate = false),
+    Choice::of_search("distinct matches alone", |c| c.try_all_matches = false),
     Choice::of_search("one hypothesis", |c| c.hypotheses = 1),
     Choice::of_search("no ratio test", |c| c.max_ratio = f64::INFINITY),
     Choice::of_model("no rectified features", |a| {
