@@ -222,10 +222,11 @@ impl PartVerdict {
         through / (self.agree as f64 + through).max(1.0)
     }
 
-    /// Agreement in depth, worth more where it also looks right.
+    /// Agreement in depth, worth more where it also looks right, and where it ends as learned.
     pub fn fit(&self) -> f64 {
         let looks = self.correlation.unwrap_or(0.0).max(0.0);
-        self.agree as f64 * (0.4 + 1.2 * looks) - 2.0 * self.through as f64
+        self.agree as f64 * (0.4 + 1.2 * looks) + self.ends.as_learned as f64
+            - 2.0 * self.through as f64
     }
 
     fn looks_right(&self) -> bool {
