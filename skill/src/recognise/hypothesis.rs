@@ -9,6 +9,7 @@ use nalgebra::Point3;
 use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::f64::consts::TAU;
 
@@ -37,6 +38,10 @@ const KEEP: usize = 6;
 const MAX_ANGLE: f64 = 0.49;
 /// Normals contribute as points at this distance, metres.
 const NORMAL_ARM: f64 = 0.04;
+/// Matches that need not be sifted before a state is refined.
+const FEW: usize = 800;
+/// Tolerances within which a match may come to agree with a state that is refined.
+const REACH: f64 = 4.0;
 /// Least cosine between a model's and a seen normal.
 const MIN_COSINE: f64 = 0.82;
 
@@ -59,6 +64,19 @@ pub fn all(articulated: &Articulated, matches: &[Match], seed: u64) -> Vec<Hypot
     }
     found.sort_by_key(|h| std::cmp::Reverse(h.support));
     found
+}
+
+/// Of many matches, those that a state may come to agree with as it is refined; few are kept.
+pub fn within_reach<'m>(
+    articulated: &Articulated,
+    matches: &'m [Match],
+    state: &State,
+) -> Cow<'m, [Match]> {
+    if matches.len() <= FEW {
+        return Cow::Borrowed(matches);
+    }
+    let poses = articulated.poses(state);
+    matches.iter().filter(|m| agrees(m, &poses[m.part], REACH)).cloned().collect()
 }
 
 /// Inliers of a state, counted once a place on the object and in the picture; of one part or

@@ -345,21 +345,22 @@ fn with_depth(
     seed: u64,
 ) -> Option<Found> {
     let KnownObject { cloud, coarse, .. } = object;
-    let by_distinct = &matches.distinct[..];
-    let by_all = &matches.all[..];
-    let refiner = Refiner { scene, articulated, cloud, coarse, matches: by_distinct, config };
+    let distinct = &matches.distinct[..];
+    let refiner = Refiner { scene, articulated, cloud, coarse, matches: distinct, config };
     let mut tried = Vec::new();
-    let found = best_settled(&refiner, &mut tried, seed);
+    let found = best_settled(&refiner, config.min_inliers - 1, &mut tried, seed);
     if config.try_all_matches && found.as_ref().is_none_or(|f| !is_believed(f, config)) {
         // Paint that repeats has its like elsewhere: of 40 matches that are right two may be
-        // distinct. As more agree by chance, nothing is forgiven for being hidden.
-        let of_all = Refiner { matches: by_all, ..refiner };
-        let more = best_settled(&of_all, &mut tried, seed).map(|mut found| {
-            found.score *= found.verdict.unhidden();
-            found
-        });
-        if let Some(more) = more.filter(|f| is_believed(f, config)) {
-            return Some(concluded(&refiner, more));
+        // distinct. As more agree by chance, nothing is forgiven for being hidden, and a joint
+        // has to show.
+        let of_all = Refiner { matches: &matches.all, ..refiner };
+        let more =
+            best_settled(&of_all, config.min_inliers + 1, &mut tried, seed).map(|mut found| {
+                found.score *= found.verdict.unhidden();
+                concluded(&refiner, found)
+            });
+        if let Some(more) = more.filter(|f| is_believed(f, config) && f.evident.contains(&true)) {
+            return Some(more);
         }
     }
     Some(concluded(&refiner, found?))
@@ -370,7 +371,12 @@ fn is_believed(found: &Found, config: &RecogniseConfig) -> bool {
 }
 
 /// The best state that hypotheses lead to, of those that were not tried before.
-fn best_settled(refiner: &Refiner, tried: &mut Vec<(usize, Pose)>, seed: u64) -> Option<Found> {
+fn best_settled(
+    refiner: &Refiner,
+    least_support: usize,
+    tried: &mut Vec<(usize, Pose)>,
+    seed: u64,
+) -> Option<Found> {
     let Refiner { scene, articulated, cloud, matches, config, .. } = *refiner;
     let mut hypotheses = hypothesis::all(articulated, matches, seed);
     tracing::debug!(
@@ -378,7 +384,7 @@ fn best_settled(refiner: &Refiner, tried: &mut Vec<(usize, Pose)>, seed: u64) ->
         best = hypotheses.first().map_or(0, |h| h.support),
         "hypotheses"
     );
-    hypotheses.retain(|h| h.support + 1 >= config.min_inliers);
+    hypotheses.retain(|h| h.support >= least_support);
     let most = tried.len() + config.hypotheses;
     let mut best: Option<(f64, Found)> = None;
     for h in &hypotheses {
@@ -395,7 +401,8 @@ fn best_settled(refiner: &Refiner, tried: &mut Vec<(usize, Pose)>, seed: u64) ->
             continue;
         }
         tried.push((h.part, h.camera_from_part));
-        let state = refiner.settle(h);
+        let matches = &hypothesis::within_reach(articulated, matches, &h.state)[..];
+        let state = Refiner { matches, ..*refiner }.settle(h);
         let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
         let verdict = verify::verify(scene, articulated, cloud, &state);
         let score = score_of(&verdict, inliers, config);
