@@ -1,12 +1,17 @@
 //! A recognised object followed from frame to frame: its surface is brought to agreement with
 //! depth and with lightness, base pose and configurations together. Depth alone would not see a
-//! sliding door slide; lightness tells where on its surface one is.
+//! sliding door slide; lightness tells where on its surface one is. A configuration that was told
+//! is told on while both sides of its joint are seen; another is first asked for rivals, as in
+//! recognition.
 
 use super::articulated::{Articulated, State};
 use super::scene::Scene;
 use super::system::{System, add_surface};
 use super::verify::{Cloud, Verdict, verify, visible};
-use super::{Found, KnownObject, Recognised, evident_joints, report};
+use super::{
+    Found, KnownObject, RecogniseConfig, Recognised, Refiner, doubt_rivalled, evident_joints,
+    report,
+};
 use crate::geometry::pose_from_array;
 use linkage_driver::RgbdFrame;
 use serde::{Deserialize, Serialize};
@@ -83,6 +88,8 @@ pub struct Follower {
     step: Vec<f64>,
     unseen: usize,
     base_seen: bool,
+    /// Joints whose configuration was told in the last frame.
+    told: Vec<bool>,
     config: FollowConfig,
 }
 
@@ -97,7 +104,8 @@ impl Follower {
         };
         let state = State { camera_from_object: pose_from_array(&found.camera_from_object)?, q };
         let step = vec![0.0; articulated.joints.len()];
-        Some(Self { object, articulated, state, step, unseen: 0, base_seen: false, config })
+        let told = found.joints.iter().map(|j| j.configuration.is_some()).collect();
+        Some(Self { object, articulated, state, step, unseen: 0, base_seen: false, told, config })
     }
 
     /// Takes the next frame.
@@ -126,21 +134,33 @@ impl Follower {
         let parts: Vec<bool> =
             verdict.parts.iter().map(super::verify::PartVerdict::is_seen).collect();
         self.base_seen = parts[0];
-        let evident = evident_joints(&self.articulated, &parts);
         if seen {
             self.step = state.q.iter().zip(&self.state.q).map(|(now, then)| now - then).collect();
             self.state = state;
         } else {
             self.step.fill(0.0);
         }
-        let found = Found {
+        let placed: Vec<bool> = parts.into_iter().map(|p| p && seen).collect();
+        let mut found = Found {
             state: self.state.clone(),
             score,
             inliers: 0,
             verdict,
-            evident: evident.into_iter().map(|e| e && seen).collect(),
-            placed: parts.into_iter().map(|p| p && seen).collect(),
+            evident: evident_joints(&self.articulated, &placed),
+            placed,
         };
+        let KnownObject { cloud, coarse, .. } = &*self.object;
+        let refiner = Refiner {
+            scene: &scene,
+            articulated: &self.articulated,
+            cloud,
+            coarse,
+            matches: &[],
+            config: &RecogniseConfig::default(),
+        };
+        let untold = self.told.iter().enumerate().filter(|(_, told)| !**told).map(|(j, _)| j);
+        doubt_rivalled(&refiner, &mut found, untold);
+        self.told.clone_from(&found.evident);
         Ok(Followed { recognised: report(&self.object, &self.articulated, &found), seen })
     }
 
@@ -273,4 +293,112 @@ fn light(samples: &[&Sample]) -> (f64, f64) {
     }
     let gain = (common / variance).clamp(0.3, 3.0);
     (gain, seen - gain * learned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::matching::FeatureTable;
+    use super::super::verify::CloudPoint;
+    use super::*;
+    use crate::appearance::Appearance;
+    use crate::articulate::JointGeometry;
+    use crate::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+    use crate::specimen::seen;
+    use linkage_driver::ColorImage;
+    use nalgebra::{Point3, Vector3};
+
+    const STEP_M: f64 = 0.015;
+    const BOARD_M: f64 = 1.2;
+    const PLATE_M: f64 = 1.5;
+
+    /// Grey of horizontal stripes, 0 to 1.
+    fn stripes(y: f64) -> f64 {
+        0.5 + 0.3 * (45.0 * y).sin()
+    }
+
+    /// A striped plate facing the camera: its part, where it begins, its size and its distance.
+    fn plate(part: usize, left: f64, size: f64, z: f64) -> impl Iterator<Item = CloudPoint> {
+        let count = (size / STEP_M).round() as i32;
+        (0..=count).flat_map(move |i| {
+            (0..=count).map(move |j| {
+                let (x, y) = (left + STEP_M * f64::from(i), STEP_M * f64::from(j) - 0.5 * size);
+                let lab = [100.0 * stripes(y) as f32, 0.0, 0.0];
+                CloudPoint { part, point: Point3::new(x, y, z), normal: -Vector3::z(), lab }
+            })
+        })
+    }
+
+    /// A board that slides to and fro before a plate.
+    fn slider() -> Arc<KnownObject> {
+        let line = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let model = ObjectModel {
+            schema: MODEL_SCHEMA.to_owned(),
+            object: "slider".to_owned(),
+            reference_frame: ReferenceFrame::at_camera(0.0),
+            parts: vec![Part::new(0, "base", 1), Part::new(1, "board", 1)],
+            joints: vec![Joint { range: [-0.1, 0.1], ..Joint::of(&line) }],
+            demonstrations: 1,
+            profile: "default".to_owned(),
+            version: String::new(),
+        };
+        let surface = plate(0, -0.35, 0.2, PLATE_M).chain(plate(1, 0.0, 0.4, BOARD_M));
+        let cloud = Cloud::of(surface.collect());
+        let table = FeatureTable::new(&Appearance::default());
+        Arc::new(KnownObject { model, table, coarse: cloud.thinned(), cloud })
+    }
+
+    /// The board, with stripes behind it that go on or end where the plate does.
+    fn picture(stripes_end: bool) -> RgbdFrame {
+        let on_board =
+            |x: f64, y: f64| (0.0..0.4).contains(&(BOARD_M * x)) && (BOARD_M * y).abs() < 0.2;
+        let on_plate = |x: f64, y: f64| {
+            !stripes_end || (-0.36..-0.14).contains(&(PLATE_M * x)) && (PLATE_M * y).abs() < 0.11
+        };
+        let depth = |x: f64, y: f64| match (on_board(x, y), on_plate(x, y)) {
+            (true, _) => BOARD_M,
+            (false, true) => PLATE_M,
+            (false, false) => 2.5,
+        };
+        let frame = seen(0, depth);
+        let camera = &frame.camera;
+        let grey = |i: usize| {
+            let x = ((i % camera.width) as f64 - camera.cx) / camera.fx;
+            let y = ((i / camera.width) as f64 - camera.cy) / camera.fy;
+            (255.0 * stripes(y * depth(x, y))) as u8
+        };
+        let (width, height) = (camera.width, camera.height);
+        let color = (0..width * height).flat_map(|i| [grey(i); 3]).collect();
+        let color = ColorImage::new(width, height, color).unwrap();
+        RgbdFrame { color, ..frame }
+    }
+
+    /// What the follower tells of the slide, told or untold when it starts.
+    fn told(configuration: Option<f64>, stripes_end: bool) -> Option<f64> {
+        let object = slider();
+        let articulated = Articulated::new(&object.model);
+        let found = Found {
+            state: State { camera_from_object: crate::geometry::Pose::identity(), q: vec![0.0] },
+            score: 1.0,
+            inliers: 0,
+            verdict: Verdict::default(),
+            placed: vec![true; 2],
+            evident: vec![configuration.is_some()],
+        };
+        let found = report(&object, &articulated, &found);
+        let mut follower = Follower::new(object, &found, FollowConfig::default()).unwrap();
+        let followed = follower.follow(&picture(stripes_end)).unwrap();
+        assert!(followed.seen);
+        followed.recognised.joints[0].configuration
+    }
+
+    #[test]
+    fn a_configuration_that_was_not_told_is_told_once_it_has_no_rival() {
+        assert_eq!(told(None, false), None);
+        assert!(told(None, true).is_some_and(|q| q.abs() < 0.01));
+    }
+
+    #[test]
+    fn a_configuration_that_was_told_is_told_on() {
+        assert!(told(Some(0.0), false).is_some());
+    }
 }

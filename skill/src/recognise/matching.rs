@@ -148,7 +148,7 @@ fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
         seen_normal: query.normal,
         pixel: query.pixel,
         distance: d,
-        ratio: d / second.max(1e-6),
+        ratio: d.max(1e-6) / second.max(1e-6),
         tolerance: query.point.map_or(0.0, |p| tolerance(p.z)),
     })
 }
@@ -156,4 +156,64 @@ fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
 /// Tolerance of a matched place at depth `z`, metres.
 pub fn tolerance(z: f64) -> f64 {
     0.008 + 3.0 * linkage_driver::depth::depth_sigma(z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::appearance::DESCRIPTOR_LENGTH;
+
+    /// A unit descriptor that differs from others by its number.
+    fn descriptor(number: usize) -> [f32; DESCRIPTOR_LENGTH] {
+        let mut descriptor = [0.0; DESCRIPTOR_LENGTH];
+        (0..4).for_each(|i| descriptor[4 * number + i] = 0.5);
+        descriptor
+    }
+
+    fn learned(number: usize, x: f32) -> ModelFeature {
+        ModelFeature {
+            part: 0,
+            kind: FeatureKind::Picture,
+            point: [x, 0.0, 1.0],
+            normal: [0.0, 0.0, -1.0],
+            size_m: 0.01,
+            descriptor: quantise(&descriptor(number)).to_vec(),
+        }
+    }
+
+    fn seen(number: usize) -> DescribedFeature {
+        DescribedFeature {
+            kind: FeatureKind::Picture,
+            pixel: [100.0, 100.0],
+            point: Some(Point3::new(0.0, 0.0, 1.0)),
+            normal: -Vector3::z(),
+            size: 0.01,
+            descriptor: descriptor(number),
+        }
+    }
+
+    /// Distinct matches and all, of a feature seen where these were learned: number and place.
+    fn counts(of: usize, model: &[(usize, f32)]) -> (usize, usize) {
+        let features = model.iter().map(|(number, x)| learned(*number, *x)).collect();
+        let table = FeatureTable::new(&Appearance { features, ..Appearance::default() });
+        let matches = Matches::new(&[&seen(of)], &table, &RecogniseConfig::default());
+        (matches.distinct.len(), matches.all.len())
+    }
+
+    #[test]
+    fn a_mark_that_is_nowhere_else_is_distinct() {
+        assert_eq!(counts(1, &[(1, 0.0), (2, 0.3)]), (1, 1));
+        // Two views of one place are no rivals.
+        assert_eq!(counts(1, &[(1, 0.0), (1, 0.01), (2, 0.3)]), (1, 1));
+    }
+
+    #[test]
+    fn a_mark_that_repeats_matches_and_is_not_distinct() {
+        assert_eq!(counts(1, &[(1, 0.0), (1, 0.3)]), (0, 1));
+    }
+
+    #[test]
+    fn what_resembles_nothing_does_not_match() {
+        assert_eq!(counts(3, &[(1, 0.0), (2, 0.3)]), (0, 0));
+    }
 }

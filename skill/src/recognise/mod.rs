@@ -348,22 +348,22 @@ fn with_depth(
     let distinct = &matches.distinct[..];
     let refiner = Refiner { scene, articulated, cloud, coarse, matches: distinct, config };
     let mut tried = Vec::new();
-    let found = best_settled(&refiner, config.min_inliers - 1, &mut tried, seed);
-    if config.try_all_matches && found.as_ref().is_none_or(|f| !is_believed(f, config)) {
-        // Paint that repeats has its like elsewhere: of 40 matches that are right two may be
-        // distinct. As more agree by chance, nothing is forgiven for being hidden, and a joint
-        // has to show.
-        let of_all = Refiner { matches: &matches.all, ..refiner };
-        let more =
-            best_settled(&of_all, config.min_inliers + 1, &mut tried, seed).map(|mut found| {
-                found.score *= found.verdict.unhidden();
-                concluded(&refiner, found)
-            });
-        if let Some(more) = more.filter(|f| is_believed(f, config) && f.evident.contains(&true)) {
-            return Some(more);
-        }
+    let found = best_settled(&refiner, config.min_inliers.saturating_sub(1), &mut tried, seed)
+        .map(|found| concluded(&refiner, found));
+    if !config.try_all_matches || found.as_ref().is_some_and(|f| is_believed(f, config)) {
+        return found;
     }
-    Some(concluded(&refiner, found?))
+    // Paint that repeats has its like elsewhere: of 40 matches that are right two may be
+    // distinct. As more agree by chance, nothing is forgiven for being hidden, and a joint has to
+    // show.
+    let of_all = Refiner { matches: &matches.all, ..refiner };
+    best_settled(&of_all, config.min_inliers + 1, &mut tried, seed)
+        .map(|mut found| {
+            found.score *= found.verdict.unhidden();
+            concluded(&refiner, found)
+        })
+        .filter(|f| is_believed(f, config) && f.evident.contains(&true))
+        .or(found)
 }
 
 fn is_believed(found: &Found, config: &RecogniseConfig) -> bool {
@@ -424,7 +424,7 @@ fn concluded(refiner: &Refiner, mut found: Found) -> Found {
     found.placed = placed_parts(articulated, refiner.matches, &found.state, &found.verdict);
     found.evident = evident_joints(articulated, &found.placed);
     if config.check_rivals && is_believed(&found, config) {
-        doubt_rivalled(refiner, &mut found);
+        doubt_rivalled(refiner, &mut found, 0..articulated.joints.len());
     }
     if config.eliminate && is_believed(&found, config) {
         eliminate(scene, articulated, cloud, &mut found);
@@ -471,9 +471,9 @@ fn evident_joints(articulated: &Articulated, placed: &[bool]) -> Vec<bool> {
         .collect()
 }
 
-/// Parts that could as well be elsewhere do not tell where they are.
-fn doubt_rivalled(refiner: &Refiner, found: &mut Found) {
-    for joint in 0..found.evident.len() {
+/// Parts that could as well be elsewhere, by these joints, do not tell where they are.
+fn doubt_rivalled(refiner: &Refiner, found: &mut Found, joints: impl IntoIterator<Item = usize>) {
+    for joint in joints {
         if found.evident[joint] {
             for part in rivals::adrift(refiner, &found.state, joint) {
                 found.placed[part] = false;

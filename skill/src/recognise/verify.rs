@@ -525,6 +525,20 @@ mod tests {
     }
 
     #[test]
+    fn what_is_hidden_is_told_apart_from_what_is_seen() {
+        let behind = |hidden| Verdict { judged: 600, hidden, ..Verdict::default() }.unhidden();
+        assert_eq!(behind(0), 1.0);
+        assert_eq!(behind(300), 2.0 / 3.0);
+        assert_eq!(behind(2000), 0.5);
+    }
+
+    #[test]
+    fn where_a_part_ends_speaks_for_it() {
+        let ends = Ends { as_learned: 30, goes_on: 0 };
+        assert!(PartVerdict { ends, ..part(500, 0) }.fit() > part(500, 0).fit());
+    }
+
+    #[test]
     fn a_surface_alone_is_half_a_mechanism() {
         let geometry = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
         let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: 0.0, high: 1.0 }];
