@@ -298,7 +298,7 @@ fn light(samples: &[&Sample]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::super::matching::FeatureTable;
-    use super::super::verify::CloudPoint;
+    use super::super::specimen::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use super::*;
     use crate::appearance::Appearance;
     use crate::articulate::JointGeometry;
@@ -307,25 +307,9 @@ mod tests {
     use linkage_driver::ColorImage;
     use nalgebra::{Point3, Vector3};
 
-    const STEP_M: f64 = 0.015;
-    const BOARD_M: f64 = 1.2;
-    const PLATE_M: f64 = 1.5;
-
     /// Grey of horizontal stripes, 0 to 1.
     fn stripes(y: f64) -> f64 {
         0.5 + 0.3 * (45.0 * y).sin()
-    }
-
-    /// A striped plate facing the camera: its part, where it begins, its size and its distance.
-    fn plate(part: usize, left: f64, size: f64, z: f64) -> impl Iterator<Item = CloudPoint> {
-        let count = (size / STEP_M).round() as i32;
-        (0..=count).flat_map(move |i| {
-            (0..=count).map(move |j| {
-                let (x, y) = (left + STEP_M * f64::from(i), STEP_M * f64::from(j) - 0.5 * size);
-                let lab = [100.0 * stripes(y) as f32, 0.0, 0.0];
-                CloudPoint { part, point: Point3::new(x, y, z), normal: -Vector3::z(), lab }
-            })
-        })
     }
 
     /// A board that slides to and fro before a plate.
@@ -341,20 +325,14 @@ mod tests {
             profile: "default".to_owned(),
             version: String::new(),
         };
-        let surface = plate(0, -0.35, 0.2, PLATE_M).chain(plate(1, 0.0, 0.4, BOARD_M));
-        let cloud = Cloud::of(surface.collect());
+        let cloud = slider_surface(|y| 100.0 * stripes(y) as f32);
         let table = FeatureTable::new(&Appearance::default());
         Arc::new(KnownObject { model, table, coarse: cloud.thinned(), cloud })
     }
 
     /// The board, with stripes behind it that go on or end where the plate does.
     fn picture(stripes_end: bool) -> RgbdFrame {
-        let on_board =
-            |x: f64, y: f64| (0.0..0.4).contains(&(BOARD_M * x)) && (BOARD_M * y).abs() < 0.2;
-        let on_plate = |x: f64, y: f64| {
-            !stripes_end || (-0.36..-0.14).contains(&(PLATE_M * x)) && (PLATE_M * y).abs() < 0.11
-        };
-        let depth = |x: f64, y: f64| match (on_board(x, y), on_plate(x, y)) {
+        let depth = |x: f64, y: f64| match (on_board(x, y), !stripes_end || on_plate(x, y)) {
             (true, _) => BOARD_M,
             (false, true) => PLATE_M,
             (false, false) => 2.5,

@@ -17,6 +17,8 @@ mod refine;
 mod retrieval;
 mod rivals;
 mod scene;
+#[cfg(test)]
+mod specimen;
 mod system;
 mod taken;
 mod verify;
@@ -324,6 +326,14 @@ fn find_beside(
 /// Share of its surface up to which a thing may stand where another stands.
 const MAX_SHARED: f64 = 0.3;
 
+/// A state that a hypothesis led to.
+struct Settled {
+    state: State,
+    score: f64,
+    inliers: usize,
+    verdict: Verdict,
+}
+
 /// A state of the object with its evidence.
 struct Found {
     state: State,
@@ -349,8 +359,8 @@ fn with_depth(
     let refiner = Refiner { scene, articulated, cloud, coarse, matches: distinct, config };
     let mut tried = Vec::new();
     let found = best_settled(&refiner, config.min_inliers.saturating_sub(1), &mut tried, seed)
-        .map(|found| concluded(&refiner, found));
-    if !config.try_all_matches || found.as_ref().is_some_and(|f| is_believed(f, config)) {
+        .map(|settled| concluded(&refiner, settled));
+    if !config.try_all_matches || found.as_ref().is_some_and(|f| is_believed(f.score, config)) {
         return found;
     }
     // Paint that repeats has its like elsewhere: of 40 matches that are right two may be
@@ -358,16 +368,16 @@ fn with_depth(
     // show.
     let of_all = Refiner { matches: &matches.all, ..refiner };
     best_settled(&of_all, config.min_inliers + 1, &mut tried, seed)
-        .map(|mut found| {
-            found.score *= found.verdict.unhidden();
-            concluded(&refiner, found)
+        .map(|settled| {
+            let score = settled.score * settled.verdict.unhidden();
+            concluded(&refiner, Settled { score, ..settled })
         })
-        .filter(|f| is_believed(f, config) && f.evident.contains(&true))
+        .filter(|f| is_believed(f.score, config) && f.evident.contains(&true))
         .or(found)
 }
 
-fn is_believed(found: &Found, config: &RecogniseConfig) -> bool {
-    probability(found.score) >= config.min_score
+fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
+    probability(score) >= config.min_score
 }
 
 /// The best state that hypotheses lead to, of those that were not tried before.
@@ -376,7 +386,7 @@ fn best_settled(
     least_support: usize,
     tried: &mut Vec<(usize, Pose)>,
     seed: u64,
-) -> Option<Found> {
+) -> Option<Settled> {
     let Refiner { scene, articulated, cloud, matches, config, .. } = *refiner;
     let mut hypotheses = hypothesis::all(articulated, matches, seed);
     tracing::debug!(
@@ -386,7 +396,7 @@ fn best_settled(
     );
     hypotheses.retain(|h| h.support >= least_support);
     let most = tried.len() + config.hypotheses;
-    let mut best: Option<(f64, Found)> = None;
+    let mut best: Option<(f64, Settled)> = None;
     for h in &hypotheses {
         if tried.len() >= most {
             break;
@@ -411,22 +421,23 @@ fn best_settled(
         // what counts is how much is explained, and how well.
         let explained = score * refine::explained(&verdict, inliers);
         if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-            let found = Found { state, score, inliers, verdict, placed: vec![], evident: vec![] };
-            best = Some((explained, found));
+            best = Some((explained, Settled { state, score, inliers, verdict }));
         }
     }
     best.map(|(_, best)| best).filter(|b| b.inliers >= config.min_inliers)
 }
 
 /// What of a state can be told.
-fn concluded(refiner: &Refiner, mut found: Found) -> Found {
+fn concluded(refiner: &Refiner, settled: Settled) -> Found {
     let Refiner { scene, articulated, cloud, config, .. } = *refiner;
-    found.placed = placed_parts(articulated, refiner.matches, &found.state, &found.verdict);
-    found.evident = evident_joints(articulated, &found.placed);
-    if config.check_rivals && is_believed(&found, config) {
+    let Settled { state, score, inliers, verdict } = settled;
+    let placed = placed_parts(articulated, refiner.matches, &state, &verdict);
+    let evident = evident_joints(articulated, &placed);
+    let mut found = Found { state, score, inliers, verdict, placed, evident };
+    if config.check_rivals && is_believed(found.score, config) {
         doubt_rivalled(refiner, &mut found, 0..articulated.joints.len());
     }
-    if config.eliminate && is_believed(&found, config) {
+    if config.eliminate && is_believed(found.score, config) {
         eliminate(scene, articulated, cloud, &mut found);
     }
     if !found.evident.contains(&true) {

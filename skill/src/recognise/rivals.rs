@@ -6,7 +6,7 @@ use super::articulated::State;
 use super::elimination::told_within;
 use super::hypothesis::unique_inliers;
 use super::refine::{FEATURE_WORTH, Refiner};
-use super::verify::verify;
+use super::verify::{PartVerdict, verify};
 use rayon::prelude::*;
 
 /// Configurations that are tried.
@@ -22,8 +22,9 @@ pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
     let moved = articulated.moved_by(joint);
     let (moving, resting): (Vec<usize>, Vec<usize>) =
         (0..articulated.parts).partition(|part| moved.contains(part));
-    let (of_moving, of_resting) =
-        (explained(refiner, state, &moving), explained(refiner, state, &resting));
+    let by_part = explained(refiner, state);
+    let of = |by_part: &[f64], parts: &[usize]| parts.iter().map(|&p| by_part[p]).sum::<f64>();
+    let (of_moving, of_resting) = (of(&by_part, &moving), of(&by_part, &resting));
     let (weak, held) = if of_moving < of_resting { (moving, resting) } else { (resting, moving) };
     let camera_from_held = articulated.poses(state)[held[0]];
     let step = (j.high - j.low) / (STEPS - 1) as f64;
@@ -35,20 +36,20 @@ pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
             let mut elsewhere = state.q.clone();
             elsewhere[joint] = q;
             let elsewhere = articulated.state_with(held[0], &camera_from_held, elsewhere);
-            explained(refiner, &elsewhere, &weak) > AS_GOOD * of_moving.min(of_resting)
+            of(&explained(refiner, &elsewhere), &weak) > AS_GOOD * of_moving.min(of_resting)
         });
     if has_rival { weak } else { Vec::new() }
 }
 
-/// What a state explains of the picture by some of its parts, in surfels.
-fn explained(refiner: &Refiner, state: &State, parts: &[usize]) -> f64 {
+/// What a state explains of the picture by each of its parts, in surfels.
+fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
     let verdict = verify(refiner.scene, refiner.articulated, refiner.cloud, state);
-    let of_part = |&part: &usize| {
+    let of_part = |(part, seen): (usize, &PartVerdict)| {
         let features =
             unique_inliers(refiner.articulated, refiner.matches, state, Some(part)) as f64;
-        verdict.parts[part].fit() + FEATURE_WORTH * features
+        seen.fit() + FEATURE_WORTH * features
     };
-    parts.iter().map(of_part).sum()
+    verdict.parts.iter().enumerate().map(of_part).collect()
 }
 
 #[cfg(test)]
@@ -56,37 +57,22 @@ mod tests {
     use super::super::RecogniseConfig;
     use super::super::articulated::{Articulated, ChainJoint};
     use super::super::scene::Scene;
-    use super::super::verify::{Cloud, CloudPoint};
+    use super::super::specimen::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use super::*;
     use crate::articulate::JointGeometry;
     use crate::geometry::Pose;
     use crate::specimen::seen;
     use nalgebra::{Point3, Vector3};
 
-    const STEP_M: f64 = 0.015;
-
-    /// A plate facing the camera: its part, where it begins, its size and its distance.
-    fn plate(part: usize, left: f64, size: f64, z: f64) -> impl Iterator<Item = CloudPoint> {
-        let count = (size / STEP_M).round() as i32;
-        (0..=count).flat_map(move |i| {
-            (0..=count).map(move |j| {
-                let along = |k: i32| STEP_M * f64::from(k);
-                let point = Point3::new(left + along(i), along(j) - 0.5 * size, z);
-                CloudPoint { part, point, normal: -Vector3::z(), lab: [50.0, 0.0, 0.0] }
-            })
-        })
-    }
-
     /// The parts adrift of a board that slides to and fro before a plate, in a scene with this
     /// depth beside the board.
     fn adrift_beside(depth: impl Fn(f64, f64) -> f64) -> Vec<usize> {
-        let on_board = |x: f64, y: f64| (0.0..0.4).contains(&(1.2 * x)) && (1.2 * y).abs() < 0.2;
-        let frame = seen(0, |x, y| if on_board(x, y) { 1.2 } else { depth(x, y) });
+        let frame = seen(0, |x, y| if on_board(x, y) { BOARD_M } else { depth(x, y) });
         let scene = Scene::plain(&frame).unwrap();
         let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
         let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: -0.1, high: 0.1 }];
         let articulated = Articulated { parts: 2, joints };
-        let cloud = Cloud::of(plate(0, -0.35, 0.2, 1.5).chain(plate(1, 0.0, 0.4, 1.2)).collect());
+        let cloud = slider_surface(|_| 50.0);
         let refiner = Refiner {
             scene: &scene,
             articulated: &articulated,
@@ -101,14 +87,12 @@ mod tests {
 
     #[test]
     fn a_plate_that_ends_where_it_should_is_where_it_is() {
-        let on_plate =
-            |x: f64, y: f64| (-0.36..-0.14).contains(&(1.5 * x)) && (1.5 * y).abs() < 0.11;
-        let parts = adrift_beside(|x, y| if on_plate(x, y) { 1.5 } else { 2.5 });
+        let parts = adrift_beside(|x, y| if on_plate(x, y) { PLATE_M } else { 2.5 });
         assert!(parts.is_empty(), "{parts:?}");
     }
 
     #[test]
     fn a_plate_that_may_be_anywhere_on_a_wall_is_adrift() {
-        assert_eq!(adrift_beside(|_, _| 1.5), [0]);
+        assert_eq!(adrift_beside(|_, _| PLATE_M), [0]);
     }
 }

@@ -1,0 +1,39 @@
+//! What tests look for: a board that slides to and fro, in x, before a plate; both face the camera.
+
+use super::verify::{Cloud, CloudPoint};
+use nalgebra::{Point3, Vector3};
+
+/// Distance of the board, part 1, from the camera, metres,
+pub const BOARD_M: f64 = 1.2;
+/// and of the plate, part 0.
+pub const PLATE_M: f64 = 1.5;
+
+const STEP_M: f64 = 0.015;
+/// Where each begins, and its size, metres.
+const BOARD: (f64, f64) = (0.0, 0.4);
+const PLATE: (f64, f64) = (-0.35, 0.2);
+
+/// Their surface; `lightness` by height, metres.
+pub fn slider_surface(lightness: fn(f64) -> f32) -> Cloud {
+    let square = |part, (left, size): (f64, f64), z| {
+        let count = (size / STEP_M).round() as i32;
+        (0..=count).flat_map(move |i| {
+            (0..=count).map(move |j| {
+                let (x, y) = (left + STEP_M * f64::from(i), STEP_M * f64::from(j) - 0.5 * size);
+                let lab = [lightness(y), 0.0, 0.0];
+                CloudPoint { part, point: Point3::new(x, y, z), normal: -Vector3::z(), lab }
+            })
+        })
+    };
+    Cloud::of(square(0, PLATE, PLATE_M).chain(square(1, BOARD, BOARD_M)).collect())
+}
+
+/// The ray through a place one metre before the camera meets the board,
+pub fn on_board(x: f64, y: f64) -> bool {
+    (0.0..0.4).contains(&(BOARD_M * x)) && (BOARD_M * y).abs() < 0.2
+}
+
+/// or, but for the board, the plate.
+pub fn on_plate(x: f64, y: f64) -> bool {
+    (-0.36..-0.14).contains(&(PLATE_M * x)) && (PLATE_M * y).abs() < 0.11
+}
