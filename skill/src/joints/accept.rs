@@ -140,8 +140,7 @@ impl Witness<'_> {
         let found_everywhere = is_found_everywhere(joint);
         // Parts that hang on it raise a joint's cost while they move; a hand is not there from
         // beginning to end, and along an arm the pictures hardly tell where it is.
-        let missing = joint.hidden * (1.0 - coverage);
-        let comes_and_leaves = joint.tells < WELL_TOLD && missing > MAX_MISSING;
+        let comes_and_leaves = joint.tells < WELL_TOLD && missing(joint) > MAX_MISSING;
         let max_cost = config.max_cost
             + match coverage {
                 _ if comes_and_leaves => 0.0,
@@ -213,6 +212,17 @@ impl Witness<'_> {
 /// In all pictures the part is where the joint puts it, and would not be elsewhere.
 pub fn is_found_everywhere(joint: &Grown) -> bool {
     joint.through <= 0.1 && joint.hidden <= 0.3 && joint.tells >= 0.3
+}
+
+/// Of two ways to hang one part, the pictures miss more of it where the other puts it.
+pub fn is_missed_less(joint: &Grown, other: &Grown) -> bool {
+    missing(other) > MAX_MISSING && 3.0 * missing(joint) < 2.0 * missing(other)
+}
+
+/// Share of its points in all pictures that are not found.
+fn missing(joint: &Grown) -> f64 {
+    let known = joint.known_frames().len() as f64;
+    joint.hidden * (1.0 - known / joint.known.len() as f64)
 }
 
 /// It explains all that its tracks do and is never seen through: round things look the same

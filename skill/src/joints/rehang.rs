@@ -63,7 +63,15 @@ impl Search<'_> {
         grow::finish(&view, &mut hung, &candidates, &self.config.joints, 2);
         self.question(&view, &mut hung, &candidates);
         self.report("hung", &hung);
-        let goes_along = 3 * lost(&hung, &away) < 2 * lost(alone, &away);
+        let found_by_tracks = 3 * lost(&hung, &away) < 2 * lost(alone, &away);
+        // Tracks seldom live through a turn; the pictures show where the part went.
+        let found_in_pictures =
+            accept::is_found_everywhere(&hung) && accept::is_missed_less(&hung, alone);
+        if found_in_pictures {
+            // They show it where the tracks say that its parent only rests.
+            hung.coupling = hung.coupling.max(0.0);
+        }
+        let goes_along = found_by_tracks || found_in_pictures;
         (goes_along && self.witness.accepts(&hung)).then_some(hung)
     }
 
@@ -100,7 +108,9 @@ mod tests {
     use super::*;
     use crate::config::SkillConfig;
     use crate::keyframes::Keyframes;
+    use crate::specimen::seen;
     use crate::track::{Track, TrackSet};
+    use linkage_driver::RgbdFrame;
     use nalgebra::{Point3, Vector3};
 
     const FRAMES: usize = 60;
@@ -135,26 +145,77 @@ mod tests {
         on(0.0).chain(on(-0.4)).collect()
     }
 
-    /// Who carries the back, found on the base while the seat rested: the seat if the back
-    /// `goes_along`.
-    fn carrier_of_back(goes_along: bool) -> Option<usize> {
-        let seat = Dof::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
-        let back = Dof::hinge(Vector3::x(), Point3::new(0.0, -0.2, 1.5));
+    /// What becomes of the back while the seat turns.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Back {
+        /// It goes along, and its tracks live.
+        GoesAlong,
+        /// It goes along; its tracks die, and the pictures show it.
+        IsSeenToGoAlong,
+        /// It stays; its tracks die, and the pictures show it.
+        IsSeenToStay,
+        /// It stays, and its tracks live.
+        Stays,
+    }
+
+    impl Back {
+        fn goes_along(self) -> bool {
+            matches!(self, Self::GoesAlong | Self::IsSeenToGoAlong)
+        }
+
+        fn is_in_pictures(self) -> bool {
+            matches!(self, Self::IsSeenToGoAlong | Self::IsSeenToStay)
+        }
+    }
+
+    /// Paths of the points of the seat, then of the back.
+    fn paths(seat: &Dof, back: &Dof, case: Back) -> Vec<Vec<Point3<f64>>> {
         let path = |(i, place): (usize, &Point3<f64>)| -> Vec<Point3<f64>> {
             let turned = |f: usize, p: &Point3<f64>| seat.move_point(seat_turn(f), p);
-            let at = |f: usize| match (i < POINTS, goes_along) {
+            let at = |f: usize| match (i < POINTS, case.goes_along()) {
                 (true, _) => turned(f, place),
                 (false, true) => turned(f, &back.move_point(lean(f), place)),
                 (false, false) => back.move_point(lean(f), place),
             };
             (0..FRAMES).map(at).collect()
         };
-        let paths: Vec<_> = places().iter().enumerate().map(path).collect();
-        let base = seen_along(&paths);
+        places().iter().enumerate().map(path).collect()
+    }
+
+    /// A picture of points as small boards before a wall.
+    fn picture(points: &[Point3<f64>]) -> RgbdFrame {
+        seen(0, |x, y| {
+            let covers = |p: &&Point3<f64>| (p.x / p.z - x).hypot(p.y / p.z - y) < 0.02;
+            points.iter().filter(covers).map(|p| p.z).fold(3.0, f64::min)
+        })
+    }
+
+    /// Who carries the back, found on the base while the seat rested.
+    fn carrier_of_back(case: Back) -> Option<usize> {
+        let seat = Dof::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
+        let back = Dof::hinge(Vector3::x(), Point3::new(0.0, -0.2, 1.5));
+        let paths = paths(&seat, &back, case);
+        let mut base = seen_along(&paths);
+        let mut keyframes = Keyframes::new(FRAMES);
+        if case.is_in_pictures() {
+            for f in (0..FRAMES).step_by(3) {
+                let points: Vec<_> = paths.iter().map(|path| path[f]).collect();
+                keyframes.offer(f, &picture(&points));
+            }
+            for track in &mut base.tracks[POINTS..] {
+                let died = |f: usize| seat_turn(f) > 0.0;
+                track
+                    .points
+                    .iter_mut()
+                    .enumerate()
+                    .filter(|(f, _)| died(*f))
+                    .for_each(|(_, p)| *p = None);
+            }
+        }
         let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
         let tracks = (0..paths.len()).map(track).collect();
         let set = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
-        let (keyframes, mut config) = (Keyframes::new(2), SkillConfig::default());
+        let mut config = SkillConfig::default();
         config.joints.min_gain = 10.0;
         let watched = Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
         let nothing = Memory::default();
@@ -163,6 +224,10 @@ mod tests {
         alone.known.iter_mut().enumerate().for_each(|(f, known)| *known = seat_turn(f) == 0.0);
         search.joints = vec![alone, joint(seat, seat_turn, 0..POINTS)];
         search.look_from(0);
+        let mut back = search.joints[0].clone();
+        back.gain = 100.0;
+        search.witness.examine(&mut back, &search.joints);
+        search.joints[0] = back;
         search.rehang();
         let back = search.joints.iter().find(|j| j.dof.axis.y.abs() < 0.9)?;
         back.parent
@@ -170,11 +235,13 @@ mod tests {
 
     #[test]
     fn what_goes_along_with_a_part_hangs_on_it() {
-        assert_eq!(carrier_of_back(true), Some(0));
+        assert_eq!(carrier_of_back(Back::GoesAlong), Some(0));
+        assert_eq!(carrier_of_back(Back::IsSeenToGoAlong), Some(0));
     }
 
     #[test]
     fn what_stays_where_it_is_hangs_on_the_base() {
-        assert_eq!(carrier_of_back(false), None);
+        assert_eq!(carrier_of_back(Back::Stays), None);
+        assert_eq!(carrier_of_back(Back::IsSeenToStay), None);
     }
 }

@@ -1,11 +1,13 @@
 //! Prediction of features into the next frame by optical flow, with the backward flow that
 //! shows where it failed (Kalal et al. 2010).
 
+use super::lucas_kanade::{self, Pyramid};
 use crate::vision::{Gray, median_blur_flow};
 use nalgebra::Point2;
-use opencv::core::{Mat, Point2f, Size, TermCriteria, Vec2f, Vector};
+use opencv::core::{Mat, Size, Vec2f};
 use opencv::prelude::*;
 use opencv::{imgproc, video};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// The flow that predicts features.
@@ -30,80 +32,46 @@ pub struct Prediction {
     pub forward_backward_px: f32,
 }
 
-/// Predicts every point; `None` where the flow itself gave up.
-pub fn predict(
+/// A picture made ready for one flow.
+pub struct Picture {
     method: FlowMethod,
-    previous: &Gray,
-    next: &Gray,
-    points: &[Point2<f32>],
-) -> opencv::Result<Vec<Option<Prediction>>> {
-    match method {
-        FlowMethod::LucasKanade => predict_lucas_kanade(previous, next, points),
-        FlowMethod::Farneback => predict_dense(previous, next, points, 2, farneback),
-        FlowMethod::Dis => predict_dense(previous, next, points, 1, dis),
+    /// As features are found and described in.
+    pub gray: Gray,
+    /// None for a dense flow.
+    pyramid: Option<Pyramid>,
+}
+
+impl Picture {
+    /// Of a grey picture.
+    pub fn new(gray: Gray, method: FlowMethod) -> opencv::Result<Self> {
+        let sparse = method == FlowMethod::LucasKanade;
+        let pyramid = sparse.then(|| Pyramid::of(&gray)).transpose()?;
+        Ok(Self { method, gray, pyramid })
+    }
+
+    /// Predicts every point of this picture into the next; `None` where the flow itself gave up.
+    pub fn predict(
+        &self,
+        next: &Self,
+        points: &[Point2<f32>],
+    ) -> opencv::Result<Vec<Option<Prediction>>> {
+        if let (Some(from), Some(to)) = (&self.pyramid, &next.pyramid) {
+            return Ok(predict_sparse(from, to, points));
+        }
+        match self.method {
+            FlowMethod::Dis => predict_dense(&self.gray, &next.gray, points, 1, dis),
+            _ => predict_dense(&self.gray, &next.gray, points, 2, farneback),
+        }
     }
 }
 
-fn predict_lucas_kanade(
-    previous: &Gray,
-    next: &Gray,
-    points: &[Point2<f32>],
-) -> opencv::Result<Vec<Option<Prediction>>> {
-    const LEVELS: i32 = 3;
-    let window = Size::new(13, 13);
-    let pyramid = |gray: &Gray| -> opencv::Result<Vector<Mat>> {
-        let mut levels = Vector::new();
-        video::build_optical_flow_pyramid(
-            gray.mat(),
-            &mut levels,
-            window,
-            LEVELS,
-            true,
-            4,
-            0,
-            true,
-        )?;
-        Ok(levels)
+fn predict_sparse(from: &Pyramid, to: &Pyramid, points: &[Point2<f32>]) -> Vec<Option<Prediction>> {
+    let there_and_back = |p: &Point2<f32>| {
+        let pixel = lucas_kanade::track(from, to, p)?;
+        let back = lucas_kanade::track(to, from, &pixel)?;
+        Some(Prediction { pixel, forward_backward_px: (back - p).norm() })
     };
-    let (from, to) = (pyramid(previous)?, pyramid(next)?);
-    let track = |a: &Vector<Mat>,
-                 b: &Vector<Mat>,
-                 start: &Vector<Point2f>|
-     -> opencv::Result<(Vector<Point2f>, Vector<u8>)> {
-        let criteria = TermCriteria::new(3, 15, 0.03)?;
-        let (mut end, mut status, mut error) =
-            (Vector::<Point2f>::new(), Vector::<u8>::new(), Vector::<f32>::new());
-        video::calc_optical_flow_pyr_lk(
-            a,
-            b,
-            start,
-            &mut end,
-            &mut status,
-            &mut error,
-            window,
-            LEVELS,
-            criteria,
-            0,
-            1e-4,
-        )?;
-        Ok((end, status))
-    };
-    let start: Vector<Point2f> = points.iter().map(|p| Point2f::new(p.x, p.y)).collect();
-    if start.is_empty() {
-        return Ok(Vec::new());
-    }
-    let (forward, found) = track(&from, &to, &start)?;
-    let (backward, returned) = track(&to, &from, &forward)?;
-    Ok((0..points.len())
-        .map(|i| {
-            let (f, b) = (forward.get(i).ok()?, backward.get(i).ok()?);
-            let ok = found.get(i).ok()? > 0 && returned.get(i).ok()? > 0;
-            ok.then(|| Prediction {
-                pixel: Point2::new(f.x, f.y),
-                forward_backward_px: (b.x - points[i].x).hypot(b.y - points[i].y),
-            })
-        })
-        .collect())
+    points.par_iter().with_min_len(64).map(there_and_back).collect()
 }
 
 type DenseFlow = fn(&Mat, &Mat) -> opencv::Result<Mat>;

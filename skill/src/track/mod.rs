@@ -7,6 +7,7 @@ mod descriptor;
 mod detect;
 mod flow;
 mod lift;
+mod lucas_kanade;
 mod surf;
 mod tracker;
 

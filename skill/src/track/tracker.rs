@@ -1,7 +1,7 @@
 //! The tracker: one frame in, all tracks one frame longer.
 
 use super::descriptor::{Descriptors, describe, distance};
-use super::flow::{Prediction, predict};
+use super::flow::{Picture, Prediction};
 use super::lift::Lifter;
 use super::{Track, TrackConfig, TrackSet, detect};
 use crate::vision::Gray;
@@ -21,7 +21,7 @@ struct Feature {
 /// Follows features through a recording.
 pub struct Tracker {
     config: TrackConfig,
-    previous: Option<Gray>,
+    previous: Option<Picture>,
     live: Vec<Feature>,
     set: TrackSet,
 }
@@ -35,14 +35,15 @@ impl Tracker {
     /// Follows all features into `frame` and starts new ones where none are.
     pub fn push(&mut self, frame: &RgbdFrame) -> opencv::Result<()> {
         let gray = Gray::from_color(&frame.color)?.blurred(0.7)?;
+        let picture = Picture::new(gray, self.config.flow)?;
         let index = self.set.frames();
         self.set.frame_utimes.push(frame.utime);
-        self.follow(&gray)?;
+        self.follow(&picture)?;
         if index.is_multiple_of(self.config.detect_every.max(1)) {
-            self.replenish(&gray)?;
+            self.replenish(&picture.gray)?;
         }
         self.observe(frame, index);
-        self.previous = Some(gray);
+        self.previous = Some(picture);
         Ok(())
     }
 
@@ -83,10 +84,11 @@ impl Tracker {
         self.set
     }
 
-    fn follow(&mut self, gray: &Gray) -> opencv::Result<()> {
+    fn follow(&mut self, picture: &Picture) -> opencv::Result<()> {
+        let gray = &picture.gray;
         let Some(previous) = &self.previous else { return Ok(()) };
         let pixels: Vec<_> = self.live.iter().map(|f| f.pixel).collect();
-        let predictions = predict(self.config.flow, previous, gray, &pixels)?;
+        let predictions = previous.predict(picture, &pixels)?;
         let (width, height) = (gray.width() as f32, gray.height() as f32);
         let held = |p: &Prediction| {
             f64::from(p.forward_backward_px) <= self.config.max_forward_backward_px

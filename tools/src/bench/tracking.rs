@@ -8,13 +8,10 @@ use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
 use linkage_skill::track::{DescriptorKind, TrackConfig, Tracker};
 use nalgebra::Point2;
-use opencv::core::Mat;
-use opencv::imgproc;
-use opencv::prelude::*;
-use opencv::videoio::{CAP_ANY, VideoCapture};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -100,23 +97,58 @@ fn clips(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
 }
 
 fn frames_of(clip: &Path) -> anyhow::Result<Vec<RgbdFrame>> {
-    let name = clip.display();
-    let mut capture = VideoCapture::from_file(clip, CAP_ANY)?;
+    let (width, height) = size_of(clip)?;
+    let pixels = output_of(
+        "ffmpeg",
+        &["-nostdin", "-i"],
+        clip,
+        &["-f", "rawvideo", "-pix_fmt", "rgb24", "-"],
+    )?;
+    let camera = camera_of(width, height);
     let mut frames = Vec::new();
-    let mut picture = Mat::default();
-    while capture.read(&mut picture)? {
-        let mut rgb = Mat::default();
-        imgproc::cvt_color_def(&picture, &mut rgb, imgproc::COLOR_BGR2RGB)?;
-        let (width, height) = (rgb.cols() as usize, rgb.rows() as usize);
-        let color = ColorImage::new(width, height, rgb.data_bytes()?.to_vec())?;
+    for (i, rgb) in pixels.chunks_exact(3 * width * height).enumerate() {
+        let color = ColorImage::new(width, height, rgb.to_vec())?;
         let depth = DepthImage::from_metres(width, height, vec![f32::NAN; width * height])?;
-        let utime = frames.len() as i64 * 33_333;
-        frames.push(RgbdFrame::new(utime, camera_of(width, height), color, depth)?);
+        frames.push(RgbdFrame::new(i as i64 * 33_333, camera.clone(), color, depth)?);
     }
     if frames.len() <= TURN {
-        return Err(anyhow!("{name}: {} frames could be read, too few", frames.len()));
+        return Err(anyhow!("{}: {} frames could be read, too few", clip.display(), frames.len()));
     }
     Ok(frames)
+}
+
+/// Width and height of a clip's pictures.
+fn size_of(clip: &Path) -> anyhow::Result<(usize, usize)> {
+    let asked =
+        ["-select_streams", "v:0", "-show_entries", "stream=width,height", "-of", "csv=p=0"];
+    let told = String::from_utf8(output_of("ffprobe", &asked, clip, &[])?)?;
+    let size =
+        told.trim().split_once(',').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    size.with_context(|| format!("{}: its pictures have no size: {told:?}", clip.display()))
+}
+
+/// What a program of FFmpeg's writes about a clip. Its libraries, two hundred with all they need,
+/// would otherwise be loaded whenever any command of ours starts.
+fn output_of(
+    program: &str,
+    before: &[&str],
+    clip: &Path,
+    after: &[&str],
+) -> anyhow::Result<Vec<u8>> {
+    let run = Command::new(program)
+        .args(["-v", "error"])
+        .args(before)
+        .arg(clip)
+        .args(after)
+        .output()
+        .with_context(|| {
+            format!("{program}, which reads clips, does not start: apt-get install ffmpeg")
+        })?;
+    if !run.status.success() {
+        let told = String::from_utf8_lossy(&run.stderr);
+        return Err(anyhow!("{}: {}", clip.display(), told.trim()));
+    }
+    Ok(run.stdout)
 }
 
 /// Nothing is measured through it: clips have no depth.
