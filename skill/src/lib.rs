@@ -12,6 +12,7 @@ pub mod grasp;
 pub mod joints;
 pub mod katz;
 pub mod keyframes;
+mod lab;
 pub mod learn;
 pub mod model;
 pub mod planes;

@@ -1,7 +1,7 @@
 //! The narrow bridge to OpenCV: pictures in, pictures out.
 
 use linkage_driver::ColorImage;
-use opencv::core::{self, CV_8U, DataType, Mat, Size, Vec2f, Vec3b, Vector};
+use opencv::core::{self, CV_8U, DataType, Mat, Size, Vec2f, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
 
@@ -75,48 +75,4 @@ pub fn median_blur_flow(flow: &Mat) -> opencv::Result<Mat> {
     core::merge(&smoothed, &mut merged)?;
     debug_assert_eq!(merged.typ(), Vec2f::opencv_type());
     Ok(merged)
-}
-
-/// A picture in CIE L*a*b*, slightly blurred, L* from 0 to 100.
-pub struct LabPicture {
-    width: usize,
-    values: Vec<Vec3b>,
-}
-
-impl LabPicture {
-    /// Lightness between pixels; `None` outside.
-    pub fn lightness(&self, u: f64, v: f64) -> Option<f64> {
-        let (left, top) = (u.floor(), v.floor());
-        let height = self.values.len() / self.width.max(1);
-        let inside = left >= 0.0
-            && top >= 0.0
-            && left + 1.0 < self.width as f64
-            && top + 1.0 < height as f64;
-        if !inside {
-            return None;
-        }
-        let first = top as usize * self.width + left as usize;
-        let (a, b) = (u - left, v - top);
-        let at = |i: usize| f64::from(self.values[i].0[0]);
-        let above = at(first) * (1.0 - a) + at(first + 1) * a;
-        let below = at(first + self.width) * (1.0 - a) + at(first + self.width + 1) * a;
-        Some((above * (1.0 - b) + below * b) * (100.0 / 255.0))
-    }
-
-    /// The colour at a pixel inside the picture.
-    pub fn at(&self, u: usize, v: usize) -> [f32; 3] {
-        let [l, a, b] = self.values[v * self.width + u].0.map(f32::from);
-        [l * (100.0 / 255.0), a - 128.0, b - 128.0]
-    }
-}
-
-/// Converts a colour picture.
-pub fn lab_picture(color: &ColorImage) -> opencv::Result<LabPicture> {
-    let rgb = Mat::from_slice(color.as_rgb())?;
-    let rgb = rgb.reshape(3, color.height() as i32)?;
-    let (mut lab, mut blurred) = (Mat::default(), Mat::default());
-    let kernel = Size::new(0, 0);
-    imgproc::gaussian_blur(&rgb, &mut blurred, kernel, 1.2, 1.2, core::BORDER_DEFAULT)?;
-    imgproc::cvt_color(&blurred, &mut lab, imgproc::COLOR_RGB2Lab, 0)?;
-    Ok(LabPicture { width: color.width(), values: lab.data_typed::<Vec3b>()?.to_vec() })
 }

@@ -6,8 +6,8 @@ use super::edges::edges;
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use super::{Appearance, AppearanceConfig, ModelFeature, Surfel};
 use crate::geometry::{plane_through, without_strays};
+use crate::lab::LabPicture;
 use crate::learn::Demonstration;
-use crate::vision::lab_picture;
 use linkage_driver::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
@@ -472,7 +472,7 @@ fn seen_surface(
     normals: &NormalMap,
 ) -> opencv::Result<Vec<SeenSurfel>> {
     let frame = posed.frame;
-    let lab = lab_picture(&frame.color)?;
+    let lab = LabPicture::new(&frame.color)?;
     let mut surface = Vec::new();
     for v in (STEP / 2..frame.camera.height).step_by(STEP / 2) {
         for u in (STEP / 2..frame.camera.width).step_by(STEP / 2) {

@@ -1,7 +1,7 @@
 //! An encounter's frame, prepared once for all objects.
 
 use crate::appearance::{DescribedFeature, FeatureSpread, Keypoints};
-use crate::vision::{LabPicture, lab_picture};
+use crate::lab::LabPicture;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, SurfacePatch};
 use nalgebra::Vector3;
@@ -28,7 +28,7 @@ impl Scene {
     pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
         let (keypoints, (normals, lab)) = rayon::join(
             || Keypoints::new(frame, FeatureSpread::Query, |_, _| true),
-            || (NormalMap::new(&frame.depth, &frame.camera), lab_picture(&frame.color)),
+            || (NormalMap::new(&frame.depth, &frame.camera), LabPicture::new(&frame.color)),
         );
         let features = keypoints?.describe(frame, &normals)?;
         Ok(Self { features, lab: lab?, normals, frame: frame.clone() })
@@ -41,7 +41,7 @@ impl Scene {
     pub fn plain(frame: &RgbdFrame) -> opencv::Result<Self> {
         let (normals, lab) = rayon::join(
             || NormalMap::new(&frame.depth, &frame.camera),
-            || lab_picture(&frame.color),
+            || LabPicture::new(&frame.color),
         );
         Ok(Self { features: Vec::new(), lab: lab?, normals, frame: frame.clone() })
     }

@@ -65,16 +65,19 @@ struct Precision {
     /// Where the base is, not where its frame begins: that is at the demonstration's camera.
     base_cm: f64,
     joints: Vec<ConfigurationScore>,
+    /// Of hinges.
     axis_cm: Vec<f64>,
 }
 
 impl Precision {
-    /// The base where it is; where it is not known, an axis.
+    /// The base where it is; where it is not known, an axis. That of a slide has no place.
     fn is_right(&self) -> bool {
         if self.base_known {
             return self.base_deg < 5.0 && self.base_cm < 5.0;
         }
-        self.joints.iter().any(|j| j.axis_deg < 3.0) && self.axis_cm.iter().any(|cm| *cm < 2.0)
+        let has_no_place = self.axis_cm.is_empty();
+        self.joints.iter().any(|j| j.axis_deg < 3.0)
+            && (has_no_place || self.axis_cm.iter().any(|cm| *cm < 2.0))
     }
 }
 
