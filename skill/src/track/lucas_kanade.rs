@@ -208,16 +208,26 @@ impl Template {
     /// Sums over the window of what it misses, times its gradients.
     #[inline(always)]
     fn mismatch(&self, window: &Patch<WINDOW>) -> [f32; 2] {
-        let mut sums = [[0.0_f32; LANES]; 2];
-        for row in 0..SIDE {
-            for i in 0..LANES {
-                let k = row * LANES + i;
-                let missing = self.grey[k] - window[k];
-                sums[0][i] += missing * self.gradient_x[k];
-                sums[1][i] += missing * self.gradient_y[k];
-            }
+        let (mut by_x, mut by_y) = ([0.0; LANES], [0.0; LANES]);
+        for (row, seen) in rows(window).iter().enumerate() {
+            let sought = &rows(&self.grey)[row];
+            let missing = std::array::from_fn(|i| sought[i] - seen[i]);
+            add_products(&mut by_x, &missing, &rows(&self.gradient_x)[row]);
+            add_products(&mut by_y, &missing, &rows(&self.gradient_y)[row]);
         }
-        sums.map(|s| s.iter().sum())
+        [by_x.iter().sum(), by_y.iter().sum()]
+    }
+}
+
+#[inline(always)]
+fn rows(window: &Patch<WINDOW>) -> &[[f32; LANES]] {
+    window.as_chunks().0
+}
+
+#[inline(always)]
+fn add_products(sums: &mut [f32; LANES], a: &[f32; LANES], b: &[f32; LANES]) {
+    for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+        *sum += a * b;
     }
 }
 
