@@ -24,6 +24,8 @@ pub struct Witness<'w> {
 pub const MAX_COUPLING: f64 = 0.85;
 /// Share of points that tells for sure where they are.
 const WELL_TOLD: f64 = 0.6;
+/// Share of points below which the pictures tell nothing of where they are.
+const SILENT: f64 = 0.1;
 /// Share of its points in all pictures that may be missing from what costs more than a joint on
 /// which nothing hangs, where less tells.
 const MAX_MISSING: f64 = 0.05;
@@ -162,20 +164,25 @@ impl Witness<'_> {
     }
 
     /// What its tracks must earn: less where the pictures alone would tell it, more where they
-    /// are silent and it was seen for a short while.
+    /// are silent and it was seen for a short while; most for a slide along a wall, as corners
+    /// seem to that somebody's outline makes with it.
     pub fn least_gain(&self, joint: &Grown) -> f64 {
         let least = self.config.min_gain;
         let coverage = joint.known_frames().len() as f64 / joint.known.len() as f64;
         match joint.tells {
             t if t >= WELL_TOLD && is_found_everywhere(joint) => 0.5 * least,
-            t if t < 0.1 && coverage < 0.5 => 3.0 * least,
+            t if t < SILENT && !joint.dof.hinge => 10.0 * least,
+            t if t < SILENT && coverage < 0.5 => 3.0 * least,
             _ => least,
         }
     }
 
     /// The pictures show its points where another joint would put them: a hand that rests on a
-    /// part is no part.
+    /// part is no part. Where they are silent they do not tell that either.
     pub fn is_on(&self, joint: &Grown, index: usize, joints: &[Grown]) -> bool {
+        if joint.tells < SILENT {
+            return false;
+        }
         let other = &joints[index];
         let both = |f: usize| joint.known[f] && other.known[f];
         let Some(start) = (0..joint.known.len()).find(|&f| both(f)) else { return false };
@@ -379,6 +386,15 @@ mod tests {
         assert!(is_accepted(&drawer(0.95, 0.3)));
         let told_well = Grown { tells: 0.9, ..drawer(0.5, 0.2) };
         assert!(is_accepted(&told_well));
+    }
+
+    #[test]
+    fn corners_along_a_wall_need_more_tracks_than_a_drawer() {
+        let along_a_wall = Grown { tells: 0.02, ..drawer(0.8, 0.0) };
+        assert!(!is_accepted(&along_a_wall));
+        assert!(is_accepted(&Grown { gain: 16_000.0, ..along_a_wall.clone() }), "a sliding door");
+        let wheel = Dof::hinge(Vector3::z(), Point3::new(0.2, 0.0, 1.5));
+        assert!(is_accepted(&Grown { dof: wheel, range: [0.0, 0.6], ..along_a_wall }));
     }
 
     #[test]

@@ -380,6 +380,10 @@ fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
     probability(score) >= config.min_score
 }
 
+/// Hypotheses of one part that are no farther apart lead to one state, metres and radians.
+const SAME_PLACE_M: f64 = 0.05;
+const SAME_TURN: f64 = 0.2;
+
 /// The best state that hypotheses lead to, of those that were not tried before.
 fn best_settled(
     refiner: &Refiner,
@@ -404,8 +408,8 @@ fn best_settled(
         let is_tried = |(part, pose): &(usize, Pose)| {
             let apart = pose.inverse() * h.camera_from_part;
             *part == h.part
-                && apart.translation.vector.norm() < 0.05
-                && apart.rotation.angle() < 0.2
+                && apart.translation.vector.norm() < SAME_PLACE_M
+                && apart.rotation.angle() < SAME_TURN
         };
         if tried.iter().any(is_tried) {
             continue;
