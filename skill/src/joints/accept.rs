@@ -350,6 +350,7 @@ mod tests {
     use super::super::dof::Dof;
     use super::super::specimen::seen_moving;
     use super::*;
+    use crate::specimen::{board, seen};
     use nalgebra::Vector3;
 
     const FRAMES: usize = 100;
@@ -401,5 +402,36 @@ mod tests {
     fn an_arm_that_comes_and_leaves_is_no_joint() {
         assert!(!is_accepted(&drawer(0.5, 0.2)));
         assert!(!is_accepted(&drawer(0.7, 0.25)));
+    }
+
+    /// Whether what goes along with a drawer is on its part, where pictures tell so much of it.
+    fn is_on_the_drawer(tells: f64) -> bool {
+        let front = |f: usize| 1.5 - 0.002 * f as f64;
+        let mut keyframes = Keyframes::new(FRAMES);
+        for f in (0..FRAMES).step_by(10) {
+            keyframes.offer(f, &seen(f as i64, board(0.2, front(f), 2.5)));
+        }
+        let mut opened = drawer(1.0, 0.0);
+        opened.q = (0..FRAMES).map(|f| front(f) - front(0)).collect();
+        opened.filled = opened.q.clone();
+        opened.points = vec![Point3::new(0.0, 0.0, front(0)); 60];
+        let along = Grown { tells, ..opened.clone() };
+        let base = BaseMotion {
+            camera_from_base: vec![Pose::identity(); FRAMES],
+            tracks: Vec::new(),
+            static_count: 0,
+        };
+        let config = JointsConfig::default();
+        Witness { base: &base, keyframes: &keyframes, config: &config }.is_on(&along, 0, &[opened])
+    }
+
+    #[test]
+    fn what_pictures_show_on_a_part_wherever_that_goes_is_on_it() {
+        assert!(is_on_the_drawer(0.5));
+    }
+
+    #[test]
+    fn what_pictures_do_not_tell_is_on_nothing() {
+        assert!(!is_on_the_drawer(0.02));
     }
 }

@@ -49,12 +49,17 @@ impl Picture {
         Ok(Self { method, gray, pyramid })
     }
 
-    /// Predicts every point of this picture into the next; `None` where the flow itself gave up.
+    /// Predicts every point of this picture into the next; `None` where the flow itself gave up,
+    /// and for all where the next is of another size.
     pub fn predict(
         &self,
         next: &Self,
         points: &[Point2<f32>],
     ) -> opencv::Result<Vec<Option<Prediction>>> {
+        let size = |picture: &Self| (picture.gray.width(), picture.gray.height());
+        if size(self) != size(next) {
+            return Ok(vec![None; points.len()]);
+        }
         if let (Some(from), Some(to)) = (&self.pyramid, &next.pyramid) {
             return Ok(predict_sparse(from, to, points));
         }
@@ -143,4 +148,24 @@ fn dis(a: &Mat, b: &Mat) -> opencv::Result<Mat> {
     let mut flow = Mat::default();
     video::DISOpticalFlow::create(video::DISOpticalFlow_PRESET_FAST)?.calc(a, b, &mut flow)?;
     Ok(flow)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_followed_into_a_picture_of_another_size() {
+        for method in [FlowMethod::LucasKanade, FlowMethod::Farneback, FlowMethod::Dis] {
+            let of_size = |width: usize, height: usize| {
+                let bytes: Vec<u8> = (0..width * height).map(|i| (i * i / 7) as u8).collect();
+                let gray = Gray::new(width, height, &bytes).expect("a picture");
+                Picture::new(gray, method).expect("a picture made ready")
+            };
+            let (small, large) = (of_size(160, 120), of_size(320, 240));
+            let points = [Point2::new(80.0, 60.0)];
+            assert_eq!(small.predict(&large, &points).expect("a prediction"), [None]);
+            assert_eq!(large.predict(&small, &points).expect("a prediction"), [None]);
+        }
+    }
 }

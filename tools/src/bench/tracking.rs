@@ -122,9 +122,10 @@ fn size_of(clip: &Path) -> anyhow::Result<(usize, usize)> {
     let asked =
         ["-select_streams", "v:0", "-show_entries", "stream=width,height", "-of", "csv=p=0"];
     let told = String::from_utf8(output_of("ffprobe", &asked, clip, &[])?)?;
-    let size =
+    let size: Option<(usize, usize)> =
         told.trim().split_once(',').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    size.with_context(|| format!("{}: its pictures have no size: {told:?}", clip.display()))
+    size.filter(|(w, h)| w * h > 0)
+        .with_context(|| format!("{}: its pictures have no size: {told:?}", clip.display()))
 }
 
 /// What a program of FFmpeg's writes about a clip. Its libraries, two hundred with all they need,
