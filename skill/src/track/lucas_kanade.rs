@@ -27,6 +27,7 @@ const PADDING: i32 = 32;
 
 /// Floats of a row: a window's, what its gradients need beside it, and what fills a register.
 const LANES: usize = 16;
+type Row = [f32; LANES];
 /// A point's surroundings, row after row; the floats after the last row stand for what gradients
 /// read beside it.
 type Patch<const FLOATS: usize> = [f32; FLOATS];
@@ -93,21 +94,27 @@ impl Level {
         let (a, b) = (corner[0] - left, corner[1] - top);
         let first =
             (top as i32 + PADDING) as usize * self.stride + (left as i32 + PADDING) as usize;
-        let between = |row: usize| -> [f32; LANES] {
-            let from = first + row * self.stride;
-            let grey = &self.bytes[from..from + LANES + 1];
-            std::array::from_fn(|i| (1.0 - a) * f32::from(grey[i]) + a * f32::from(grey[i + 1]))
-        };
         let mut patch = [0.0; FLOATS];
-        let mut above = between(0);
-        for (row, out) in patch.chunks_exact_mut(LANES).take(ROWS).enumerate() {
-            let below = between(row + 1);
+        let mut above = self.between(first, a);
+        for (row, out) in patch.as_chunks_mut::<LANES>().0.iter_mut().take(ROWS).enumerate() {
+            let below = self.between(first + (row + 1) * self.stride, a);
             for i in 0..LANES {
                 out[i] = (1.0 - b) * above[i] + b * below[i];
             }
             above = below;
         }
         patch
+    }
+
+    /// Grey values of a row from a byte on, `a` of the way to the next ones.
+    #[inline(always)]
+    fn between(&self, from: usize, a: f32) -> Row {
+        let bytes: &[u8; LANES + 1] = self.bytes[from..].first_chunk().expect("padding is wider");
+        let mut row = [0.0; LANES];
+        for i in 0..LANES {
+            row[i] = (1.0 - a) * f32::from(bytes[i]) + a * f32::from(bytes[i + 1]);
+        }
+        row
     }
 }
 
@@ -180,55 +187,82 @@ impl Template {
     fn of(patch: &Patch<TEMPLATE>) -> Self {
         let mut grey = [0.0; WINDOW];
         let (mut gradient_x, mut gradient_y) = ([0.0; WINDOW], [0.0; WINDOW]);
-        let mut sums = [[0.0_f32; LANES]; 3];
-        let inside: [f32; LANES] = std::array::from_fn(|i| if i < SIDE { 1.0 } else { 0.0 });
         for row in 0..SIDE {
             let beside = |down: usize| -> &[f32; LANES + 2] {
-                let from = (row + down) * LANES;
-                patch[from..from + LANES + 2].try_into().expect("it is cut to that length")
+                patch[(row + down) * LANES..].first_chunk().expect("floats stand after the last")
             };
             let [above, here, below] = [beside(0), beside(1), beside(2)];
-            let own = row * LANES..(row + 1) * LANES;
-            let (grey, gx, gy) =
-                (&mut grey[own.clone()], &mut gradient_x[own.clone()], &mut gradient_y[own]);
-            for i in 0..LANES {
-                let across = |row: &[f32; LANES + 2]| row[i + 2] - row[i];
-                let down = |column: usize| below[i + column] - above[i + column];
-                let x = (3.0 * (across(above) + across(below)) + 10.0 * across(here)) / 32.0;
-                let y = (3.0 * (down(0) + down(2)) + 10.0 * down(1)) / 32.0;
-                (grey[i], gx[i], gy[i]) = (here[i + 1], inside[i] * x, inside[i] * y);
-                sums[0][i] += gx[i] * gx[i];
-                sums[1][i] += gx[i] * gy[i];
-                sums[2][i] += gy[i] * gy[i];
-            }
+            grey.as_chunks_mut().0[row] = *here[1..].first_chunk::<LANES>().expect("it is wider");
+            gradient_x.as_chunks_mut().0[row] = across(above, here, below);
+            gradient_y.as_chunks_mut().0[row] = down(above, below);
         }
-        Self { grey, gradient_x, gradient_y, products: sums.map(|s| s.iter().sum()) }
+        let products = [
+            sum_of_products(&gradient_x, &gradient_x),
+            sum_of_products(&gradient_x, &gradient_y),
+            sum_of_products(&gradient_y, &gradient_y),
+        ];
+        Self { grey, gradient_x, gradient_y, products }
     }
 
     /// Sums over the window of what it misses, times its gradients.
     #[inline(always)]
     fn mismatch(&self, window: &Patch<WINDOW>) -> [f32; 2] {
-        let (mut by_x, mut by_y) = ([0.0; LANES], [0.0; LANES]);
-        for (row, seen) in rows(window).iter().enumerate() {
-            let sought = &rows(&self.grey)[row];
-            let missing = std::array::from_fn(|i| sought[i] - seen[i]);
-            add_products(&mut by_x, &missing, &rows(&self.gradient_x)[row]);
-            add_products(&mut by_y, &missing, &rows(&self.gradient_y)[row]);
+        let mut missing = self.grey;
+        for (missing, seen) in missing.iter_mut().zip(window) {
+            *missing -= seen;
         }
-        [by_x.iter().sum(), by_y.iter().sum()]
+        [&self.gradient_x, &self.gradient_y].map(|gradient| sum_of_products(&missing, gradient))
     }
 }
 
+/// 1 inside the window, 0 where a row only fills a register.
+const INSIDE: Row = {
+    let mut inside = [0.0; LANES];
+    let mut i = 0;
+    while i < SIDE {
+        inside[i] = 1.0;
+        i += 1;
+    }
+    inside
+};
+
+/// Gradients along three rows, of the middle one.
 #[inline(always)]
-fn rows(window: &Patch<WINDOW>) -> &[[f32; LANES]] {
-    window.as_chunks().0
+fn across(above: &[f32; LANES + 2], here: &[f32; LANES + 2], below: &[f32; LANES + 2]) -> Row {
+    let mut gradient = [0.0; LANES];
+    for i in 0..LANES {
+        let sides = (above[i + 2] - above[i]) + (below[i + 2] - below[i]);
+        gradient[i] = INSIDE[i] * ((3.0 * sides + 10.0 * (here[i + 2] - here[i])) / 32.0);
+    }
+    gradient
 }
 
+/// Gradients from one row to the next but one.
 #[inline(always)]
-fn add_products(sums: &mut [f32; LANES], a: &[f32; LANES], b: &[f32; LANES]) {
-    for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-        *sum += a * b;
+fn down(above: &[f32; LANES + 2], below: &[f32; LANES + 2]) -> Row {
+    let mut gradient = [0.0; LANES];
+    for i in 0..LANES {
+        let sides = (below[i] - above[i]) + (below[i + 2] - above[i + 2]);
+        gradient[i] = INSIDE[i] * ((3.0 * sides + 10.0 * (below[i + 1] - above[i + 1])) / 32.0);
     }
+    gradient
+}
+
+/// Row after row, so that a register holds a sum for each column. First the products, then their
+/// sums: in one loop they are not told apart by the compiler.
+#[inline(always)]
+fn sum_of_products(a: &Patch<WINDOW>, b: &Patch<WINDOW>) -> f32 {
+    let mut products = *a;
+    for (product, b) in products.iter_mut().zip(b) {
+        *product *= b;
+    }
+    let mut sums = [0.0; LANES];
+    for row in products.as_chunks::<LANES>().0 {
+        for (sum, product) in sums.iter_mut().zip(row) {
+            *sum += product;
+        }
+    }
+    sums.iter().sum()
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ mod surf;
 mod tracker;
 
 pub use descriptor::{DescriptorKind, Descriptors, describe};
-pub use flow::FlowMethod;
+pub use flow::{FlowMethod, Picture, Prediction};
 pub use lift::{DepthLift, Lifter};
 pub use surf::{Surf, SurfPoint};
 pub use tracker::Tracker;
