@@ -170,7 +170,7 @@ impl Witness<'_> {
         let least = self.config.min_gain;
         let coverage = joint.known_frames().len() as f64 / joint.known.len() as f64;
         match joint.tells {
-            t if t >= WELL_TOLD && is_found_everywhere(joint) => 0.5 * least,
+            t if t >= WELL_TOLD && is_found_everywhere(joint) => 0.4 * least,
             t if t < SILENT && !joint.dof.hinge => 10.0 * least,
             t if t < SILENT && coverage < 0.5 => 3.0 * least,
             _ => least,
