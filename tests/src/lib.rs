@@ -7,6 +7,9 @@ pub mod service;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::UNIX_EPOCH;
+
+static BUILT: OnceLock<()> = OnceLock::new();
 
 /// The built program.
 pub fn program() -> PathBuf {
@@ -19,7 +22,6 @@ pub fn program() -> PathBuf {
 
 /// Runs the program; standard error says why it failed.
 pub fn linkage(arguments: &[&str]) -> Output {
-    static BUILT: OnceLock<()> = OnceLock::new();
     BUILT.get_or_init(build);
     Command::new(program()).args(arguments).output().expect("the built program starts")
 }
@@ -42,26 +44,52 @@ pub fn failure(output: &Output) -> (i32, String) {
     (output.status.code().unwrap_or(-1), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-/// A simulated take, rendered once for all tests of a run.
+/// A simulated take, rendered once for all tests of this build of the program.
 pub fn simulated(scene: &str, encounter: bool, seed: u64) -> PathBuf {
     // Tests of one binary run side by side and share what is rendered.
     static RENDERING: Mutex<()> = Mutex::new(());
     let _one_at_a_time = RENDERING.lock().unwrap_or_else(PoisonError::into_inner);
     let take = if encounter { "encounter" } else { "demonstration" };
-    let dir = std::env::temp_dir()
-        .join(format!("linkage-tests-{}", std::process::id()))
-        .join(format!("{scene}-{take}-{seed}"));
-    if !dir.join("truth.json").exists() {
-        let (out, seed) = (dir.display().to_string(), seed.to_string());
-        let mut arguments =
-            vec!["simulate", "--quiet", "--scene", scene, "--out", &out, "--seed", &seed];
-        if encounter {
-            arguments.push("--encounter");
-        }
-        let output = linkage(&arguments);
-        assert!(output.status.success(), "{}", failure(&output).1);
+    let takes = takes();
+    let dir = takes.join(format!("{scene}-{take}-{seed}"));
+    if dir.exists() {
+        return dir;
     }
+    let unfinished = tempfile::tempdir_in(takes).expect("a scratch folder can be made");
+    let (out, seed) = (unfinished.path().display().to_string(), seed.to_string());
+    let mut arguments =
+        vec!["simulate", "--quiet", "--scene", scene, "--out", &out, "--seed", &seed];
+    if encounter {
+        arguments.push("--encounter");
+    }
+    let output = linkage(&arguments);
+    assert!(output.status.success(), "{}", failure(&output).1);
+    // Where another test's process was faster, its take is as good.
+    let renamed = std::fs::rename(unfinished.path(), &dir);
+    assert!(dir.exists(), "a finished take can be renamed: {renamed:?}");
     dir
+}
+
+/// The folder of the takes that this build rendered, beside the program; those of earlier
+/// builds are removed.
+fn takes() -> &'static Path {
+    static TAKES: OnceLock<PathBuf> = OnceLock::new();
+    TAKES.get_or_init(|| {
+        BUILT.get_or_init(build);
+        let built = std::fs::metadata(program()).and_then(|m| m.modified());
+        let since = built.expect("the program lies on a file system that knows times");
+        let age = since.duration_since(UNIX_EPOCH).expect("the program was built after 1970");
+        let all = program().with_file_name("simulated-takes");
+        let these = all.join(age.as_nanos().to_string());
+        for old in std::fs::read_dir(&all).into_iter().flatten().flatten() {
+            if old.path() != these {
+                // One that cannot be removed is tried again by the next run.
+                let _ = std::fs::remove_dir_all(old.path());
+            }
+        }
+        std::fs::create_dir_all(&these).expect("a scratch folder can be made");
+        these
+    })
 }
 
 /// Third-party recordings and logs; `None`, said aloud, where they are missing.

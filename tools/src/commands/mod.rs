@@ -7,6 +7,7 @@ mod doctor;
 mod export;
 mod fit;
 mod learn;
+mod output;
 mod predict;
 mod recognise;
 mod record;
@@ -18,12 +19,12 @@ mod store;
 mod vocabulary;
 
 use crate::cli::{Cli, Command, Common};
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
-use std::path::Path;
 
 pub use learn::{demonstrate, demonstrate_past, remember, summary};
+pub use output::{write_json, write_text};
 pub use recognise::{describe, last_frame};
 pub use serve::describe_stream;
 pub use simulate::film;
@@ -98,30 +99,4 @@ pub fn warn_without_depth(frame: &RgbdFrame, source: &str) {
     if frame.depth.invalid_share() >= 1.0 {
         tracing::warn!(source, "no depth at all: poses come from colour alone and are less sure");
     }
-}
-
-/// Writes JSON to a file, or to standard output for `-`.
-pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Outcome {
-    let text = serde_json::to_string_pretty(value)? + "\n";
-    write_text(path, &text)
-}
-
-/// Writes a file whole or not at all; `-` is standard output.
-pub fn write_text(path: &Path, text: &str) -> Outcome {
-    use std::io::Write;
-    if path == Path::new("-") {
-        std::io::stdout().write_all(text.as_bytes())?;
-        return Ok(());
-    }
-    let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let write = || -> anyhow::Result<()> {
-        std::fs::create_dir_all(dir)?;
-        let mut file = tempfile::NamedTempFile::new_in(dir)?;
-        file.write_all(text.as_bytes())?;
-        file.as_file().sync_all()?;
-        file.persist(path)?;
-        Ok(())
-    };
-    write().with_context(|| format!("{}: cannot be written", path.display()))?;
-    Ok(())
 }
