@@ -1,26 +1,39 @@
 //! What a hinge does where its tracks are lost: a lid that turns its other face, a door seen
-//! at a grazing angle. Its plane is still there, about the line that the tracks told.
+//! at a grazing angle. Its plane is still there, about the line that the tracks told. And where
+//! few tracks live on from one stretch to the next, the stretches may be linked wrongly, by a
+//! few degrees; the plane, which has no memory, tells by how much.
 
 use super::hinge::Lie;
 use super::patch::{PlanePatch, moving_patches};
 use crate::articulate::{JointGeometry, JointKind};
 use crate::base::BaseMotion;
-use crate::geometry::orthonormal_basis;
+use crate::geometry::{distance_to_line, median, orthonormal_basis};
 use crate::keyframes::Keyframes;
 use crate::structure::{LearnedJoint, range_of};
 use crate::track::TrackSet;
+use nalgebra::Point3;
 use std::f64::consts::{PI, TAU};
 
-/// Share of the frames from which a joint is known well enough.
-const KNOWN_ENOUGH: f64 = 0.9;
 /// The line that tracks told may be off by this much: sine of its angle with a plane,
 const MAX_TILT: f64 = 0.12;
 /// and metres.
 const MAX_DISTANCE: f64 = 0.05;
+/// The part may reach this much farther than its tracks: a share,
+const MAX_BEYOND: f64 = 0.5;
+/// and metres.
+const BEYOND_M: f64 = 0.1;
 /// Turns of one plane differ from the joint's configuration by a constant, within radians.
 const MAX_STRAY: f64 = 0.1;
 /// Keyframes in which tracks and plane must agree.
 const MIN_AGREEING: usize = 2;
+/// Stretches of tracks may be linked wrongly by this much, radians.
+const MAX_SLIP: f64 = 0.3;
+/// Slips that are worth mending: what planes tell is about a third as far off, radians.
+const MIN_SLIP: f64 = 0.015;
+/// Keyframes that must show the plane before slips are believed.
+const MIN_SHOWN: usize = 6;
+/// Tracks that link one face to the other: then the faces need not be parallel.
+const LINKS: usize = 6;
 /// Farthest turn from one keyframe to the next, radians; as much more for each that shows nothing.
 const MAX_STEP: f64 = 0.9;
 
@@ -30,9 +43,11 @@ struct Sighting {
     lie: Lie,
     turn: f64,
     samples: usize,
+    /// The face that looks to where the part turns.
+    fore: bool,
 }
 
-/// Fills in configurations of hinges of the base where the part's plane shows them.
+/// Mends and fills in configurations of hinges of the base where the part's plane shows them.
 pub fn extend(
     joints: &mut [LearnedJoint],
     set: &TrackSet,
@@ -40,73 +55,182 @@ pub fn extend(
     keyframes: &Keyframes,
     seed: u64,
 ) {
-    let lacks = |l: &LearnedJoint| {
-        let known = l.base_from_part.iter().flatten().count();
-        l.joint.kind == JointKind::Revolute
-            && l.joint.parent == 0
-            && (known as f64) < KNOWN_ENOUGH * l.base_from_part.len() as f64
-    };
-    if !joints.iter().any(lacks) {
-        return;
-    }
-    let patches = moving_patches(keyframes, base, seed);
-    let frames: Vec<usize> = keyframes.iter().map(|(frame, _)| frame).collect();
-    for learned in joints.iter_mut().filter(|l| lacks(l)) {
-        let found = shown_by_planes(learned, &patches, &frames);
-        tracing::debug!(joint = learned.joint.name, keyframes = found.len(), "shown by its plane");
-        if !found.is_empty() {
-            fill(learned, &found, set);
+    let carries: Vec<usize> = joints.iter().map(|l| l.joint.parent).collect();
+    for learned in joints.iter_mut() {
+        let joint = &learned.joint;
+        let apt = joint.kind == JointKind::Revolute && joint.parent == 0;
+        if !apt || carries.contains(&joint.child) {
+            continue;
+        }
+        let line = joint.geometry();
+        let reach = reach(learned, base, &line);
+        let about = |p: &Point3<f64>| {
+            distance_to_line(&line.origin, &line.axis, p) < reach * (1.0 + MAX_BEYOND) + BEYOND_M
+        };
+        let patches = moving_patches(keyframes, base, seed, about);
+        let frames: Vec<usize> = keyframes.iter().map(|(frame, _)| frame).collect();
+        let linked = |a: usize, b: usize| {
+            let lives = |f: usize, id: usize| base.tracks[id].at(f).is_some();
+            learned.tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
+        };
+        let shown = shown_by_plane(learned, &patches, &frames, linked);
+        if !shown.is_empty() {
+            apply(learned, &shown, set);
         }
     }
 }
 
-/// Frame and configuration of keyframes in which tracks tell nothing.
-fn shown_by_planes(
+/// Distance from the line up to which the joint's tracks lie.
+fn reach(learned: &LearnedJoint, base: &BaseMotion, line: &JointGeometry) -> f64 {
+    let mut found: Vec<f64> = learned
+        .tracks
+        .iter()
+        .flat_map(|&id| base.tracks[id].points.iter().flatten().step_by(8))
+        .map(|p| distance_to_line(&line.origin, &line.axis, &p.point))
+        .collect();
+    found.sort_by(f64::total_cmp);
+    found.get(found.len() * 19 / 20).copied().unwrap_or_default()
+}
+
+/// Frame and configuration where the plane tells another than the tracks, or alone tells one.
+fn shown_by_plane(
     learned: &LearnedJoint,
     patches: &[PlanePatch],
     keyframes: &[usize],
+    linked: impl Fn(usize, usize) -> usize,
 ) -> Vec<(usize, f64)> {
     let geometry = learned.joint.geometry();
+    let known: Vec<Option<f64>> = (0..learned.base_from_part.len())
+        .map(|frame| configuration(learned, &geometry, frame))
+        .collect();
     let sightings = sightings(&geometry, patches);
-    let known = |s: &Sighting| configuration(learned, &geometry, s.frame);
-    let offsets: Vec<(f64, &Sighting)> =
-        sightings.iter().filter_map(|s| Some((near(s.turn - known(s)?, 0.0), s))).collect();
-    let agreeing =
-        |offset: f64| offsets.iter().filter(move |(o, _)| near(o - offset, 0.0).abs() < MAX_STRAY);
-    let best = offsets
-        .iter()
-        .map(|(offset, s)| (agreeing(*offset).map(|(_, s)| s.samples).sum::<usize>(), *offset, *s))
-        .max_by_key(|(samples, ..)| *samples);
-    let Some((_, offset, _)) = best else { return Vec::new() };
-    let with: Vec<&Sighting> = agreeing(offset).map(|(_, s)| *s).collect();
-    let Some(reference) = with.iter().max_by_key(|s| s.samples) else { return Vec::new() };
-    if with.len() < MIN_AGREEING {
-        return Vec::new();
-    }
-    let mut found = Vec::new();
-    let (mut before, mut unseen) = (0.0, 0);
-    for frame in 0..learned.base_from_part.len() {
-        if let Some(q) = configuration(learned, &geometry, frame) {
-            (before, unseen) = (q, 0);
-            continue;
+    let Some(plane) = PartPlane::of(&sightings, &known, linked) else { return Vec::new() };
+    let (zero, mended) = plane.mended(&known);
+    let mut shown: Vec<(usize, f64)> = (0..known.len())
+        .filter(|&f| mended[f] != known[f])
+        .filter_map(|f| Some((f, mended[f]?)))
+        .collect();
+    let alone = plane.alone(&mended, zero, keyframes);
+    tracing::debug!(
+        joint = learned.joint.name,
+        keyframes = plane.sightings.len(),
+        mended = shown.len(),
+        alone = alone.len(),
+        "shown by its plane"
+    );
+    shown.extend(alone);
+    shown
+}
+
+/// A part's own plane in the keyframes that show it.
+struct PartPlane<'a> {
+    /// At most one a keyframe, in order.
+    sightings: Vec<&'a Sighting>,
+    /// Turn at configuration 0.
+    zero: f64,
+}
+
+impl<'a> PartPlane<'a> {
+    /// The plane that turns as tracks say, in most samples.
+    fn of(
+        all: &'a [Sighting],
+        known: &[Option<f64>],
+        linked: impl Fn(usize, usize) -> usize,
+    ) -> Option<Self> {
+        let zeros: Vec<(f64, &Sighting)> =
+            all.iter().filter_map(|s| Some((near(s.turn - known[s.frame]?, 0.0), s))).collect();
+        let agreeing =
+            |zero: f64| zeros.iter().filter(move |(o, _)| near(o - zero, 0.0).abs() < MAX_STRAY);
+        let samples = |zero: f64| agreeing(zero).map(|(_, s)| s.samples).sum::<usize>();
+        let zero = zeros.iter().map(|(zero, _)| *zero).max_by_key(|zero| samples(*zero))?;
+        let reference: &Sighting = agreeing(zero).map(|(_, s)| *s).max_by_key(|s| s.samples)?;
+        if agreeing(zero).count() < MIN_AGREEING {
+            return None;
         }
-        if !keyframes.contains(&frame) {
-            continue;
-        }
-        unseen += 1;
-        let own = sightings
-            .iter()
-            .filter(|s| s.frame == frame && s.lie.alike(&reference.lie))
-            .max_by_key(|s| s.samples);
-        if let Some(s) = own {
-            let q = near(s.turn - offset, before);
-            if (q - before).abs() < MAX_STEP * f64::from(unseen) {
-                found.push((frame, q));
-                (before, unseen) = (q, 0);
+        let mut sightings: Vec<&Sighting> = Vec::new();
+        for sighting in all.iter().filter(|s| s.lie.alike(&reference.lie)) {
+            match sightings.last_mut() {
+                Some(last) if last.frame == sighting.frame => {
+                    if sighting.samples > last.samples {
+                        *last = sighting;
+                    }
+                }
+                _ => sightings.push(sighting),
             }
         }
+        let joins =
+            |w: &[&Sighting]| w[0].fore != w[1].fore && linked(w[0].frame, w[1].frame) >= LINKS;
+        if sightings.windows(2).any(joins) {
+            sightings.retain(|s| s.fore == reference.fore);
+        }
+        Some(Self { sightings, zero })
     }
-    found
+
+    /// Turn at configuration 0, and the tracks' configurations without their slips.
+    fn mended(&self, known: &[Option<f64>]) -> (f64, Vec<Option<f64>>) {
+        let slips = self.slips(known);
+        let Some(&(_, first)) = slips.first() else { return (self.zero, known.to_vec()) };
+        let worst = slips.iter().map(|(_, slip)| (slip - first).abs()).fold(0.0, f64::max);
+        if slips.len() < MIN_SHOWN || worst < MIN_SLIP {
+            return (self.zero, known.to_vec());
+        }
+        let mend =
+            |(frame, q): (usize, &Option<f64>)| q.map(|q| q + interpolated(&slips, frame) - first);
+        (self.zero + first, known.iter().enumerate().map(mend).collect())
+    }
+
+    /// Keyframes and by how much the plane is turned farther there than tracks say; lone strays
+    /// are smoothed away.
+    fn slips(&self, known: &[Option<f64>]) -> Vec<(usize, f64)> {
+        let raw: Vec<(usize, f64)> = self
+            .sightings
+            .iter()
+            .filter_map(|s| Some((s.frame, near(s.turn - self.zero - known[s.frame]?, 0.0))))
+            .filter(|(_, slip)| slip.abs() < MAX_SLIP)
+            .collect();
+        (0..raw.len())
+            .map(|i| {
+                let start = i.saturating_sub(1).min(raw.len().saturating_sub(3));
+                let mut three: Vec<f64> = raw[start..].iter().take(3).map(|(_, s)| *s).collect();
+                (raw[i].0, median(&mut three).unwrap_or_default())
+            })
+            .collect()
+    }
+
+    /// Configurations in keyframes in which tracks tell nothing.
+    fn alone(&self, known: &[Option<f64>], zero: f64, keyframes: &[usize]) -> Vec<(usize, f64)> {
+        let mut found = Vec::new();
+        let (mut before, mut unseen) = (0.0, 0);
+        for (frame, q) in known.iter().enumerate() {
+            if let Some(q) = q {
+                (before, unseen) = (*q, 0);
+                continue;
+            }
+            if !keyframes.contains(&frame) {
+                continue;
+            }
+            unseen += 1;
+            let own = self.sightings.iter().find(|s| s.frame == frame);
+            if let Some(s) = own {
+                let q = near(s.turn - zero, before);
+                if (q - before).abs() < MAX_STEP * f64::from(unseen) {
+                    found.push((frame, q));
+                    (before, unseen) = (q, 0);
+                }
+            }
+        }
+        found
+    }
+}
+
+/// The value at a frame, between those of the frames around it.
+fn interpolated(values: &[(usize, f64)], frame: usize) -> f64 {
+    let next = values.partition_point(|(f, _)| *f < frame);
+    match (next.checked_sub(1).map(|i| values[i]), values.get(next)) {
+        (Some((a, va)), Some(&(b, vb))) => va + (vb - va) * (frame - a) as f64 / (b - a) as f64,
+        (Some((_, only)), None) | (None, Some(&(_, only))) => only,
+        (None, None) => 0.0,
+    }
 }
 
 fn sightings(geometry: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> {
@@ -122,7 +246,8 @@ fn sightings(geometry: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> 
             let lie = Lie::of(p, &origin, &axis)?;
             let turn = lie.arm.dot(&v).atan2(lie.arm.dot(&u));
             let turn = if axis.dot(&u.cross(&v)) < 0.0 { -turn } else { turn };
-            Some(Sighting { frame: p.frame, turn, samples: p.points.len(), lie })
+            let fore = axis.cross(&lie.arm).dot(&p.normal) > 0.0;
+            Some(Sighting { frame: p.frame, turn, samples: p.points.len(), lie, fore })
         })
         .collect()
 }
@@ -138,9 +263,9 @@ fn near(angle: f64, to: f64) -> f64 {
     to + (angle - to + PI).rem_euclid(TAU) - PI
 }
 
-fn fill(learned: &mut LearnedJoint, found: &[(usize, f64)], set: &TrackSet) {
+fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
     let geometry = learned.joint.geometry();
-    for &(frame, q) in found {
+    for &(frame, q) in shown {
         learned.base_from_part[frame] = Some(geometry.motion(q));
     }
     let (frames, turns): (Vec<usize>, Vec<f64>) = (0..learned.base_from_part.len())
@@ -154,7 +279,7 @@ fn fill(learned: &mut LearnedJoint, found: &[(usize, f64)], set: &TrackSet) {
 mod tests {
     use super::*;
     use crate::model::Joint;
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Vector3;
 
     const LAST: usize = 40;
 
@@ -177,24 +302,70 @@ mod tests {
         PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
     }
 
-    /// Where planes show the lid that tracks followed to frame 12, if it is seen in these frames
-    /// of all keyframes.
-    fn shown(seen: &[usize]) -> Vec<(usize, f64)> {
+    /// What planes in these frames show of a lid whose tracks say this; so many link its faces.
+    fn shown(
+        patches: &[PlanePatch],
+        tracks: impl Fn(usize) -> Option<f64>,
+        links: usize,
+    ) -> Vec<(usize, f64)> {
         let learned = LearnedJoint {
             joint: Joint::of(&line()),
-            base_from_part: (0..=LAST).map(|f| (f <= 12).then(|| line().motion(turn(f)))).collect(),
+            base_from_part: (0..=LAST).map(|f| Some(line().motion(tracks(f)?))).collect(),
             tracks: Vec::new(),
         };
-        let patches: Vec<PlanePatch> = seen.iter().map(|&f| patch(f)).collect();
-        let keyframes: Vec<usize> = (0..=LAST).step_by(4).collect();
-        shown_by_planes(&learned, &patches, &keyframes)
+        shown_by_plane(&learned, patches, &keyframes(), |_, _| links)
+    }
+
+    fn keyframes() -> Vec<usize> {
+        (0..=LAST).step_by(4).collect()
+    }
+
+    /// The patch, shown from its other side and, by a wedge, not parallel to the first.
+    fn other_face(frame: usize, wedge: f64) -> PlanePatch {
+        let face = patch(frame);
+        let motion = line().motion(wedge);
+        let points: Vec<Point3<f64>> = face.points.iter().map(|p| motion * p).collect();
+        let normal = -(motion.rotation * face.normal);
+        PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
+    }
+
+    /// The lid shows its other face from frame 20 on.
+    fn both_faces(wedge: f64) -> Vec<PlanePatch> {
+        let face = |f| if f < 20 { patch(f) } else { other_face(f, wedge) };
+        keyframes().into_iter().map(face).collect()
     }
 
     #[test]
     fn a_lid_is_followed_by_its_plane_though_it_was_out_of_sight() {
-        let found = shown(&[0, 4, 8, 12, 36, 40]);
+        let seen = [0, 4, 8, 12, 36, 40].map(patch);
+        let found = shown(&seen, |f| (f <= 12).then(|| turn(f)), 0);
         assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [36, 40]);
         assert!(found.iter().all(|(f, q)| (q - turn(*f)).abs() < 1e-6), "{found:?}");
+    }
+
+    #[test]
+    fn stretches_of_tracks_that_slipped_are_mended_by_the_plane() {
+        let slipped = |f: usize| Some(turn(f) - if f < 20 { 0.0 } else { 0.1 });
+        let found = shown(&both_faces(0.0), slipped, 0);
+        let mended = |f: usize| found.iter().find(|(frame, _)| *frame == f).map(|(_, q)| *q);
+        for frame in (0..=16).chain(20..=LAST) {
+            let q = mended(frame).or(slipped(frame)).unwrap();
+            assert!((q - turn(frame)).abs() < 1e-6, "{frame}: {q}");
+        }
+    }
+
+    #[test]
+    fn a_plane_that_strays_once_mends_nothing() {
+        let mut seen = both_faces(0.0);
+        seen[3] = other_face(12, 0.1);
+        assert!(shown(&seen, |f| Some(turn(f)), 0).is_empty());
+    }
+
+    #[test]
+    fn faces_that_tracks_link_need_not_be_parallel() {
+        let wedge = both_faces(0.1);
+        assert!(shown(&wedge, |f| Some(turn(f)), LINKS).is_empty());
+        assert!(!shown(&wedge, |f| Some(turn(f)), 0).is_empty());
     }
 
     #[test]

@@ -94,7 +94,7 @@ fn search(
     config: &PlanesConfig,
     seed: u64,
 ) -> Vec<LearnedJoint> {
-    let patches = moving_patches(keyframes, base, seed);
+    let patches = moving_patches(keyframes, base, seed, |_| true);
     let Some(hinge) = best_hinge(&patches) else { return Vec::new() };
     let (through, tells) = witness(&hinge, base, keyframes);
     let [low, high] = hinge.range();

@@ -4,7 +4,7 @@ use crate::base::{BaseMotion, coarse_sigma};
 use crate::geometry::plane_through;
 use crate::keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
-use linkage_driver::depth::NormalMap;
+use linkage_driver::depth::SurfacePatch;
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -42,13 +42,19 @@ struct Sample {
     normal: Vector3<f64>,
 }
 
-/// Flat pieces of surfaces that are elsewhere in other keyframes.
-pub fn moving_patches(keyframes: &Keyframes, base: &BaseMotion, seed: u64) -> Vec<PlanePatch> {
+/// Flat pieces of surfaces that are elsewhere in other keyframes, of points of the base frame
+/// that `concern`.
+pub fn moving_patches(
+    keyframes: &Keyframes,
+    base: &BaseMotion,
+    seed: u64,
+    concern: impl Fn(&Point3<f64>) -> bool + Sync,
+) -> Vec<PlanePatch> {
     let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
     pictures
         .par_iter()
         .flat_map_iter(|&(frame, picture)| {
-            let samples: Vec<Sample> = samples(picture, base, frame)
+            let samples: Vec<Sample> = samples(picture, base, frame, &concern)
                 .into_iter()
                 .filter(|s| moves(s, &pictures, base))
                 .collect();
@@ -57,18 +63,24 @@ pub fn moving_patches(keyframes: &Keyframes, base: &BaseMotion, seed: u64) -> Ve
         .collect()
 }
 
-fn samples(picture: &RgbdFrame, base: &BaseMotion, frame: usize) -> Vec<Sample> {
-    let normals = NormalMap::new(&picture.depth, &picture.camera);
+fn samples(
+    picture: &RgbdFrame,
+    base: &BaseMotion,
+    frame: usize,
+    concern: impl Fn(&Point3<f64>) -> bool,
+) -> Vec<Sample> {
+    let (depth, camera) = (&picture.depth, &picture.camera);
     let base_from_camera = base.camera_from_base[frame].inverse();
     let mut found = Vec::new();
-    for v in (0..picture.depth.height()).step_by(STEP) {
-        for u in (0..picture.depth.width()).step_by(STEP) {
-            let Some(surface) = normals.at(u, v) else { continue };
-            let point = picture.camera.back_project(u as f64, v as f64, surface.z);
-            found.push(Sample {
-                point: base_from_camera * point,
-                normal: base_from_camera * surface.normal,
-            });
+    for v in (0..depth.height()).step_by(STEP) {
+        for u in (0..depth.width()).step_by(STEP) {
+            let at = |z: f64| base_from_camera * camera.back_project(u as f64, v as f64, z);
+            let reading = f64::from(depth.as_metres()[v * depth.width() + u]);
+            if reading.is_nan() || !concern(&at(reading)) {
+                continue;
+            }
+            let Some(surface) = SurfacePatch::at(depth, camera, u, v) else { continue };
+            found.push(Sample { point: at(surface.z), normal: base_from_camera * surface.normal });
         }
     }
     found
