@@ -1,51 +1,25 @@
 //! What a hinge does where its tracks are lost: a lid that turns its other face, a door seen
 //! at a grazing angle. Its plane is still there, about the line that the tracks told. And where
 //! few tracks live on from one stretch to the next, the stretches may be linked wrongly, by a
-//! few degrees; the plane, which has no memory, tells by how much.
+//! few degrees; the plane, which has no memory, tells by how much. Where the plane is seen
+//! edge-on, so that the camera has no depth of it, the edge itself tells.
 
-use super::hinge::Lie;
-use super::patch::{PlanePatch, moving_patches};
+use super::about::{edges, sightings};
+use super::part_plane::PartPlane;
+use super::patch::{Cylinder, PlanePatch, Sampling, moving_patches};
 use crate::articulate::{JointGeometry, JointKind};
 use crate::base::BaseMotion;
-use crate::geometry::{distance_to_line, median, orthonormal_basis};
+use crate::geometry::distance_to_line;
 use crate::keyframes::Keyframes;
 use crate::structure::{LearnedJoint, range_of};
 use crate::track::TrackSet;
-use nalgebra::Point3;
-use std::f64::consts::{PI, TAU};
 
-/// The line that tracks told may be off by this much: sine of its angle with a plane,
-const MAX_TILT: f64 = 0.12;
-/// and metres.
-const MAX_DISTANCE: f64 = 0.05;
+/// Share of the keyframes from which a joint is known well enough.
+const KNOWN_ENOUGH: f64 = 0.9;
 /// The part may reach this much farther than its tracks: a share,
 const MAX_BEYOND: f64 = 0.5;
 /// and metres.
 const BEYOND_M: f64 = 0.1;
-/// Turns of one plane differ from the joint's configuration by a constant, within radians.
-const MAX_STRAY: f64 = 0.1;
-/// Keyframes in which tracks and plane must agree.
-const MIN_AGREEING: usize = 2;
-/// Stretches of tracks may be linked wrongly by this much, radians.
-const MAX_SLIP: f64 = 0.3;
-/// Slips that are worth mending: what planes tell is about a third as far off, radians.
-const MIN_SLIP: f64 = 0.015;
-/// Keyframes that must show the plane before slips are believed.
-const MIN_SHOWN: usize = 6;
-/// Tracks that link one face to the other: then the faces need not be parallel.
-const LINKS: usize = 6;
-/// Farthest turn from one keyframe to the next, radians; as much more for each that shows nothing.
-const MAX_STEP: f64 = 0.9;
-
-/// A plane about the line, at a keyframe.
-struct Sighting {
-    frame: usize,
-    lie: Lie,
-    turn: f64,
-    samples: usize,
-    /// The face that looks to where the part turns.
-    fore: bool,
-}
 
 /// Mends and fills in configurations of hinges of the base where the part's plane shows them.
 pub fn extend(
@@ -59,24 +33,39 @@ pub fn extend(
     for learned in joints.iter_mut() {
         let joint = &learned.joint;
         let apt = joint.kind == JointKind::Revolute && joint.parent == 0;
-        if !apt || carries.contains(&joint.child) {
-            continue;
+        if apt && !carries.contains(&joint.child) {
+            let reach = reach(learned, base, &joint.geometry());
+            extend_to(reach, learned, set, base, keyframes, seed);
         }
-        let line = joint.geometry();
-        let reach = reach(learned, base, &line);
-        let about = |p: &Point3<f64>| {
-            distance_to_line(&line.origin, &line.axis, p) < reach * (1.0 + MAX_BEYOND) + BEYOND_M
-        };
-        let patches = moving_patches(keyframes, base, seed, about);
-        let frames: Vec<usize> = keyframes.iter().map(|(frame, _)| frame).collect();
-        let linked = |a: usize, b: usize| {
-            let lives = |f: usize, id: usize| base.tracks[id].at(f).is_some();
-            learned.tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
-        };
-        let shown = shown_by_plane(learned, &patches, &frames, linked);
-        if !shown.is_empty() {
-            apply(learned, &shown, set);
-        }
+    }
+}
+
+/// The same for one hinge of the base, whose part reaches so far from the line.
+pub fn extend_to(
+    reach: f64,
+    learned: &mut LearnedJoint,
+    set: &TrackSet,
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    seed: u64,
+) {
+    let radius = reach * (1.0 + MAX_BEYOND) + BEYOND_M;
+    let cylinder = Cylinder { line: learned.joint.geometry(), radius };
+    let frames: Vec<usize> = keyframes.iter().map(|(frame, _)| frame).collect();
+    let known = frames.iter().filter(|&&f| learned.base_from_part[f].is_some()).count();
+    let sampling = if (known as f64) < KNOWN_ENOUGH * frames.len() as f64 {
+        Sampling::Fine
+    } else {
+        Sampling::Coarse
+    };
+    let patches = moving_patches(keyframes, base, sampling, Some(&cylinder), seed);
+    let linked = |a: usize, b: usize| {
+        let lives = |f: usize, id: usize| base.tracks[id].at(f).is_some();
+        learned.tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
+    };
+    let shown = shown_by_plane(learned, &patches, &frames, linked);
+    if !shown.is_empty() {
+        apply(learned, &shown, set);
     }
 }
 
@@ -110,7 +99,7 @@ fn shown_by_plane(
         .filter(|&f| mended[f] != known[f])
         .filter_map(|f| Some((f, mended[f]?)))
         .collect();
-    let alone = plane.alone(&mended, zero, keyframes);
+    let alone = plane.alone(&edges(&geometry, patches), &mended, zero, keyframes);
     tracing::debug!(
         joint = learned.joint.name,
         keyframes = plane.sightings.len(),
@@ -122,145 +111,10 @@ fn shown_by_plane(
     shown
 }
 
-/// A part's own plane in the keyframes that show it.
-struct PartPlane<'a> {
-    /// At most one a keyframe, in order.
-    sightings: Vec<&'a Sighting>,
-    /// Turn at configuration 0.
-    zero: f64,
-}
-
-impl<'a> PartPlane<'a> {
-    /// The plane that turns as tracks say, in most samples.
-    fn of(
-        all: &'a [Sighting],
-        known: &[Option<f64>],
-        linked: impl Fn(usize, usize) -> usize,
-    ) -> Option<Self> {
-        let zeros: Vec<(f64, &Sighting)> =
-            all.iter().filter_map(|s| Some((near(s.turn - known[s.frame]?, 0.0), s))).collect();
-        let agreeing =
-            |zero: f64| zeros.iter().filter(move |(o, _)| near(o - zero, 0.0).abs() < MAX_STRAY);
-        let samples = |zero: f64| agreeing(zero).map(|(_, s)| s.samples).sum::<usize>();
-        let zero = zeros.iter().map(|(zero, _)| *zero).max_by_key(|zero| samples(*zero))?;
-        let reference: &Sighting = agreeing(zero).map(|(_, s)| *s).max_by_key(|s| s.samples)?;
-        if agreeing(zero).count() < MIN_AGREEING {
-            return None;
-        }
-        let mut sightings: Vec<&Sighting> = Vec::new();
-        for sighting in all.iter().filter(|s| s.lie.alike(&reference.lie)) {
-            match sightings.last_mut() {
-                Some(last) if last.frame == sighting.frame => {
-                    if sighting.samples > last.samples {
-                        *last = sighting;
-                    }
-                }
-                _ => sightings.push(sighting),
-            }
-        }
-        let joins =
-            |w: &[&Sighting]| w[0].fore != w[1].fore && linked(w[0].frame, w[1].frame) >= LINKS;
-        if sightings.windows(2).any(joins) {
-            sightings.retain(|s| s.fore == reference.fore);
-        }
-        Some(Self { sightings, zero })
-    }
-
-    /// Turn at configuration 0, and the tracks' configurations without their slips.
-    fn mended(&self, known: &[Option<f64>]) -> (f64, Vec<Option<f64>>) {
-        let slips = self.slips(known);
-        let Some(&(_, first)) = slips.first() else { return (self.zero, known.to_vec()) };
-        let worst = slips.iter().map(|(_, slip)| (slip - first).abs()).fold(0.0, f64::max);
-        if slips.len() < MIN_SHOWN || worst < MIN_SLIP {
-            return (self.zero, known.to_vec());
-        }
-        let mend =
-            |(frame, q): (usize, &Option<f64>)| q.map(|q| q + interpolated(&slips, frame) - first);
-        (self.zero + first, known.iter().enumerate().map(mend).collect())
-    }
-
-    /// Keyframes and by how much the plane is turned farther there than tracks say; lone strays
-    /// are smoothed away.
-    fn slips(&self, known: &[Option<f64>]) -> Vec<(usize, f64)> {
-        let raw: Vec<(usize, f64)> = self
-            .sightings
-            .iter()
-            .filter_map(|s| Some((s.frame, near(s.turn - self.zero - known[s.frame]?, 0.0))))
-            .filter(|(_, slip)| slip.abs() < MAX_SLIP)
-            .collect();
-        (0..raw.len())
-            .map(|i| {
-                let start = i.saturating_sub(1).min(raw.len().saturating_sub(3));
-                let mut three: Vec<f64> = raw[start..].iter().take(3).map(|(_, s)| *s).collect();
-                (raw[i].0, median(&mut three).unwrap_or_default())
-            })
-            .collect()
-    }
-
-    /// Configurations in keyframes in which tracks tell nothing.
-    fn alone(&self, known: &[Option<f64>], zero: f64, keyframes: &[usize]) -> Vec<(usize, f64)> {
-        let mut found = Vec::new();
-        let (mut before, mut unseen) = (0.0, 0);
-        for (frame, q) in known.iter().enumerate() {
-            if let Some(q) = q {
-                (before, unseen) = (*q, 0);
-                continue;
-            }
-            if !keyframes.contains(&frame) {
-                continue;
-            }
-            unseen += 1;
-            let own = self.sightings.iter().find(|s| s.frame == frame);
-            if let Some(s) = own {
-                let q = near(s.turn - zero, before);
-                if (q - before).abs() < MAX_STEP * f64::from(unseen) {
-                    found.push((frame, q));
-                    (before, unseen) = (q, 0);
-                }
-            }
-        }
-        found
-    }
-}
-
-/// The value at a frame, between those of the frames around it.
-fn interpolated(values: &[(usize, f64)], frame: usize) -> f64 {
-    let next = values.partition_point(|(f, _)| *f < frame);
-    match (next.checked_sub(1).map(|i| values[i]), values.get(next)) {
-        (Some((a, va)), Some(&(b, vb))) => va + (vb - va) * (frame - a) as f64 / (b - a) as f64,
-        (Some((_, only)), None) | (None, Some(&(_, only))) => only,
-        (None, None) => 0.0,
-    }
-}
-
-fn sightings(geometry: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> {
-    let (axis, origin) = (geometry.axis.into_inner(), geometry.origin);
-    let (u, v) = orthonormal_basis(&axis);
-    patches
-        .iter()
-        .filter(|p| {
-            p.normal.dot(&axis).abs() < MAX_TILT
-                && (p.offset - p.normal.dot(&origin.coords)).abs() < MAX_DISTANCE
-        })
-        .filter_map(|p| {
-            let lie = Lie::of(p, &origin, &axis)?;
-            let turn = lie.arm.dot(&v).atan2(lie.arm.dot(&u));
-            let turn = if axis.dot(&u.cross(&v)) < 0.0 { -turn } else { turn };
-            let fore = axis.cross(&lie.arm).dot(&p.normal) > 0.0;
-            Some(Sighting { frame: p.frame, turn, samples: p.points.len(), lie, fore })
-        })
-        .collect()
-}
-
 /// The configuration of a frame, from the part's pose there.
 fn configuration(learned: &LearnedJoint, geometry: &JointGeometry, frame: usize) -> Option<f64> {
     let pose = learned.base_from_part[frame]?;
     Some(pose.rotation.scaled_axis().dot(&geometry.axis))
-}
-
-/// The angle, whole turns from `angle`, that lies nearest to `to`.
-fn near(angle: f64, to: f64) -> f64 {
-    to + (angle - to + PI).rem_euclid(TAU) - PI
 }
 
 fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
@@ -277,9 +131,10 @@ fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::part_plane::LINKS;
     use super::*;
     use crate::model::Joint;
-    use nalgebra::Vector3;
+    use nalgebra::{Point3, Vector3};
 
     const LAST: usize = 40;
 
@@ -368,9 +223,30 @@ mod tests {
         assert!(!shown(&wedge, |f| Some(turn(f)), 0).is_empty());
     }
 
+    /// The edge that faces away from the line, where the lid ends.
+    fn edge(frame: usize) -> PlanePatch {
+        let at = |x: i32, z: i32| Point3::new(0.03 * f64::from(x), 0.2, 1.0 + 0.004 * f64::from(z));
+        let closed = (-5..5).flat_map(|x| (0..4).map(move |z| at(x, z)));
+        let motion = line().motion(turn(frame));
+        let normal = motion.rotation * Vector3::y();
+        let points: Vec<Point3<f64>> = closed.map(|p| motion * p).collect();
+        PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
+    }
+
     #[test]
-    fn an_angle_is_taken_where_it_continues_the_last() {
-        assert!((near(-3.0, 3.0) - (TAU - 3.0)).abs() < 1e-12);
-        assert!((near(0.2, 0.0) - 0.2).abs() < 1e-12);
+    fn a_lid_seen_edge_on_is_followed_by_its_edge() {
+        let both = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), edge(f)]);
+        let seen: Vec<PlanePatch> = both.chain([16, 20, 24].map(edge)).collect();
+        let found = shown(&seen, |f| (f <= 12).then(|| turn(f)), 0);
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [16, 20, 24]);
+        assert!(found.iter().all(|(f, q)| (q - turn(*f)).abs() < 1e-6), "{found:?}");
+    }
+
+    #[test]
+    fn what_rests_is_no_edge_of_the_lid() {
+        let still = |frame| PlanePatch { frame, ..edge(0) };
+        let both = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), still(f)]);
+        let seen: Vec<PlanePatch> = both.chain([16, 20, 24].map(still)).collect();
+        assert!(shown(&seen, |f| (f <= 12).then(|| turn(f)), 0).is_empty());
     }
 }

@@ -2,7 +2,7 @@
 
 use super::patch::PlanePatch;
 use crate::articulate::JointGeometry;
-use crate::geometry::{median, orthonormal_basis};
+use crate::geometry::{distance_to_line, median, orthonormal_basis};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 
 /// Turn between two planes that can suggest a hinge, radians.
@@ -224,15 +224,12 @@ impl Hinge {
         })
     }
 
-    /// Turns at all frames between the keyframes, by interpolation.
-    pub fn filled(&self) -> Vec<(usize, f64)> {
-        let mut all = Vec::new();
-        for pair in self.turns.windows(2) {
-            let [(a, qa), (b, qb)] = [pair[0], pair[1]];
-            all.extend((a..b).map(|f| (f, qa + (qb - qa) * (f - a) as f64 / (b - a) as f64)));
-        }
-        all.extend(self.turns.last());
-        all
+    /// Distance from the line up to which the part reaches.
+    pub fn reach(&self) -> f64 {
+        self.points
+            .iter()
+            .map(|p| distance_to_line(&self.origin, &self.axis, p))
+            .fold(0.0, f64::max)
     }
 
     /// Covariance of (axis, origin) from the residuals and what all planes share.
@@ -261,7 +258,7 @@ impl Hinge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{distance_to_line, rotation_about};
+    use crate::geometry::rotation_about;
 
     /// A plain door, half a metre wide and a metre high, that opens by 80 degrees and rests.
     fn patches(axis: &UnitVector3<f64>, origin: &Point3<f64>) -> Vec<PlanePatch> {

@@ -5,21 +5,23 @@
 //! A slide of a plain surface in its own plane leaves no trace in depth, and one along its
 //! normal could be any of many: only hinges are sought.
 
+mod about;
 mod extend;
 mod hinge;
+mod part_plane;
 mod patch;
 
 use crate::articulate::{JointGeometry, JointKind};
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
-use crate::geometry::{Pose, line_angle};
+use crate::geometry::line_angle;
 use crate::keyframes::Keyframes;
 use crate::model::{Joint, covariance_rows};
 use crate::structure::{LearnedJoint, orient, probe_points, range_of};
-use crate::track::TrackSet;
-use extend::extend;
+use crate::track::{TrackSet, Trajectory};
+use extend::{extend, extend_to};
 use hinge::{Hinge, best_hinge};
-use patch::moving_patches;
+use patch::{Sampling, moving_patches};
 use serde::{Deserialize, Serialize};
 
 /// Values of the search for plain parts. All ours.
@@ -94,7 +96,7 @@ fn search(
     config: &PlanesConfig,
     seed: u64,
 ) -> Vec<LearnedJoint> {
-    let patches = moving_patches(keyframes, base, seed, |_| true);
+    let patches = moving_patches(keyframes, base, Sampling::Coarse, None, seed);
     let Some(hinge) = best_hinge(&patches) else { return Vec::new() };
     let (through, tells) = witness(&hinge, base, keyframes);
     let [low, high] = hinge.range();
@@ -115,7 +117,7 @@ fn search(
         && hinge.rests()
         && through <= config.max_through
         && tells >= config.min_tells;
-    if stands { vec![to_learned(&hinge, set, base)] } else { Vec::new() }
+    if stands { vec![to_learned(&hinge, set, base, keyframes, seed)] } else { Vec::new() }
 }
 
 /// Shares of the part's points that keyframes see through: where the hinge puts them, and were
@@ -143,13 +145,19 @@ fn witness(hinge: &Hinge, base: &BaseMotion, keyframes: &Keyframes) -> (f64, f64
     (share(there), share(elsewhere))
 }
 
-fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint {
+fn to_learned(
+    hinge: &Hinge,
+    set: &TrackSet,
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    seed: u64,
+) -> LearnedJoint {
     let mut geometry: JointGeometry = hinge.geometry();
-    let (frames, mut configuration): (Vec<usize>, Vec<f64>) = hinge.filled().into_iter().unzip();
+    let (frames, mut configuration): (Vec<usize>, Vec<f64>) = hinge.turns.iter().copied().unzip();
     orient(&mut geometry, &mut configuration);
-    let mut base_from_part = vec![None; base.camera_from_base.len()];
+    let mut base_from_part: Trajectory = vec![None; base.camera_from_base.len()];
     for (&frame, &q) in frames.iter().zip(&configuration) {
-        base_from_part[frame] = Some(geometry.motion(q)) as Option<Pose>;
+        base_from_part[frame] = Some(geometry.motion(q));
     }
     let joint = Joint {
         range: range_of(&configuration),
@@ -160,5 +168,7 @@ fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint 
         type_probabilities: [(JointKind::Revolute, 1.0)].into(),
         ..Joint::of(&geometry)
     };
-    LearnedJoint { joint, base_from_part, tracks: Vec::new() }
+    let mut learned = LearnedJoint { joint, base_from_part, tracks: Vec::new() };
+    extend_to(hinge.reach(), &mut learned, set, base, keyframes, seed);
+    learned
 }

@@ -1,7 +1,8 @@
 //! Flat pieces of what moves, keyframe by keyframe.
 
+use crate::articulate::JointGeometry;
 use crate::base::{BaseMotion, coarse_sigma};
-use crate::geometry::plane_through;
+use crate::geometry::{distance_to_line, plane_through};
 use crate::keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::SurfacePatch;
@@ -11,7 +12,14 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 /// Pixels between samples.
-const STEP: usize = 8;
+#[derive(Debug, Clone, Copy)]
+pub enum Sampling {
+    /// Enough for what faces the camera.
+    Coarse = 8,
+    /// For what is seen at a grazing angle.
+    Fine = 4,
+}
+
 /// Fewest samples of a patch.
 const MIN_SAMPLES: usize = 40;
 /// Patches in one keyframe, at most.
@@ -20,6 +28,9 @@ const MAX_PATCHES: usize = 4;
 const TRIES: usize = 40;
 /// Cosine of the largest angle between a sample's normal and its patch's.
 const SAME_NORMAL: f64 = 0.97;
+/// Sine of the largest angle between a line and a sample of a plane that could turn about it:
+/// what the plane may be off, and the sample from its plane.
+const MAX_TILT: f64 = 0.37;
 /// Share of the keyframes that must see through a place for it to count as moving.
 const MOVING_SHARE: f64 = 0.15;
 
@@ -42,22 +53,39 @@ struct Sample {
     normal: Vector3<f64>,
 }
 
-/// Flat pieces of surfaces that are elsewhere in other keyframes, of points of the base frame
-/// that `concern`.
+/// Where planes about a line can be.
+pub struct Cylinder {
+    /// Its middle, base frame.
+    pub line: JointGeometry,
+    /// Metres.
+    pub radius: f64,
+}
+
+impl Cylinder {
+    fn holds(&self, point: &Point3<f64>) -> bool {
+        distance_to_line(&self.line.origin, &self.line.axis, point) < self.radius
+    }
+
+    fn may_turn(&self, normal: &Vector3<f64>) -> bool {
+        normal.dot(&self.line.axis).abs() < MAX_TILT
+    }
+}
+
+/// Flat pieces of surfaces that are elsewhere in other keyframes; in a cylinder only those that
+/// could turn about its line.
 pub fn moving_patches(
     keyframes: &Keyframes,
     base: &BaseMotion,
+    sampling: Sampling,
+    cylinder: Option<&Cylinder>,
     seed: u64,
-    concern: impl Fn(&Point3<f64>) -> bool + Sync,
 ) -> Vec<PlanePatch> {
     let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
     pictures
         .par_iter()
         .flat_map_iter(|&(frame, picture)| {
-            let samples: Vec<Sample> = samples(picture, base, frame, &concern)
-                .into_iter()
-                .filter(|s| moves(s, &pictures, base))
-                .collect();
+            let mut samples = samples(picture, base, frame, sampling, cylinder);
+            samples.retain(|s| moves(s, &pictures, base));
             patches(samples, frame, seed)
         })
         .collect()
@@ -67,20 +95,24 @@ fn samples(
     picture: &RgbdFrame,
     base: &BaseMotion,
     frame: usize,
-    concern: impl Fn(&Point3<f64>) -> bool,
+    sampling: Sampling,
+    cylinder: Option<&Cylinder>,
 ) -> Vec<Sample> {
     let (depth, camera) = (&picture.depth, &picture.camera);
     let base_from_camera = base.camera_from_base[frame].inverse();
     let mut found = Vec::new();
-    for v in (0..depth.height()).step_by(STEP) {
-        for u in (0..depth.width()).step_by(STEP) {
+    for v in (0..depth.height()).step_by(sampling as usize) {
+        for u in (0..depth.width()).step_by(sampling as usize) {
             let at = |z: f64| base_from_camera * camera.back_project(u as f64, v as f64, z);
             let reading = f64::from(depth.as_metres()[v * depth.width() + u]);
-            if reading.is_nan() || !concern(&at(reading)) {
+            if reading.is_nan() || cylinder.is_some_and(|c| !c.holds(&at(reading))) {
                 continue;
             }
             let Some(surface) = SurfacePatch::at(depth, camera, u, v) else { continue };
-            found.push(Sample { point: at(surface.z), normal: base_from_camera * surface.normal });
+            let normal = base_from_camera * surface.normal;
+            if cylinder.is_none_or(|c| c.may_turn(&normal)) {
+                found.push(Sample { point: at(surface.z), normal });
+            }
         }
     }
     found
@@ -88,20 +120,24 @@ fn samples(
 
 /// Enough other keyframes see something behind the place.
 fn moves(sample: &Sample, pictures: &[(usize, &RgbdFrame)], base: &BaseMotion) -> bool {
-    let needed = (MOVING_SHARE * pictures.len() as f64).ceil().max(3.0) as usize;
-    let through = pictures
-        .iter()
-        .filter(|(frame, picture)| {
-            let p = base.camera_from_base[*frame] * sample.point;
-            picture
-                .camera
-                .project(&p)
-                .filter(|px| picture.camera.sees(px, 1.0))
-                .and_then(|px| picture.depth.at_nearest(px.x, px.y))
-                .is_some_and(|z| f64::from(z) > p.z + 0.03 + 2.0 * coarse_sigma(p.z))
-        })
-        .count();
-    through >= needed
+    let mut needed = (MOVING_SHARE * pictures.len() as f64).ceil().max(3.0) as usize;
+    for (i, (frame, picture)) in pictures.iter().enumerate() {
+        if needed > pictures.len() - i {
+            return false;
+        }
+        let p = base.camera_from_base[*frame] * sample.point;
+        let through = picture
+            .camera
+            .project(&p)
+            .filter(|px| picture.camera.sees(px, 1.0))
+            .and_then(|px| picture.depth.at_nearest(px.x, px.y))
+            .is_some_and(|z| f64::from(z) > p.z + 0.03 + 2.0 * coarse_sigma(p.z));
+        needed -= usize::from(through);
+        if needed == 0 {
+            return true;
+        }
+    }
+    false
 }
 
 /// Takes planes out of the samples, the largest first.

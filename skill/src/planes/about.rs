@@ -1,0 +1,115 @@
+//! Flat pieces as they lie about a hinge's line.
+
+use super::hinge::Lie;
+use super::patch::PlanePatch;
+use crate::articulate::JointGeometry;
+use crate::geometry::orthonormal_basis;
+use nalgebra::Vector3;
+use std::f64::consts::{PI, TAU};
+
+/// The line that tracks told may be off by this much: sine of its angle with a plane,
+const MAX_TILT: f64 = 0.12;
+/// and metres.
+const MAX_DISTANCE: f64 = 0.05;
+/// One edge keeps its distance from the line, metres,
+const SAME_DISTANCE: f64 = 0.015;
+/// and its middle along it, as far as hands leave it in sight.
+const SAME_PLACE: f64 = 0.25;
+
+/// A plane beside the line, at a keyframe.
+pub struct Sighting {
+    /// Frame number.
+    pub frame: usize,
+    /// Where it lies about the line.
+    pub lie: Lie,
+    /// Angle of its arm about the line, from a direction that is the same in all keyframes.
+    pub turn: f64,
+    /// Samples on it.
+    pub samples: usize,
+    /// The face that looks to where the part turns.
+    pub fore: bool,
+}
+
+/// A plane along the line but not beside it, at a keyframe: the part's edge, or anything else.
+pub struct Edge {
+    /// Frame number.
+    pub frame: usize,
+    /// Angle of its middle about the line, from a direction that is the same in all keyframes.
+    pub turn: f64,
+    /// From the line along the normal, metres.
+    pub distance: f64,
+    /// Middle along the line, metres.
+    pub along: f64,
+    /// Samples on it.
+    pub samples: usize,
+}
+
+impl Edge {
+    /// Could be the same surface: as far from the line, at the same place along it.
+    pub fn alike(&self, other: &Self) -> bool {
+        (self.distance - other.distance).abs() < SAME_DISTANCE
+            && (self.along - other.along).abs() < SAME_PLACE
+    }
+}
+
+/// Angle of a direction across the line.
+fn angle(direction: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
+    let (u, v) = orthonormal_basis(axis);
+    let angle = direction.dot(&v).atan2(direction.dot(&u));
+    if axis.dot(&u.cross(&v)) < 0.0 { -angle } else { angle }
+}
+
+/// The planes beside the line.
+pub fn sightings(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> {
+    let (axis, origin) = (line.axis.into_inner(), line.origin);
+    patches
+        .iter()
+        .filter(|p| {
+            p.normal.dot(&axis).abs() < MAX_TILT
+                && (p.offset - p.normal.dot(&origin.coords)).abs() < MAX_DISTANCE
+        })
+        .filter_map(|p| {
+            let lie = Lie::of(p, &origin, &axis)?;
+            let turn = angle(&lie.arm, &axis);
+            let fore = axis.cross(&lie.arm).dot(&p.normal) > 0.0;
+            Some(Sighting { frame: p.frame, turn, samples: p.points.len(), lie, fore })
+        })
+        .collect()
+}
+
+/// The planes along the line that are not beside it.
+pub fn edges(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Edge> {
+    let (axis, origin) = (line.axis.into_inner(), line.origin);
+    patches
+        .iter()
+        .filter(|p| p.normal.dot(&axis).abs() < MAX_TILT)
+        .map(|p| {
+            let n = p.points.len() as f64;
+            let middle = p.points.iter().map(|x| x - origin).sum::<Vector3<f64>>() / n;
+            Edge {
+                frame: p.frame,
+                turn: angle(&middle, &axis),
+                distance: p.offset - p.normal.dot(&origin.coords),
+                along: axis.dot(&middle),
+                samples: p.points.len(),
+            }
+        })
+        .filter(|e| e.distance.abs() > MAX_DISTANCE)
+        .collect()
+}
+
+/// The angle, whole turns from `angle`, that lies nearest to `to`.
+pub fn near(angle: f64, to: f64) -> f64 {
+    to + (angle - to + PI).rem_euclid(TAU) - PI
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_angle_is_taken_where_it_continues_the_last() {
+        assert!((near(-3.0, 3.0) - (TAU - 3.0)).abs() < 1e-12);
+        assert!((near(0.2, 0.0) - 0.2).abs() < 1e-12);
+    }
+}
