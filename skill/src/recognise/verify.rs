@@ -206,6 +206,8 @@ pub struct PartVerdict {
     pub through: usize,
     /// Correlation of lightness, -1 to 1; `None` with too little surface to tell.
     pub correlation: Option<f64>,
+    /// How much the learned lightness varies within patches, 0 to 1: how much a correlation says.
+    pub texture: f64,
     /// What is beyond its edges.
     pub ends: Ends,
 }
@@ -231,6 +233,13 @@ impl PartVerdict {
 
     fn looks_right(&self) -> bool {
         self.agree >= 25 && self.looks_alike()
+    }
+
+    /// 0 to 1: much of it is where it should be, and has texture, but another than was learned.
+    fn otherness(&self) -> f64 {
+        let ramp = |x: f64, (from, to): (f64, f64)| ((x - from) / (to - from)).clamp(0.0, 1.0);
+        let unlike = self.correlation.map_or(0.0, |c| 1.0 - ramp(c, UNLIKE));
+        ramp(self.agree as f64, MUCH) * self.texture * unlike
     }
 
     /// Its lightness varies as it should.
@@ -262,6 +271,10 @@ pub struct Verdict {
 const SEEN_THROUGH: f64 = 5.0;
 /// Share of a moving part's surface that is seen through where the part has another shape.
 const ANOTHER_SHAPE: f64 = 0.1;
+/// Surfels of a part from which its looks speak against it, and all they say.
+const MUCH: (f64, f64) = (100.0, 300.0);
+/// Correlations of a part that is another, and of one that may be the learned one in poor light.
+const UNLIKE: (f64, f64) = (0.0, 0.25);
 /// Surfels of a part that are seen through at its edges, whatever its shape.
 const AT_EDGES: usize = 5;
 
@@ -276,9 +289,11 @@ impl Verdict {
         self.looks() * self.free_space() * self.ends() * self.agreement(inliers)
     }
 
-    /// How much it looks like the object, 0 to 1.
+    /// How much it looks like the object, 0 to 1. What moved is the object's own: however well
+    /// the rest looks, a door of other paint is another door.
     pub fn looks(&self) -> f64 {
-        self.correlation.max(0.0)
+        let worst = self.parts.iter().skip(1).map(PartVerdict::otherness).fold(0.0, f64::max);
+        self.correlation.max(0.0) * (1.0 - worst)
     }
 
     /// Less than 1 where the state claims surface that is seen through. Of the base that may be
@@ -318,7 +333,9 @@ impl Verdict {
         let of_parts: Vec<(&usize, &Looks)> = cloud.part_of_patch.iter().zip(looks).collect();
         for group in of_parts.chunk_by(|a, b| a.0 == b.0) {
             let own: Vec<Looks> = group.iter().map(|g| *g.1).collect();
-            self.parts[*group[0].0].correlation = correlation(&own);
+            let part = &mut self.parts[*group[0].0];
+            part.correlation = correlation(&own);
+            part.texture = texture(&own);
         }
     }
 
@@ -338,13 +355,13 @@ impl Verdict {
         1.0 - 0.5 * (-evidence).exp()
     }
 
-    /// The base and something that moves look right. What moved is the object's own, but of the
-    /// base some may be furniture that stood beside it: where both look right the object is
-    /// there without it.
+    /// Two parts look right, where the joints put them. What moved is the object's own, but of
+    /// the base some may be furniture that stood beside it: the object is there without it.
     fn is_known(&self) -> bool {
-        self.parts
-            .split_first()
-            .is_some_and(|(base, rest)| base.looks_right() && rest.iter().any(PartVerdict::is_seen))
+        self.parts.split_first().is_some_and(|(base, rest)| {
+            let moving = rest.iter().filter(|part| part.is_seen()).count();
+            moving + usize::from(base.looks_right()) >= 2 && moving > 0
+        })
     }
 
     /// [`PartVerdict::fit`] of all parts, for comparing configurations.
@@ -492,6 +509,16 @@ fn correlation(patches: &[Looks]) -> Option<f64> {
     (count >= LEAST_IN_ALL && total > 0.0).then(|| sum / total)
 }
 
+/// How much learned lightness varies within patches, 0 to 1.
+fn texture(patches: &[Looks]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for patch in patches.iter().filter(|patch| patch.n >= LEAST_IN_PATCH) {
+        sum += patch.alike().1 / TELLING;
+        count += patch.n;
+    }
+    if count > 0.0 { sum / count } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::articulated::ChainJoint;
@@ -522,6 +549,28 @@ mod tests {
         let gone = |door| verdict(vec![part(300, 100), door]).free_space();
         assert!(gone(part(600, 0)) > 0.85);
         assert!(gone(part(0, 0)) < 0.1);
+    }
+
+    #[test]
+    fn furniture_that_is_gone_counts_little_where_two_moving_parts_are_seen() {
+        let base = PartVerdict { correlation: Some(0.3), ..part(300, 300) };
+        let with = |others| verdict([vec![base], vec![part(500, 0); others]].concat());
+        assert_eq!(with(1).free_space(), 0.0);
+        assert!(with(2).free_space() > 0.7);
+    }
+
+    #[test]
+    fn a_moving_part_of_other_paint_is_another() {
+        let with_door = |door| Verdict { correlation: 0.8, ..verdict(vec![part(500, 0), door]) };
+        let painted = |agree, correlation, texture| {
+            with_door(PartVerdict { correlation, texture, ..part(agree, 0) }).looks()
+        };
+        assert_eq!(painted(600, Some(0.4), 0.9), 0.8);
+        assert!(painted(600, Some(0.0), 0.9) < 0.1);
+        // A plain one says nothing, nor does what is hardly seen.
+        assert_eq!(painted(600, Some(0.0), 0.0), 0.8);
+        assert_eq!(painted(80, Some(0.0), 0.9), 0.8);
+        assert_eq!(painted(600, None, 0.0), 0.8);
     }
 
     #[test]
