@@ -26,6 +26,14 @@ pub const MAX_COUPLING: f64 = 0.85;
 const WELL_TOLD: f64 = 0.6;
 /// Share of points below which the pictures tell nothing of where they are.
 const SILENT: f64 = 0.1;
+/// Of the least gain, what must be earned by a joint that the pictures alone would tell,
+const TOLD_GAIN: f64 = 0.4;
+/// by a slide of which they tell nothing,
+const UNTOLD_SLIDE_GAIN: f64 = 10.0;
+/// and by a hinge of which they tell nothing that is known for a short while:
+const UNTOLD_BRIEF_GAIN: f64 = 3.0;
+/// in less than this share of the frames.
+const BRIEF: f64 = 0.5;
 /// Share of its points in all pictures that may be missing from what costs more than a joint on
 /// which nothing hangs, where less tells.
 const MAX_MISSING: f64 = 0.05;
@@ -170,9 +178,9 @@ impl Witness<'_> {
         let least = self.config.min_gain;
         let coverage = joint.known_frames().len() as f64 / joint.known.len() as f64;
         match joint.tells {
-            t if t >= WELL_TOLD && is_found_everywhere(joint) => 0.4 * least,
-            t if t < SILENT && !joint.dof.hinge => 10.0 * least,
-            t if t < SILENT && coverage < 0.5 => 3.0 * least,
+            t if t >= WELL_TOLD && is_found_everywhere(joint) => TOLD_GAIN * least,
+            t if t < SILENT && !joint.dof.hinge => UNTOLD_SLIDE_GAIN * least,
+            t if t < SILENT && coverage < BRIEF => UNTOLD_BRIEF_GAIN * least,
             _ => least,
         }
     }
