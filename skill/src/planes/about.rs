@@ -24,6 +24,8 @@ pub struct Sighting {
     pub lie: Lie,
     /// Angle of its arm about the line, from a direction that is the same in all keyframes.
     pub turn: f64,
+    /// Unit normal, base frame.
+    pub normal: Vector3<f64>,
     /// Samples on it.
     pub samples: usize,
     /// The face that looks to where the part turns.
@@ -72,7 +74,8 @@ pub fn sightings(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> 
             let lie = Lie::of(p, &origin, &axis)?;
             let turn = angle(&lie.arm, &axis);
             let fore = axis.cross(&lie.arm).dot(&p.normal) > 0.0;
-            Some(Sighting { frame: p.frame, turn, samples: p.points.len(), lie, fore })
+            let (frame, normal, samples) = (p.frame, p.normal, p.points.len());
+            Some(Sighting { frame, lie, turn, normal, samples, fore })
         })
         .collect()
 }

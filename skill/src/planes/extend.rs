@@ -5,11 +5,12 @@
 //! edge-on, so that the camera has no depth of it, the edge itself tells.
 
 use super::about::{edges, sightings};
+use super::direction::Direction;
 use super::part_plane::PartPlane;
 use super::patch::{Cylinder, PlanePatch, Sampling, moving_patches};
 use crate::articulate::{JointGeometry, JointKind};
 use crate::base::BaseMotion;
-use crate::geometry::distance_to_line;
+use crate::geometry::{Pose, distance_to_line};
 use crate::keyframes::Keyframes;
 use crate::structure::{LearnedJoint, range_of};
 use crate::track::TrackSet;
@@ -59,11 +60,13 @@ pub fn extend_to(
         Sampling::Coarse
     };
     let patches = moving_patches(keyframes, base, sampling, Some(&cylinder), seed);
+    let tracks = learned.tracks.clone();
     let linked = |a: usize, b: usize| {
         let lives = |f: usize, id: usize| base.tracks[id].at(f).is_some();
-        learned.tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
+        tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
     };
-    let shown = shown_by_plane(learned, &patches, &frames, linked);
+    direct(learned, &patches, set, &linked);
+    let shown = shown_by_plane(learned, &patches, &frames, &linked);
     if !shown.is_empty() {
         apply(learned, &shown, set);
     }
@@ -81,17 +84,34 @@ fn reach(learned: &LearnedJoint, base: &BaseMotion, line: &JointGeometry) -> f64
     found.get(found.len() * 19 / 20).copied().unwrap_or_default()
 }
 
+/// Corrects the line's direction by the planes that lie about it.
+fn direct(
+    learned: &mut LearnedJoint,
+    patches: &[PlanePatch],
+    set: &TrackSet,
+    linked: &impl Fn(usize, usize) -> usize,
+) {
+    let line = learned.joint.geometry();
+    let known = configurations(learned);
+    let sightings = sightings(&line, patches);
+    let direction = PartPlane::of(&sightings, &known, linked)
+        .and_then(|plane| Direction::across(&plane.normals()));
+    if direction.is_some_and(|direction| direction.correct(learned)) {
+        tracing::debug!(joint = learned.joint.name, "directed by its plane");
+        let all = known.iter().enumerate().filter_map(|(frame, q)| Some((frame, (*q)?)));
+        apply(learned, &all.collect::<Vec<_>>(), set);
+    }
+}
+
 /// Frame and configuration where the plane tells another than the tracks, or alone tells one.
 fn shown_by_plane(
     learned: &LearnedJoint,
     patches: &[PlanePatch],
     keyframes: &[usize],
-    linked: impl Fn(usize, usize) -> usize,
+    linked: &impl Fn(usize, usize) -> usize,
 ) -> Vec<(usize, f64)> {
     let geometry = learned.joint.geometry();
-    let known: Vec<Option<f64>> = (0..learned.base_from_part.len())
-        .map(|frame| configuration(learned, &geometry, frame))
-        .collect();
+    let known = configurations(learned);
     let sightings = sightings(&geometry, patches);
     let Some(plane) = PartPlane::of(&sightings, &known, linked) else { return Vec::new() };
     let (zero, mended) = plane.mended(&known);
@@ -111,10 +131,11 @@ fn shown_by_plane(
     shown
 }
 
-/// The configuration of a frame, from the part's pose there.
-fn configuration(learned: &LearnedJoint, geometry: &JointGeometry, frame: usize) -> Option<f64> {
-    let pose = learned.base_from_part[frame]?;
-    Some(pose.rotation.scaled_axis().dot(&geometry.axis))
+/// The configuration of each frame, from the part's pose there.
+fn configurations(learned: &LearnedJoint) -> Vec<Option<f64>> {
+    let axis = learned.joint.geometry().axis;
+    let turn = |pose: &Pose| pose.rotation.scaled_axis().dot(&axis);
+    learned.base_from_part.iter().map(|pose| pose.as_ref().map(turn)).collect()
 }
 
 fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
@@ -122,8 +143,10 @@ fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
     for &(frame, q) in shown {
         learned.base_from_part[frame] = Some(geometry.motion(q));
     }
-    let (frames, turns): (Vec<usize>, Vec<f64>) = (0..learned.base_from_part.len())
-        .filter_map(|f| Some((f, configuration(learned, &geometry, f)?)))
+    let (frames, turns): (Vec<usize>, Vec<f64>) = configurations(learned)
+        .into_iter()
+        .enumerate()
+        .filter_map(|(frame, q)| Some((frame, q?)))
         .unzip();
     learned.joint.range = range_of(&turns);
     learned.joint.configuration = set.timed(&frames, &turns);
@@ -168,7 +191,7 @@ mod tests {
             base_from_part: (0..=LAST).map(|f| Some(line().motion(tracks(f)?))).collect(),
             tracks: Vec::new(),
         };
-        shown_by_plane(&learned, patches, &keyframes(), |_, _| links)
+        shown_by_plane(&learned, patches, &keyframes(), &|_, _| links)
     }
 
     fn keyframes() -> Vec<usize> {

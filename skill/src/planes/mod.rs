@@ -6,6 +6,7 @@
 //! normal could be any of many: only hinges are sought.
 
 mod about;
+mod direction;
 mod extend;
 mod hinge;
 mod part_plane;

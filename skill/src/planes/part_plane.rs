@@ -2,6 +2,7 @@
 
 use super::about::{Edge, Sighting, near};
 use crate::geometry::median;
+use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Turns of one plane differ from the joint's configuration by a constant, within radians.
@@ -65,6 +66,11 @@ impl<'a> PartPlane<'a> {
             sightings.retain(|s| s.fore == reference.fore);
         }
         Some(Self { sightings, zero })
+    }
+
+    /// Its normals.
+    pub fn normals(&self) -> Vec<Vector3<f64>> {
+        self.sightings.iter().map(|s| s.normal).collect()
     }
 
     /// Turn at configuration 0, and the tracks' configurations without their slips.
