@@ -2,13 +2,14 @@
 //! joints, features on the right part.
 
 use super::score::LearnScore;
-use super::truth::{TruePart, Truth};
+use super::truth::{TrueJoint, TruePart, Truth};
 use linkage_driver::image_file;
 use linkage_skill::articulate::JointKind;
 use linkage_skill::geometry::{Pose, pose_from_array};
 use linkage_skill::learn::Demonstration;
+use linkage_skill::model::Joint;
 use linkage_skill::track::Trajectory;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use std::path::Path;
 
@@ -89,36 +90,41 @@ pub struct ConfigurationError {
     pub unit: &'static str,
 }
 
+/// Mean absolute difference of configurations, aligned at the first frame, signs following the
+/// axes; `None` where none is known.
+pub fn mean_difference(found: &Joint, true_joint: &TrueJoint, truth: &Truth) -> Option<f64> {
+    let along = Vector3::from(found.axis).dot(&Vector3::from(true_joint.axis)).signum();
+    let pairs: Vec<(f64, f64)> = found
+        .configuration
+        .iter()
+        .filter_map(|[t, q]| {
+            let frame = truth.frame_at((t * 1e6).round() as i64)?;
+            Some((along * q, *true_joint.configuration.get(frame)?))
+        })
+        .filter(|(_, truly)| truly.is_finite())
+        .collect();
+    let (found_first, true_first) = *pairs.first()?;
+    let sum: f64 = pairs.iter().map(|(q, t)| ((q - found_first) - (t - true_first)).abs()).sum();
+    Some(sum / pairs.len() as f64)
+}
+
 /// Configurations against the truth, aligned at the first frame, signs following the axes.
 pub fn configuration_errors(
     demonstration: &Demonstration,
     truth: &Truth,
     score: &LearnScore,
 ) -> Vec<ConfigurationError> {
-    use nalgebra::Vector3;
     score
         .joints
         .iter()
         .zip(truth.moved())
         .filter_map(|(joint, true_joint)| {
             let found = &demonstration.model.joints[joint.found?];
-            let along = Vector3::from(found.axis).dot(&Vector3::from(true_joint.axis)).signum();
-            let pairs: Vec<(f64, f64)> = found
-                .configuration
-                .iter()
-                .filter_map(|[t, q]| {
-                    let frame = truth.frame_at((t * 1e6).round() as i64)?;
-                    Some((along * q, *true_joint.configuration.get(frame)?))
-                })
-                .filter(|(_, truly)| truly.is_finite())
-                .collect();
-            let (found_first, true_first) = *pairs.first()?;
-            let sum: f64 =
-                pairs.iter().map(|(q, t)| ((q - found_first) - (t - true_first)).abs()).sum();
+            let mean = mean_difference(found, true_joint, truth)?;
             let slide = true_joint.kind == JointKind::Prismatic;
             Some(ConfigurationError {
                 joint: joint.name.clone(),
-                mean: sum / pairs.len() as f64 * if slide { 100.0 } else { 1.0_f64.to_degrees() },
+                mean: mean * if slide { 100.0 } else { 1.0_f64.to_degrees() },
                 unit: if slide { "cm" } else { "deg" },
             })
         })
