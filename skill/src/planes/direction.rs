@@ -1,8 +1,9 @@
 //! The direction that a turning plane keeps to: across all its normals, wherever it lies.
 
 use crate::geometry::orthonormal_basis;
+use crate::model::covariance_rows;
 use crate::structure::LearnedJoint;
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, Matrix6, SymmetricEigen, Vector3, Vector6};
 
 /// What planes do not tell, however many there are, radians.
 const SYSTEMATIC_RAD: f64 = 0.0025;
@@ -11,7 +12,7 @@ const MIN_PLANES: usize = 6;
 /// Tracks' direction gives way to one whose variance is so much smaller.
 const SURER: f64 = 4.0;
 /// Both must agree within so many standard deviations.
-const MAX_SIGMAS: f64 = 3.0;
+const MAX_SIGMAS: f64 = 4.0;
 
 /// A direction with what is not known of it.
 pub struct Direction {
@@ -40,30 +41,31 @@ impl Direction {
         Some(Self { axis, covariance: across(u) + across(v) })
     }
 
-    /// Turns a joint's axis about its origin, where the planes are much surer of its direction
-    /// than the tracks that told it, and do not contradict them.
+    /// Corrects a joint's line, where the planes are much surer of its direction than the tracks
+    /// that told it and do not contradict them. Its place follows as far as the tracks' errors of
+    /// direction and place go together: a Kalman update with the direction as what was measured.
     pub fn correct(&self, learned: &mut LearnedJoint) -> bool {
         let joint = &mut learned.joint;
         let told = Vector3::from(joint.axis);
         let axis = if self.axis.dot(&told) < 0.0 { -self.axis } else { self.axis };
-        let of_tracks = Matrix3::from_fn(|r, c| joint.covariance[r][c]);
-        let apart = told - axis;
-        let expected = of_tracks + self.covariance;
+        let covariance = Matrix6::from_fn(|r, c| joint.covariance[r][c]);
         let (u, v) = orthonormal_basis(&axis);
-        let agrees = [u, v].iter().all(|side| {
-            apart.dot(side).powi(2) < MAX_SIGMAS * MAX_SIGMAS * side.dot(&(expected * side))
-        });
-        if of_tracks.trace() < SURER * self.covariance.trace() || !agrees {
+        let across = Matrix2x3::from_rows(&[u.transpose(), v.transpose()]);
+        let mut measures = Matrix2x6::zeros();
+        measures.fixed_view_mut::<2, 3>(0, 0).copy_from(&across);
+        let of_tracks = measures * covariance * measures.transpose();
+        let of_planes = across * self.covariance * across.transpose();
+        let apart = across * (axis - told);
+        let Some(information) = (of_tracks + of_planes).try_inverse() else { return false };
+        let contradicts = apart.dot(&(information * apart)) > MAX_SIGMAS * MAX_SIGMAS;
+        if of_tracks.trace() < SURER * of_planes.trace() || contradicts {
             return false;
         }
-        joint.axis = axis.into();
-        for r in 0..3 {
-            for c in 0..3 {
-                joint.covariance[r][c] = self.covariance[(r, c)];
-                joint.covariance[r][c + 3] = 0.0;
-                joint.covariance[r + 3][c] = 0.0;
-            }
-        }
+        let gain = covariance * measures.transpose() * information;
+        let step: Vector6<f64> = gain * apart;
+        joint.axis = (told + step.fixed_rows::<3>(0)).normalize().into();
+        joint.origin = (Vector3::from(joint.origin) + step.fixed_rows::<3>(3)).into();
+        joint.covariance = covariance_rows(&(covariance - gain * measures * covariance));
         true
     }
 }
@@ -73,8 +75,8 @@ mod tests {
     use super::*;
     use crate::articulate::JointGeometry;
     use crate::geometry::line_angle;
-    use crate::model::{Joint, covariance_rows};
-    use nalgebra::{Matrix6, Point3, UnitVector3};
+    use crate::model::Joint;
+    use nalgebra::{Point3, UnitVector3};
 
     /// Normals of a door that turns by this much, each off by about a hundredth of a radian.
     fn normals(turn: f64) -> Vec<Vector3<f64>> {
@@ -108,6 +110,17 @@ mod tests {
         assert!(Direction::across(&normals(0.8)).unwrap().correct(&mut learned));
         assert!(off(&learned) < 0.005, "{}", off(&learned));
         assert!(learned.joint.covariance[0][0] < 1e-4);
+    }
+
+    #[test]
+    fn the_place_follows_where_its_error_goes_with_that_of_the_direction() {
+        let mut learned = told(0.05);
+        for k in 0..3 {
+            learned.joint.covariance[k][k + 3] = 0.5 * 0.05 * 0.05;
+            learned.joint.covariance[k + 3][k] = 0.5 * 0.05 * 0.05;
+        }
+        assert!(Direction::across(&normals(0.8)).unwrap().correct(&mut learned));
+        assert!((learned.joint.origin[0] + 0.5 * 0.06).abs() < 0.003, "{:?}", learned.joint.origin);
     }
 
     #[test]
