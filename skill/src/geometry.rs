@@ -6,6 +6,7 @@ use nalgebra::{
     Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, UnitVector3, Vector3,
 };
 use rand::Rng;
+use std::f64::consts::{PI, TAU};
 
 /// A rigid motion or pose.
 pub type Pose = Isometry3<f64>;
@@ -59,6 +60,11 @@ pub fn distance_to_line(origin: &Point3<f64>, axis: &Vector3<f64>, point: &Point
 /// Angle in radians between two lines' directions, 0 to π/2.
 pub fn line_angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b).abs())
+}
+
+/// An angle without whole turns: from -π up to π, radians.
+pub fn wrapped(angle: f64) -> f64 {
+    (angle + PI).rem_euclid(TAU) - PI
 }
 
 /// The rigid motion that takes `a` to `b` with least weighted squares (Kabsch 1976,

@@ -9,7 +9,7 @@
 
 use super::circle::{fit_circle, principal};
 use super::{ArticulateConfig, JointGeometry, JointKind, PoseSample};
-use crate::geometry::{median, orthonormal_basis, rotation_nearest};
+use crate::geometry::{median, orthonormal_basis, rotation_nearest, wrapped};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitQuaternion, UnitVector3, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -283,18 +283,15 @@ impl<'s> Problem<'s> {
         let Some(orientation) = sample.orientation else { return by_position };
         let turn = (orientation * state.rest_orientation.inverse()).into_inner();
         let by_orientation = 2.0 * turn.imag().dot(&axis).atan2(turn.w);
-        let wrap = |a: f64| {
-            (a + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
-        };
-        let difference = wrap(by_orientation - by_position);
+        let difference = wrapped(by_orientation - by_position);
         let wp = (rest.norm() * now.norm()) / self.config.position_sigma_m.powi(2);
         let wo = self.config.orientation_sigma_rad.powi(-2);
         // Beyond three sigma the two contradict each other: the heavier one is believed.
         let tolerance = 3.0 * (1.0 / wp.max(1e-9) + 1.0 / wo).sqrt();
         if difference.abs() > tolerance {
-            return if wp > wo { by_position } else { wrap(by_orientation) };
+            return if wp > wo { by_position } else { wrapped(by_orientation) };
         }
-        wrap(by_position + difference * wo / (wp + wo))
+        wrapped(by_position + difference * wo / (wp + wo))
     }
 
     /// Posterior probabilities of being no outlier, for position and orientation apart: a

@@ -3,9 +3,8 @@
 use super::hinge::Lie;
 use super::patch::PlanePatch;
 use crate::articulate::JointGeometry;
-use crate::geometry::orthonormal_basis;
+use crate::geometry::{orthonormal_basis, wrapped};
 use nalgebra::Vector3;
-use std::f64::consts::{PI, TAU};
 
 /// The line that tracks told may be off by this much: sine of its angle with a plane,
 const MAX_TILT: f64 = 0.12;
@@ -57,8 +56,7 @@ impl Edge {
 /// Angle of a direction across the line.
 fn angle(direction: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
     let (u, v) = orthonormal_basis(axis);
-    let angle = direction.dot(&v).atan2(direction.dot(&u));
-    if axis.dot(&u.cross(&v)) < 0.0 { -angle } else { angle }
+    direction.dot(&v).atan2(direction.dot(&u))
 }
 
 /// The planes beside the line.
@@ -103,12 +101,13 @@ pub fn edges(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Edge> {
 
 /// The angle, whole turns from `angle`, that lies nearest to `to`.
 pub fn near(angle: f64, to: f64) -> f64 {
-    to + (angle - to + PI).rem_euclid(TAU) - PI
+    to + wrapped(angle - to)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     #[test]
     fn an_angle_is_taken_where_it_continues_the_last() {

@@ -1,12 +1,11 @@
 //! The direction that a turning plane keeps to: across all its normals, wherever it lies.
 
+use super::hinge::SYSTEMATIC_RAD;
 use crate::geometry::orthonormal_basis;
 use crate::model::covariance_rows;
 use crate::structure::LearnedJoint;
 use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, Matrix6, SymmetricEigen, Vector3, Vector6};
 
-/// What planes do not tell, however many there are, radians.
-const SYSTEMATIC_RAD: f64 = 0.0025;
 /// Fewest planes.
 const MIN_PLANES: usize = 6;
 /// Tracks' direction gives way to one whose variance is so much smaller.

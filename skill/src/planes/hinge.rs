@@ -1,5 +1,6 @@
 //! The line that a turning plane keeps its distance from.
 
+use super::about::near;
 use super::patch::PlanePatch;
 use crate::articulate::JointGeometry;
 use crate::geometry::{distance_to_line, median, orthonormal_basis};
@@ -14,7 +15,7 @@ const MAX_DISTANCE: f64 = 0.04;
 /// Reach and place along the hinge may differ by this share of the reach.
 const MAX_STRETCH: f64 = 0.25;
 /// What planes do not tell, however many there are: the direction, radians,
-const SYSTEMATIC_RAD: f64 = 0.0025;
+pub const SYSTEMATIC_RAD: f64 = 0.0025;
 /// and the place, metres: ledges and the part's thickness shift its planes.
 const SYSTEMATIC_M: f64 = 0.005;
 /// Turn of a part that rests, radians.
@@ -196,8 +197,7 @@ fn unwrapped(
         .zip(arms)
         .map(|(plane, arm)| {
             let turn = axis.dot(&arms[0].cross(arm)).atan2(arms[0].dot(arm));
-            let whole = std::f64::consts::TAU;
-            before = turn + whole * ((before - turn) / whole).round();
+            before = near(turn, before);
             (plane.frame, before)
         })
         .collect()

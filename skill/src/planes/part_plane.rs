@@ -1,7 +1,7 @@
 //! A part's own plane, keyframe by keyframe, beside what tracks say of it.
 
 use super::about::{Edge, Sighting, near};
-use crate::geometry::median;
+use crate::geometry::{median, wrapped};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -40,9 +40,9 @@ impl<'a> PartPlane<'a> {
         linked: impl Fn(usize, usize) -> usize,
     ) -> Option<Self> {
         let zeros: Vec<(f64, &Sighting)> =
-            all.iter().filter_map(|s| Some((near(s.turn - known[s.frame]?, 0.0), s))).collect();
+            all.iter().filter_map(|s| Some((wrapped(s.turn - known[s.frame]?), s))).collect();
         let agreeing =
-            |zero: f64| zeros.iter().filter(move |(o, _)| near(o - zero, 0.0).abs() < MAX_STRAY);
+            |zero: f64| zeros.iter().filter(move |(o, _)| wrapped(o - zero).abs() < MAX_STRAY);
         let samples = |zero: f64| agreeing(zero).map(|(_, s)| s.samples).sum::<usize>();
         let zero = zeros.iter().map(|(zero, _)| *zero).max_by_key(|zero| samples(*zero))?;
         let reference: &Sighting = agreeing(zero).map(|(_, s)| *s).max_by_key(|s| s.samples)?;
@@ -92,7 +92,7 @@ impl<'a> PartPlane<'a> {
         let raw: Vec<(usize, f64)> = self
             .sightings
             .iter()
-            .filter_map(|s| Some((s.frame, near(s.turn - self.zero - known[s.frame]?, 0.0))))
+            .filter_map(|s| Some((s.frame, wrapped(s.turn - self.zero - known[s.frame]?))))
             .filter(|(_, slip)| slip.abs() < MAX_SLIP)
             .collect();
         (0..raw.len())
@@ -154,7 +154,7 @@ impl<'a> PartPlane<'a> {
     /// By how much an edge is ahead of the plane, and the plane's turn, where both are seen.
     fn lead(&self, edge: &Edge) -> Option<(f64, f64)> {
         let own = self.sightings.iter().find(|s| s.frame == edge.frame)?;
-        Some((near(edge.turn - own.turn, 0.0), own.turn))
+        Some((wrapped(edge.turn - own.turn), own.turn))
     }
 
     /// Turns at which an edge keeps its lead, and its samples there; `None` where it mostly does
@@ -164,7 +164,7 @@ impl<'a> PartPlane<'a> {
         for e in &edge.edges {
             let Some((lead, turn)) = self.lead(e) else { continue };
             let turn = (turn / TURN_STEP).round() as i64;
-            if near(lead - edge.lead, 0.0).abs() < MAX_LEAD_STRAY {
+            if wrapped(lead - edge.lead).abs() < MAX_LEAD_STRAY {
                 *with.entry(turn).or_default() += e.samples;
             } else {
                 without.insert(turn);
