@@ -423,9 +423,10 @@ pub struct BenchArgs {
     /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
     /// a folder of recordings; recognise: look for learned things in stills, known ones and
     /// look-alikes (other rooms and shots by --seed), and in libraries of up to 100 000; follow: follow
-    /// what was learned from a recording through it; serve: time from a frame to its prediction
-    /// over LCM, and how a stream of setpoints keeps its time; logs: fit pose logs of known type; tracking: play clips forward
-    /// and back
+    /// what was learned from a recording through it; serve: time from the end of a demonstration
+    /// to its model over LCM and from a frame to its prediction, and how a stream of setpoints
+    /// keeps its time; soak: memory of a service that is used for long; logs: fit pose logs of
+    /// known type; tracking: play clips forward and back
     #[arg(long, default_value = "dir")]
     pub suite: String,
     /// Folder of recordings, logs or clips; for paper and recognise: where recordings
@@ -438,6 +439,9 @@ pub struct BenchArgs {
     /// recognise: without ablation and without large libraries
     #[arg(long)]
     pub brief: bool,
+    /// soak: so long, 30 frames a second
+    #[arg(long, default_value_t = 60.0)]
+    pub minutes: f64,
     /// Write the figures as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

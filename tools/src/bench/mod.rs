@@ -3,12 +3,14 @@
 mod ablation;
 mod dir;
 mod follow;
+mod live;
 mod logs;
 mod motion;
 mod paper;
 mod recognise;
 mod score;
 mod serve;
+mod soak;
 mod tags;
 mod tracking;
 pub mod truth;
@@ -26,9 +28,10 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         "paper" => paper::run(args, common),
         "recognise" => recognise::run(args, common),
         "serve" => serve::run(args, common),
+        "soak" => soak::run(args, common),
         "tracking" => tracking::run(args, common),
         other => Err(anyhow!(
-            "no suite \"{other}\"; known: ablation, dir, follow, logs, paper, recognise, serve, tracking"
+            "no suite \"{other}\"; known: ablation, dir, follow, logs, paper, recognise, serve, soak, tracking"
         )
         .into()),
     }

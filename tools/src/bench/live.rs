@@ -1,0 +1,190 @@
+//! A live service in this process, the camera in front of it, and what talks to it over LCM.
+
+use crate::commands::Outcome;
+use anyhow::anyhow;
+use linkage_driver::{RgbdFrame, RgbdSource, SourceError, SourceStatistics};
+use linkage_lcm::messages::linkage::{Command, Status};
+use linkage_lcm::{Lcm, Message, decode};
+use linkage_planner_bridge::channel;
+use linkage_planner_bridge::service::{ServiceConfig, ServiceReport, SourceOpener, serve};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A network of its own.
+pub const URL: &str = "udpm://239.255.76.67:7697?ttl=0";
+/// Frames a second.
+const FRAME_RATE: f64 = 30.0;
+/// For so many frames nothing moves at first, so that a command can be given.
+const STILL: u64 = 45;
+/// Frames whose instants are remembered.
+const REMEMBERED: usize = 600;
+
+/// A recording before a camera that never ends: there and back again, so that nothing jumps.
+#[derive(Clone)]
+pub struct Playing {
+    frames: Arc<Vec<RgbdFrame>>,
+    clock: Arc<Clock>,
+}
+
+/// The instants at which frames were handed out, by their `utime`.
+#[derive(Default)]
+struct Clock(Mutex<BTreeMap<i64, Instant>>);
+
+impl Clock {
+    fn handed_out(&self, utime: i64) {
+        let mut frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        frames.insert(utime, Instant::now());
+        if frames.len() > REMEMBERED {
+            frames.pop_first();
+        }
+    }
+}
+
+impl Playing {
+    pub fn read(recording: &Path) -> Outcome<Self> {
+        let mut source = linkage_driver::open(&recording.display().to_string())?;
+        let mut frames = Vec::new();
+        while let Some(frame) = source.next_frame()? {
+            frames.push(frame);
+        }
+        Ok(Self { frames: Arc::new(frames), clock: Arc::default() })
+    }
+
+    pub fn opener(&self) -> Box<SourceOpener> {
+        let playing = self.clone();
+        Box::new(move || {
+            let start = Instant::now();
+            Ok(Box::new(Camera { playing: playing.clone(), given: 0, start }) as Box<_>)
+        })
+    }
+
+    /// From the first frame until the recording's end was handed out once.
+    pub fn length(&self) -> Duration {
+        Duration::from_secs_f64((STILL + self.frames.len() as u64) as f64 / FRAME_RATE)
+    }
+
+    /// When a frame was handed out, if it was one of the newest.
+    pub fn handed_out(&self, utime: i64) -> Option<Instant> {
+        self.clock.0.lock().unwrap_or_else(PoisonError::into_inner).get(&utime).copied()
+    }
+}
+
+struct Camera {
+    playing: Playing,
+    given: u64,
+    start: Instant,
+}
+
+impl RgbdSource for Camera {
+    fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
+        let due = Duration::from_secs_f64(self.given as f64 / FRAME_RATE);
+        std::thread::sleep(due.saturating_sub(self.start.elapsed()));
+        let frames = &self.playing.frames;
+        let around = 2 * frames.len() as u64;
+        let played = self.given.saturating_sub(STILL) % around;
+        let mut frame = frames[played.min(around - 1 - played) as usize].clone();
+        frame.utime = 1 + due.as_micros() as i64;
+        self.given += 1;
+        self.playing.clock.handed_out(frame.utime);
+        Ok(Some(frame))
+    }
+
+    fn frame_count(&self) -> Option<usize> {
+        None
+    }
+
+    fn name(&self) -> &str {
+        "bench"
+    }
+
+    fn is_live(&self) -> bool {
+        true
+    }
+
+    fn statistics(&self) -> SourceStatistics {
+        SourceStatistics { delivered: self.given, ..SourceStatistics::default() }
+    }
+}
+
+/// A service that runs.
+pub struct Live {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<anyhow::Result<ServiceReport>>,
+    lcm: Lcm,
+    commands: i64,
+}
+
+impl Live {
+    /// Starts one and waits until it tells its status; `channels` can be received from then on.
+    pub fn start(
+        open: Box<SourceOpener>,
+        config: ServiceConfig,
+        channels: &[&str],
+    ) -> Outcome<Self> {
+        let mut lcm = Lcm::new(&config.url)?;
+        for channel in channels.iter().chain([&channel::STATUS]) {
+            lcm.subscribe(channel)?;
+        }
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || Ok(serve(open, &config, &stopped)?));
+        let mut live = Self { stop, thread, lcm, commands: 0 };
+        if live.receive::<Status>(channel::STATUS, Duration::from_secs(20), |_| true)?.is_none() {
+            live.stop()?;
+            return Err(anyhow!("the service told nothing").into());
+        }
+        Ok(live)
+    }
+
+    pub fn stop(self) -> Outcome<ServiceReport> {
+        self.stop.store(true, Ordering::Relaxed);
+        let report = self.thread.join().map_err(|_| anyhow!("the service failed"))?;
+        Ok(report?)
+    }
+
+    /// Sends a command; its name.
+    pub fn tell(&mut self, action: i8, object: &str, target: &str) -> Outcome<i64> {
+        self.commands += 1;
+        let (object, target) = (object.to_owned(), target.to_owned());
+        let command = Command {
+            utime: self.commands,
+            schema: 1,
+            action,
+            object,
+            target,
+            ..Command::default()
+        };
+        self.lcm.publish(channel::COMMAND, &command)?;
+        Ok(self.commands)
+    }
+
+    /// The status in which nothing more will become of a command.
+    pub fn done(&mut self, command: i64, patience: Duration) -> Outcome<Option<Status>> {
+        self.receive(channel::STATUS, patience, |s: &Status| {
+            s.command_utime == command && s.command_done
+        })
+    }
+
+    /// The next message of a channel that is as wanted, if one comes in time.
+    pub fn receive<M: Message>(
+        &mut self,
+        channel: &str,
+        patience: Duration,
+        mut wanted: impl FnMut(&M) -> bool,
+    ) -> Outcome<Option<M>> {
+        let start = Instant::now();
+        while start.elapsed() < patience {
+            let packet = self.lcm.receive(Duration::from_millis(100))?;
+            let Some(packet) = packet.filter(|p| p.channel == channel) else { continue };
+            let message: M = decode(&packet.bytes)?;
+            if wanted(&message) {
+                return Ok(Some(message));
+            }
+        }
+        Ok(None)
+    }
+}
