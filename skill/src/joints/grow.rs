@@ -498,7 +498,7 @@ fn some_of(all: Vec<usize>, most: usize) -> Vec<usize> {
 }
 
 /// At most [`FINISH_FRAMES`] of the known frames, evenly spread, and the anchor.
-fn thinned(known: &[bool], anchor: usize) -> Vec<bool> {
+pub fn thinned(known: &[bool], anchor: usize) -> Vec<bool> {
     let stride = known.iter().filter(|k| **k).count().div_ceil(FINISH_FRAMES).max(1);
     let mut before = 0;
     let mut kept = |(f, &known): (usize, &bool)| {

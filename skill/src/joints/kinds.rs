@@ -4,6 +4,7 @@
 use super::JointsConfig;
 use super::adjust::{locate_points, refine};
 use super::dof::Dof;
+use super::grow;
 use super::grown::Grown;
 use super::view::View;
 use crate::articulate::JointKind;
@@ -24,12 +25,19 @@ pub fn type_probabilities(
     view: &View,
     config: &JointsConfig,
 ) -> BTreeMap<JointKind, f64> {
-    let sample = Sample::of(joint, view, config);
-    let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(joint))]);
-    for start in others(joint, &sample.tracks) {
+    let mut sampled = joint.clone();
+    sampled.known = grow::thinned(&joint.known, joint.anchor);
+    let sample = Sample::of(joint, &sampled, view, config);
+    let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(&sampled))]);
+    let explained = |start: Grown| {
         let other = sample.refined(start);
-        let least = criteria.entry(kind(&other)).or_insert(f64::INFINITY);
-        *least = least.min(sample.criterion(&other));
+        (kind(&other), sample.criterion(&other))
+    };
+    let others: Vec<(JointKind, f64)> =
+        others(&sampled, &sample.tracks).into_par_iter().map(explained).collect();
+    for (kind, criterion) in others {
+        let least = criteria.entry(kind).or_insert(f64::INFINITY);
+        *least = least.min(criterion);
     }
     let best = criteria.values().copied().fold(f64::INFINITY, f64::min);
     let mut likely: BTreeMap<JointKind, f64> =
@@ -43,23 +51,32 @@ fn kind(joint: &Grown) -> JointKind {
     joint.dof.geometry().kind
 }
 
-/// Some of a joint's tracks, which all kinds are to explain.
+/// Some of a joint's tracks in some of its frames, which all kinds are to explain.
 struct Sample<'s> {
     view: &'s View,
     config: &'s JointsConfig,
     tracks: Vec<usize>,
+    /// Observations that each one stands for.
+    stands_for: f64,
     /// Observations that are independent.
     independent: f64,
 }
 
 impl<'s> Sample<'s> {
-    fn of(joint: &Grown, view: &'s View, config: &'s JointsConfig) -> Self {
+    fn of(joint: &Grown, sampled: &Grown, view: &'s View, config: &'s JointsConfig) -> Self {
         let stride = joint.members.len().div_ceil(TRACKS).max(1);
         let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
-        let known = |t: usize| view.life(t).filter(|(f, _)| joint.known[*f]).count();
-        let observations: usize = tracks.iter().map(|&t| known(t)).sum();
-        let independent = (observations as f64 / config.correlated_observations).max(1.0);
-        Self { view, config, tracks, independent }
+        let observed =
+            |joint: &Grown, t: usize| view.life(t).filter(|(f, _)| joint.known[*f]).count();
+        let observations = |joint| tracks.iter().map(|&t| observed(joint, t)).sum::<usize>() as f64;
+        let all = observations(joint);
+        Self {
+            view,
+            config,
+            stands_for: all / observations(sampled).max(1.0),
+            independent: (all / config.correlated_observations).max(1.0),
+            tracks,
+        }
     }
 
     fn refined(&self, mut joint: Grown) -> Grown {
@@ -78,7 +95,8 @@ impl<'s> Sample<'s> {
             JointKind::Revolute => 2.0,
             _ => 0.0,
         };
-        cost / self.config.correlated_observations + more_parameters * self.independent.ln()
+        self.stands_for * cost / self.config.correlated_observations
+            + more_parameters * self.independent.ln()
     }
 }
 

@@ -84,8 +84,11 @@ pub fn moving_patches(
     pictures
         .par_iter()
         .flat_map_iter(|&(frame, picture)| {
-            let mut samples = samples(picture, base, frame, sampling, cylinder);
-            samples.retain(|s| moves(s, &pictures, base));
+            let is_wanted = |point: &Point3<f64>| {
+                cylinder.is_none_or(|c| c.holds(point)) && moves(point, &pictures, base)
+            };
+            let mut samples = samples(picture, base, frame, sampling, is_wanted);
+            samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
             patches(samples, frame, seed)
         })
         .collect()
@@ -96,7 +99,7 @@ fn samples(
     base: &BaseMotion,
     frame: usize,
     sampling: Sampling,
-    cylinder: Option<&Cylinder>,
+    is_wanted: impl Fn(&Point3<f64>) -> bool,
 ) -> Vec<Sample> {
     let (depth, camera) = (&picture.depth, &picture.camera);
     let base_from_camera = base.camera_from_base[frame].inverse();
@@ -105,12 +108,11 @@ fn samples(
         for u in (0..depth.width()).step_by(sampling as usize) {
             let at = |z: f64| base_from_camera * camera.back_project(u as f64, v as f64, z);
             let reading = f64::from(depth.as_metres()[v * depth.width() + u]);
-            if reading.is_nan() || cylinder.is_some_and(|c| !c.holds(&at(reading))) {
+            if reading.is_nan() || !is_wanted(&at(reading)) {
                 continue;
             }
-            let Some(surface) = SurfacePatch::at(depth, camera, u, v) else { continue };
-            let normal = base_from_camera * surface.normal;
-            if cylinder.is_none_or(|c| c.may_turn(&normal)) {
+            if let Some(surface) = SurfacePatch::at(depth, camera, u, v) {
+                let normal = base_from_camera * surface.normal;
                 found.push(Sample { point: at(surface.z), normal });
             }
         }
@@ -119,13 +121,13 @@ fn samples(
 }
 
 /// Enough other keyframes see something behind the place.
-fn moves(sample: &Sample, pictures: &[(usize, &RgbdFrame)], base: &BaseMotion) -> bool {
+fn moves(point: &Point3<f64>, pictures: &[(usize, &RgbdFrame)], base: &BaseMotion) -> bool {
     let mut needed = (MOVING_SHARE * pictures.len() as f64).ceil().max(3.0) as usize;
     for (i, (frame, picture)) in pictures.iter().enumerate() {
         if needed > pictures.len() - i {
             return false;
         }
-        let p = base.camera_from_base[*frame] * sample.point;
+        let p = base.camera_from_base[*frame] * point;
         let through = picture
             .camera
             .project(&p)
