@@ -10,7 +10,7 @@ use linkage_planner_bridge::service::{ServiceConfig, ServiceReport, SourceOpener
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -35,8 +35,12 @@ pub struct Playing {
 struct Clock(Mutex<BTreeMap<i64, Instant>>);
 
 impl Clock {
+    fn frames(&self) -> MutexGuard<'_, BTreeMap<i64, Instant>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn handed_out(&self, utime: i64) {
-        let mut frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut frames = self.frames();
         frames.insert(utime, Instant::now());
         if frames.len() > REMEMBERED {
             frames.pop_first();
@@ -57,6 +61,8 @@ impl Playing {
     pub fn opener(&self) -> Box<SourceOpener> {
         let playing = self.clone();
         Box::new(move || {
+            // Its time begins anew.
+            playing.clock.frames().clear();
             let start = Instant::now();
             Ok(Box::new(Camera { playing: playing.clone(), given: 0, start }) as Box<_>)
         })
@@ -69,7 +75,7 @@ impl Playing {
 
     /// When a frame was handed out, if it was one of the newest.
     pub fn handed_out(&self, utime: i64) -> Option<Instant> {
-        self.clock.0.lock().unwrap_or_else(PoisonError::into_inner).get(&utime).copied()
+        self.clock.frames().get(&utime).copied()
     }
 }
 
