@@ -60,45 +60,52 @@ impl LabPicture {
     }
 }
 
-/// Steps of the table of cube roots: between them it is straight to 1e-5.
-const STEPS: usize = 4096;
+/// Steps of the tables' light: one is a twentieth of a grey level where the curve is steepest.
+const STEPS: usize = 1 << 14;
+/// One, in numbers of 16 binary places.
+const ONE: i32 = 1 << 16;
 
 static TABLES: LazyLock<Tables> = LazyLock::new(Tables::new);
 
+/// Integers throughout: a picture is converted for each frame.
 struct Tables {
-    /// Light of each value of sRGB, 0 to 1.
-    linear: [f32; 256],
-    /// The curve of CIE 15, cube roots above a straight start, of 0 to 1.
-    curve: [f32; STEPS + 2],
+    /// Light of each value of sRGB, 0 to [`STEPS`].
+    linear: [u32; 256],
+    /// The curve of CIE 15 of each light, cube roots above a straight start, 0 to [`ONE`].
+    curve: Vec<i32>,
 }
 
 impl Tables {
     fn new() -> Self {
-        let light = |value: usize| match value as f32 / 255.0 {
+        let light = |value: usize| match value as f64 / 255.0 {
             dark if dark <= 0.04045 => dark / 12.92,
             v => ((v + 0.055) / 1.055).powf(2.4),
         };
-        let curve = |step: usize| match step as f32 / STEPS as f32 {
+        let curve = |step: usize| match step as f64 / STEPS as f64 {
             dark if dark <= 0.008_856 => 7.787 * dark + 16.0 / 116.0,
             t => t.cbrt(),
         };
-        Self { linear: std::array::from_fn(light), curve: std::array::from_fn(curve) }
+        Self {
+            linear: std::array::from_fn(|value| (light(value) * STEPS as f64).round() as u32),
+            curve: (0..=STEPS).map(|step| (curve(step) * f64::from(ONE)).round() as i32).collect(),
+        }
     }
 
     fn lab(&self, rgb: [u8; 3]) -> [u8; 3] {
-        let [r, g, b] = rgb.map(|value| self.linear[usize::from(value)]);
-        // To XYZ as shares of white.
-        let x = self.curved(0.433_953 * r + 0.376_219 * g + 0.189_828 * b);
-        let y = self.curved(0.212_671 * r + 0.715_160 * g + 0.072_169 * b);
-        let z = self.curved(0.017_758 * r + 0.109_477 * g + 0.872_766 * b);
-        let lab = [(116.0 * y - 16.0) * 2.55, 500.0 * (x - y) + 128.0, 200.0 * (y - z) + 128.0];
-        lab.map(|value| (value + 0.5) as u8)
-    }
-
-    fn curved(&self, share: f32) -> f32 {
-        let place = share * STEPS as f32;
-        let (step, rest) = (place as usize, place.fract());
-        self.curve[step] * (1.0 - rest) + self.curve[step + 1] * rest
+        let light = rgb.map(|value| self.linear[usize::from(value)]);
+        // To XYZ as shares of white, each row a whole.
+        let curved = |weights: [u32; 3]| {
+            let [r, g, b] = std::array::from_fn(|i| weights[i] * light[i]);
+            self.curve[((r + g + b) >> 16) as usize]
+        };
+        let x = curved([28_440, 24_655, 12_441]);
+        let y = curved([13_938, 46_868, 4_730]);
+        let z = curved([1_164, 7_175, 57_197]);
+        let half = ONE / 2;
+        // 255 for 100: 2.55 is 51 twentieths.
+        let lightness = (116 * y - 16 * ONE) / 20 * 51;
+        [lightness, 500 * (x - y) + 128 * ONE, 200 * (y - z) + 128 * ONE]
+            .map(|value| ((value + half) >> 16).clamp(0, 255) as u8)
     }
 }
 
