@@ -14,8 +14,11 @@ use linkage_skill::track::Trajectory;
 
 /// Version of our own messages.
 pub const MESSAGE_SCHEMA: i32 = 1;
-/// Version of `linkage.prediction_t`: 2 has handles.
-pub const PREDICTION_MESSAGE_SCHEMA: i32 = 2;
+/// Version of `linkage.recognition_t`: 2 tells whether the base is known, and why a configuration
+/// is not.
+pub const RECOGNITION_MESSAGE_SCHEMA: i32 = 2;
+/// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2.
+pub const PREDICTION_MESSAGE_SCHEMA: i32 = 3;
 
 /// Bytes of the long lists of a message: with the rest it stays below the 64 KiB that a UDP
 /// datagram holds, beyond which losing any fragment would lose it all.
@@ -83,7 +86,9 @@ pub fn recognised(recognised: &Recognised, model: Option<&ObjectModel>) -> linka
         score: recognised.score,
         inliers: count(recognised.inliers),
         camera_from_object: recognised.camera_from_object,
+        base_known: recognised.base_known,
         joints,
+        reasons: recognised.joints.iter().map(|j| j.reason.clone().unwrap_or_default()).collect(),
     }
 }
 
@@ -109,7 +114,7 @@ pub fn recognition<'m>(
 ) -> linkage::Recognition {
     linkage::Recognition {
         utime,
-        schema: MESSAGE_SCHEMA,
+        schema: RECOGNITION_MESSAGE_SCHEMA,
         matches: recognition.matches.iter().map(|m| recognised(m, model_of(&m.object))).collect(),
     }
 }
@@ -126,7 +131,7 @@ pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> l
         score: prediction.score,
         inliers: prediction.inliers,
         camera_from_object: prediction.camera_from_object,
-        base_known: true,
+        base_known: prediction.base_known,
         joints: states,
         assumed: Vec::new(),
     };
@@ -343,6 +348,20 @@ mod tests {
         let (model, mut recognised) = fridge();
         recognised.joints[0].configuration = Some(from);
         predict(&model, &recognised, &Request::to(Target::Value(to)), rig).unwrap()
+    }
+
+    #[test]
+    fn what_is_not_known_is_told_with_its_reason() {
+        let (model, mut found) = fridge();
+        let told = recognised(&found, Some(&model));
+        assert!(told.base_known && told.joints[0].configuration_known);
+        assert_eq!(told.reasons, [""]);
+        found.base_known = false;
+        found.joints[0].configuration = None;
+        found.joints[0].reason = Some("hidden".to_owned());
+        let told = recognised(&found, Some(&model));
+        assert!(!told.base_known && !told.joints[0].configuration_known);
+        assert_eq!(told.reasons, ["hidden"]);
     }
 
     proptest! {

@@ -108,6 +108,9 @@ pub struct Prediction {
     pub inliers: usize,
     /// Pose of the object frame.
     pub camera_from_object: [f64; 7],
+    /// As in [`Recognised`].
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub base_known: bool,
     /// Its joints.
     pub joints: Vec<PlannedJoint>,
     /// Its parts that move.
@@ -115,6 +118,14 @@ pub struct Prediction {
     /// What a gripper holds on parts that move, with the parts' axes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub handles: Vec<PlannedPart>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn is_yes(known: &bool) -> bool {
+    *known
 }
 
 impl Plan {
@@ -169,6 +180,7 @@ pub fn predict(
         score: recognised.score,
         inliers: recognised.inliers,
         camera_from_object: recognised.camera_from_object,
+        base_known: recognised.base_known,
         joints: planned_joints,
         handles: ways.handles(request, &moved)?,
         parts: ways.parts(),

@@ -94,7 +94,9 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
         score: 0.9,
         inliers: 57,
         camera_from_object: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        base_known: true,
         joints: vec![joint.clone()],
+        reasons: vec!["hidden".into()],
     };
     check(
         dir.path(),

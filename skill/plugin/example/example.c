@@ -106,8 +106,11 @@ int main(int count, char **arguments) {
     for (size_t j = 0; j < match.joint_count; j++) {
       linkage_joint joint;
       check(linkage_joint_at(search.found, m, j, &joint), "joint");
-      printf("  %s, %s, at %.3f of %.3f to %.3f\n", joint.name, joint.kind, joint.configuration,
-             joint.range[0], joint.range[1]);
+      if (joint.configuration_known)
+        printf("  %s, %s, at %.3f of %.3f to %.3f\n", joint.name, joint.kind, joint.configuration,
+               joint.range[0], joint.range[1]);
+      else
+        printf("  %s, %s: %s\n", joint.name, joint.kind, joint.reason);
     }
     linkage_request request = {.target = "open"};
     linkage_prediction *plan;

@@ -198,6 +198,11 @@ typedef struct {
    */
   double camera_from_object[7];
   /*
+   False where nothing tells where the base is: `camera_from_object` is then a guess, while
+   the joints are right.
+   */
+  bool base_known;
+  /*
    Number of its joints.
    */
   uintptr_t joint_count;
@@ -224,6 +229,10 @@ typedef struct {
    */
   double origin[3];
   /*
+   Metres a turn, of helical joints; else 0.
+   */
+  double pitch;
+  /*
    Least and greatest configuration that was demonstrated.
    */
   double range[2];
@@ -235,6 +244,10 @@ typedef struct {
    Radians or metres; NaN where it is not known.
    */
   double configuration;
+  /*
+   Why it is not known; empty where it is.
+   */
+  const char *reason;
 } linkage_joint;
 
 /*

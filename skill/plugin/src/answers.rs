@@ -2,7 +2,7 @@
 
 use crate::border::{Failure, c_text, call, free, given, linkage_result, place};
 use linkage_planner_bridge::Prediction;
-use linkage_skill::recognise::{Recognised, Recognition};
+use linkage_skill::recognise::{JointState, Recognised, Recognition};
 use std::ffi::{CString, c_char};
 
 /// What was recognised in a frame, best first.
@@ -14,14 +14,15 @@ pub struct linkage_recognition {
 
 struct MatchTexts {
     object: CString,
-    /// Name and type of each joint.
-    joints: Vec<[CString; 2]>,
+    /// Of each joint its name, its type, and why its configuration is not known.
+    joints: Vec<[CString; 3]>,
 }
 
 impl linkage_recognition {
     pub(crate) fn new(found: Recognition) -> Self {
-        let joint =
-            |j: &linkage_skill::recognise::JointState| [c_text(&j.name), c_text(j.kind.name())];
+        let joint = |j: &JointState| {
+            [j.name.as_str(), j.kind.name(), j.reason.as_deref().unwrap_or_default()].map(c_text)
+        };
         let texts = found
             .matches
             .iter()
@@ -53,6 +54,9 @@ pub struct linkage_match {
     pub score: f64,
     /// Pose of the object frame.
     pub camera_from_object: [f64; 7],
+    /// False where nothing tells where the base is: `camera_from_object` is then a guess, while
+    /// the joints are right.
+    pub base_known: bool,
     /// Number of its joints.
     pub joint_count: usize,
 }
@@ -70,12 +74,16 @@ pub struct linkage_joint {
     pub axis: [f64; 3],
     /// A point on it, metres.
     pub origin: [f64; 3],
+    /// Metres a turn, of helical joints; else 0.
+    pub pitch: f64,
     /// Least and greatest configuration that was demonstrated.
     pub range: [f64; 2],
     /// False where nothing that was seen tells the configuration.
     pub configuration_known: bool,
     /// Radians or metres; NaN where it is not known.
     pub configuration: f64,
+    /// Why it is not known; empty where it is.
+    pub reason: *const c_char,
 }
 
 /// Number of recognised objects; 0 for NULL.
@@ -112,6 +120,7 @@ pub unsafe extern "C" fn linkage_match_at(
             object: recognition.texts[index].object.as_ptr(),
             score: found.score,
             camera_from_object: found.camera_from_object,
+            base_known: found.base_known,
             joint_count: found.joints.len(),
         };
         Ok(())
@@ -134,15 +143,17 @@ pub unsafe extern "C" fn linkage_joint_at(
         let (recognition, out) =
             unsafe { (given(recognition, "recognition")?, place(out, "out")?) };
         let joint = item(&recognition.found(match_index)?.joints, joint_index, "joint")?;
-        let [name, kind] = &recognition.texts[match_index].joints[joint_index];
+        let [name, kind, reason] = &recognition.texts[match_index].joints[joint_index];
         *out = linkage_joint {
             name: name.as_ptr(),
             kind: kind.as_ptr(),
             axis: joint.axis,
             origin: joint.origin,
+            pitch: joint.pitch,
             range: joint.range,
             configuration_known: joint.configuration.is_some(),
             configuration: joint.configuration.unwrap_or(f64::NAN),
+            reason: reason.as_ptr(),
         };
         Ok(())
     })

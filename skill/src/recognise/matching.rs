@@ -89,6 +89,9 @@ const ONE_PLACE_M: f64 = 0.03;
 /// Largest distance of unit descriptors.
 const MAX_DISTANCE: f64 = 0.85;
 
+/// A scene's features compared with an object's, kind by kind.
+pub struct Compared(Vec<Vec<Match>>);
+
 /// Matches of all features.
 pub struct Matches {
     /// The most distinct ones of both kinds, most distinct first.
@@ -97,32 +100,41 @@ pub struct Matches {
     pub all: Vec<Match>,
 }
 
-impl Matches {
-    /// Compares a scene's features with an object's.
-    pub fn new(seen: &[&DescribedFeature], table: &FeatureTable, config: &RecogniseConfig) -> Self {
-        let of_kinds: Vec<Vec<Match>> = table.0.iter().map(|t| match_kind(seen, t)).collect();
-        let distinct = |of_kind: &Vec<Match>| -> Vec<Match> {
-            let is_distinct = |m: &&Match| m.ratio < config.max_ratio;
-            let mut distinct: Vec<Match> = of_kind.iter().filter(is_distinct).cloned().collect();
-            distinct.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-            distinct.truncate(config.max_matches);
-            distinct
-        };
-        let mut distinct: Vec<Match> = of_kinds.iter().flat_map(distinct).collect();
+impl Compared {
+    /// Compares them.
+    pub fn new(seen: &[DescribedFeature], table: &FeatureTable) -> Self {
+        Self(table.0.iter().map(|t| match_kind(seen, t)).collect())
+    }
+
+    /// Matches of features that lie where `is_free` says so.
+    pub fn matches(
+        &self,
+        is_free: impl Fn(&Point3<f64>) -> bool,
+        config: &RecogniseConfig,
+    ) -> Matches {
+        let free = |m: &&Match| m.seen_point.as_ref().is_none_or(&is_free);
+        let of_kinds: Vec<Vec<&Match>> =
+            self.0.iter().map(|of_kind| of_kind.iter().filter(free).collect()).collect();
+        let mut distinct: Vec<Match> = Vec::new();
+        for of_kind in &of_kinds {
+            let mut of_kind: Vec<&Match> =
+                of_kind.iter().copied().filter(|m| m.ratio < config.max_ratio).collect();
+            of_kind.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
+            distinct.extend(of_kind.into_iter().take(config.max_matches).cloned());
+        }
         distinct.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-        let mut all: Vec<Match> = of_kinds.into_iter().flatten().collect();
+        let mut all: Vec<Match> = of_kinds.into_iter().flatten().cloned().collect();
         all.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-        Self { distinct, all }
+        Matches { distinct, all }
     }
 }
 
-fn match_kind(seen: &[&DescribedFeature], table: &Table) -> Vec<Match> {
-    let queries: Vec<&DescribedFeature> =
-        seen.iter().copied().filter(|f| f.kind == table.kind).collect();
+fn match_kind(seen: &[DescribedFeature], table: &Table) -> Vec<Match> {
     if table.parts.len() < 2 {
         return Vec::new();
     }
-    queries.par_iter().filter_map(|query| match_one(query, table)).collect()
+    let of_kind = seen.par_iter().filter(|f| f.kind == table.kind);
+    of_kind.filter_map(|query| match_one(query, table)).collect()
 }
 
 fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
@@ -196,7 +208,8 @@ mod tests {
     fn counts(of: usize, model: &[(usize, f32)]) -> (usize, usize) {
         let features = model.iter().map(|(number, x)| learned(*number, *x)).collect();
         let table = FeatureTable::new(&Appearance { features, ..Appearance::default() });
-        let matches = Matches::new(&[&seen(of)], &table, &RecogniseConfig::default());
+        let matches =
+            Compared::new(&[seen(of)], &table).matches(|_| true, &RecogniseConfig::default());
         (matches.distinct.len(), matches.all.len())
     }
 

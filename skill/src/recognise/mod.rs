@@ -27,13 +27,13 @@ pub use follow::{FollowConfig, Followed, Follower, Lost};
 pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub use scene::Scene;
 
+use crate::appearance::Appearance;
 pub use crate::appearance::Descriptor;
-use crate::appearance::{Appearance, DescribedFeature};
 use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
 use articulated::{Articulated, State};
-use matching::{FeatureTable, Match, Matches};
+use matching::{Compared, FeatureTable, Match, Matches};
 use nalgebra::UnitVector3;
 use rayon::prelude::*;
 use refine::Refiner;
@@ -242,12 +242,14 @@ fn find_all(
     seed: u64,
 ) -> (Vec<Recognised>, f64) {
     let articulated = Articulated::new(&object.model);
+    let compared = Compared::new(&scene.features, &object.table);
     let mut config = config.clone();
     let mut taken = Taken::default();
     let mut all = Vec::new();
     let mut refused = 0.0;
     while all.len() < config.max_of_a_make {
-        let Some(found) = find_beside(scene, object, &articulated, &taken, &config, seed) else {
+        let matches = compared.matches(|place| !taken.holds(place), &config);
+        let Some(found) = find_among(&matches, scene, object, &articulated, &config, seed) else {
             break;
         };
         let recognised = report(object, &articulated, &found);
@@ -281,33 +283,31 @@ pub fn find(
     seed: u64,
 ) -> Option<Recognised> {
     let articulated = Articulated::new(&object.model);
-    let found = find_beside(scene, object, &articulated, &Taken::default(), config, seed)?;
+    let matches = Compared::new(&scene.features, &object.table).matches(|_| true, config);
+    let found = find_among(&matches, scene, object, &articulated, config, seed)?;
     Some(report(object, &articulated, &found))
 }
 
-/// The same, away from what is taken.
-fn find_beside(
+/// The same from some matches.
+fn find_among(
+    matches: &Matches,
     scene: &Scene,
     object: &KnownObject,
     articulated: &Articulated,
-    taken: &Taken,
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Found> {
-    let free: Vec<&DescribedFeature> =
-        scene.features.iter().filter(|f| f.point.is_none_or(|p| !taken.holds(&p))).collect();
-    let matches = Matches::new(&free, &object.table, config);
     let distinct = &matches.distinct;
     tracing::debug!(
         object = object.model.object,
-        features = free.len(),
+        features = scene.features.len(),
         matches = matches.all.len(),
         distinct = distinct.len(),
         of_base = distinct.iter().filter(|m| m.part == 0).count(),
         "matched"
     );
     let found = if scene.has_depth() {
-        with_depth(scene, object, articulated, &matches, config, seed)
+        with_depth(scene, object, articulated, matches, config, seed)
     } else {
         pnp::find(scene, articulated, &object.cloud, distinct)
     }?;
