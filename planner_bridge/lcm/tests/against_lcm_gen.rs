@@ -74,9 +74,7 @@ fn check<M: Message + PartialEq + std::fmt::Debug>(dir: &Path, message: &M) {
     assert_eq!(&decode::<M>(&output.stdout).unwrap(), message);
 }
 
-#[test]
-fn c_and_rust_give_the_same_bytes_for_every_message() {
-    let dir = generated();
+fn check_what_is_known_and_seen(dir: &Path) {
     let joint = linkage::Joint {
         name: "joint1".into(),
         kind: "revolute".into(),
@@ -99,7 +97,7 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
         reasons: vec!["hidden".into()],
     };
     check(
-        dir.path(),
+        dir,
         &linkage::Model {
             utime: 1,
             schema: 1,
@@ -109,17 +107,14 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             joints: vec![joint],
         },
     );
-    check(
-        dir.path(),
-        &linkage::Recognition { utime: 2, schema: 1, matches: vec![recognised.clone()] },
-    );
+    check(dir, &linkage::Recognition { utime: 2, schema: 1, matches: vec![recognised.clone()] });
     let path = linkage::PartPath {
         part: "part1".into(),
         time_from_start_us: vec![0],
         poses: vec![linkage::Pose { position: [1.0, 2.0, 3.0], quaternion: [0.0, 0.0, 0.0, 1.0] }],
     };
     check(
-        dir.path(),
+        dir,
         &linkage::Prediction {
             utime: 3,
             schema: 1,
@@ -136,8 +131,11 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             handles: vec![path],
         },
     );
+}
+
+fn check_what_a_service_hears_and_tells(dir: &Path) {
     check(
-        dir.path(),
+        dir,
         &linkage::Status {
             utime: 4,
             schema: 1,
@@ -158,7 +156,7 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
         },
     );
     check(
-        dir.path(),
+        dir,
         &linkage::Command {
             utime: 5,
             schema: 1,
@@ -172,7 +170,7 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
         },
     );
     check(
-        dir.path(),
+        dir,
         &linkage::Setpoint {
             utime: 6,
             schema: 1,
@@ -185,6 +183,9 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             acceleration: vec![0.3],
         },
     );
+}
+
+fn check_the_original_systems(dir: &Path) {
     let pose = articulation::PoseMsg {
         utime: 6,
         id: 1,
@@ -201,7 +202,7 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
     let parameter =
         articulation::ModelParamMsg { name: "rot_axis.x".into(), value: 0.25, r#type: 1 };
     check(
-        dir.path(),
+        dir,
         &articulation::ArticulatedObjectMsg {
             parts: vec![track.clone()],
             params: vec![parameter.clone()],
@@ -214,8 +215,11 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             markers: vec![pose],
         },
     );
+}
+
+fn check_frames(dir: &Path) {
     check(
-        dir.path(),
+        dir,
         &kinect::FrameMsg {
             timestamp: 8,
             image: kinect::ImageMsg {
@@ -242,8 +246,11 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             tilt_status: 0,
         },
     );
+}
+
+fn check_plans(dir: &Path) {
     check(
-        dir.path(),
+        dir,
         &drake::LcmtRobotPlan {
             utime: 9,
             plan: vec![drake::LcmtRobotState {
@@ -253,4 +260,14 @@ fn c_and_rust_give_the_same_bytes_for_every_message() {
             }],
         },
     );
+}
+
+#[test]
+fn c_and_rust_give_the_same_bytes_for_every_message() {
+    let dir = generated();
+    check_what_is_known_and_seen(dir.path());
+    check_what_a_service_hears_and_tells(dir.path());
+    check_the_original_systems(dir.path());
+    check_frames(dir.path());
+    check_plans(dir.path());
 }
