@@ -99,6 +99,7 @@ fn joint_state(state: &JointState, learned: Option<&Joint>) -> linkage::Joint {
         kind: state.kind.name().to_owned(),
         axis: state.axis,
         origin: state.origin,
+        pitch: state.pitch,
         range: state.range,
         configuration_known: state.configuration.is_some(),
         configuration: state.configuration.unwrap_or(0.0),

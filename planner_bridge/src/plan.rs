@@ -8,7 +8,7 @@ use linkage_skill::articulate::JointKind;
 use linkage_skill::geometry::{Pose, pose_to_array};
 use linkage_skill::model::{Joint, ObjectModel};
 use linkage_skill::predict::{Encountered, PredictError, Target};
-use linkage_skill::recognise::{JointState, Recognised};
+use linkage_skill::recognise::{self, JointState, Recognised};
 use nalgebra::{Matrix3, Point3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -109,7 +109,7 @@ pub struct Prediction {
     /// Pose of the object frame.
     pub camera_from_object: [f64; 7],
     /// As in [`Recognised`].
-    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    #[serde(default = "recognise::yes", skip_serializing_if = "recognise::is_yes")]
     pub base_known: bool,
     /// Its joints.
     pub joints: Vec<PlannedJoint>,
@@ -118,14 +118,6 @@ pub struct Prediction {
     /// What a gripper holds on parts that move, with the parts' axes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub handles: Vec<PlannedPart>,
-}
-
-fn yes() -> bool {
-    true
-}
-
-fn is_yes(known: &bool) -> bool {
-    *known
 }
 
 impl Plan {

@@ -60,7 +60,7 @@ impl LabPicture {
     }
 }
 
-/// Steps of the tables' light: one is a twentieth of a grey level where the curve is steepest.
+/// Steps of the tables' light: one is a quarter of a level of a* where the curve is steepest.
 const STEPS: usize = 1 << 14;
 /// One, in numbers of 16 binary places.
 const ONE: i32 = 1 << 16;

@@ -150,11 +150,13 @@ pub struct JointState {
     pub range: [f64; 2],
 }
 
-fn yes() -> bool {
+/// What [`Recognised::base_known`] is where it is left out.
+pub fn yes() -> bool {
     true
 }
 
-fn is_yes(known: &bool) -> bool {
+/// Where it is left out.
+pub fn is_yes(known: &bool) -> bool {
     *known
 }
 

@@ -1,27 +1,64 @@
 //! A live service in this process, the camera in front of it, and what talks to it over LCM.
 
-use crate::commands::Outcome;
-use anyhow::anyhow;
+use crate::commands::{Outcome, film};
+use crate::simulate::Take;
+use anyhow::{Context, anyhow};
 use linkage_driver::{RgbdFrame, RgbdSource, SourceError, SourceStatistics};
 use linkage_lcm::messages::linkage::{Command, Status};
 use linkage_lcm::{Lcm, Message, decode};
-use linkage_planner_bridge::channel;
-use linkage_planner_bridge::service::{ServiceConfig, ServiceReport, SourceOpener, serve};
+use linkage_planner_bridge::service::{
+    Playback, ServiceConfig, ServiceReport, SourceOpener, serve,
+};
+use linkage_planner_bridge::{Rig, channel};
+use linkage_skill::SkillConfig;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A network of its own.
-pub const URL: &str = "udpm://239.255.76.67:7697?ttl=0";
+const URL: &str = "udpm://239.255.76.67:7697?ttl=0";
+/// What is learned and met again.
+pub const SCENE: &str = "drawer";
+/// Setpoints a second.
+pub const STREAM_HZ: f64 = 200.0;
+const SEED: u64 = 1;
 /// Frames a second.
 const FRAME_RATE: f64 = 30.0;
 /// For so many frames nothing moves at first, so that a command can be given.
 const STILL: u64 = 45;
 /// Frames whose instants are remembered.
 const REMEMBERED: usize = 600;
+
+/// Renders a take of a scene into a folder, unless it is there already.
+pub fn filmed(scene: &str, take: Take, dir: PathBuf, is_quiet: bool) -> Outcome<PathBuf> {
+    if !dir.join("truth.json").exists() {
+        film(scene, take, false, SEED, &dir, is_quiet)?;
+    }
+    Ok(dir)
+}
+
+/// A store that is not there yet.
+pub fn new_store(path: PathBuf) -> Outcome<PathBuf> {
+    if path.exists() {
+        std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+    }
+    Ok(path)
+}
+
+/// A service that knows a store.
+pub fn service(store: &Path, skill: &SkillConfig) -> ServiceConfig {
+    ServiceConfig {
+        skill: skill.clone(),
+        rig: Rig::default(),
+        store: store.to_owned(),
+        url: URL.to_owned(),
+        stream_hz: None,
+        playback: Playback::default(),
+    }
+}
 
 /// A recording before a camera that never ends: there and back again, so that nothing jumps.
 #[derive(Clone)]

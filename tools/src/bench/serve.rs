@@ -2,17 +2,15 @@
 //! frame to its prediction there, with few and with many objects known; and how well the stream of
 //! setpoints keeps its time while perception works.
 
-use super::live::{Live, Playing, URL};
+use super::live::{Live, Playing, SCENE, STREAM_HZ, filmed, new_store, service};
 use super::recognise::made_up;
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{
-    Outcome, demonstrate, describe_stream, film, remember, skill_config, write_json,
-};
+use crate::commands::{Outcome, demonstrate, describe_stream, remember, skill_config, write_json};
 use crate::simulate::Take;
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use linkage_lcm::messages::linkage::{Command, Model, Prediction};
-use linkage_planner_bridge::service::{Playback, ServiceConfig};
-use linkage_planner_bridge::{Rig, channel};
+use linkage_planner_bridge::channel;
+use linkage_planner_bridge::service::ServiceConfig;
 use linkage_skill::SkillConfig;
 use linkage_skill::appearance::ModelFeature;
 use linkage_skill::geometry::median;
@@ -21,17 +19,13 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// What is learned and met again.
-const SCENE: &str = "drawer";
 /// Things of one, two and three joints, learned live.
 const DEMONSTRATED: [&str; 3] = [SCENE, "office_chair", "bicycle"];
-const SEED: u64 = 1;
 /// Objects that are known.
 const SIZES: [usize; 3] = [1, 100, 1000];
 /// Predictions a size.
 const TRIES: usize = 30;
-/// Setpoints a second, and for how long.
-const STREAM_HZ: f64 = 200.0;
+/// For so long setpoints are streamed.
 const STREAM_FOR: Duration = Duration::from_secs(60);
 /// Longest wait for an answer.
 const PATIENCE: Duration = Duration::from_secs(8);
@@ -71,19 +65,14 @@ struct Streaming {
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
     let work = args.dir.clone().unwrap_or_else(|| PathBuf::from("out/serve"));
-    let take = |take: Take, scene: &str, name: &str| -> Outcome<PathBuf> {
-        let dir = work.join(name);
-        if !dir.join("truth.json").exists() {
-            film(scene, take, false, SEED, &dir, common.quiet)?;
-        }
-        Ok(dir)
-    };
+    let demonstrated =
+        |scene: &str| filmed(scene, Take::Demonstration, work.join(scene), common.quiet);
     println!(
         "a demonstration at 30 Hz: joints, guesses a second, from the command to finish it to its model on the wire"
     );
     let mut learnings = Vec::new();
     for scene in DEMONSTRATED {
-        let row = learn(scene, &take(Take::Demonstration, scene, scene)?, &work, &config)?;
+        let row = learn(scene, &demonstrated(scene)?, &work, &config)?;
         println!(
             "{:<12} {} {:>10.1} {:>10.2} s",
             row.object, row.joints, row.guesses_a_second, row.finish_s
@@ -91,11 +80,12 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         learnings.push(row);
     }
 
-    let watched = take(Take::Demonstration, SCENE, SCENE)?;
+    let watched = demonstrated(SCENE)?;
     let source = watched.display().to_string();
     let demonstration = demonstrate(&source, SCENE, &config, common.quiet)?;
     let object = remember(None, &demonstration, &source, &config)?;
-    let met = Playing::read(&take(Take::Encounter, SCENE, "encounter")?)?;
+    let met =
+        Playing::read(&filmed(SCENE, Take::Encounter, work.join("encounter"), common.quiet)?)?;
     println!("\nfrom a frame to its prediction on the wire, milliseconds");
     println!("objects   recognised: median   p99   followed: median   p99   unanswered");
     let mut latencies = Vec::new();
@@ -121,25 +111,6 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         write_json(path, &report)?;
     }
     Ok(())
-}
-
-fn service(store: &Path, skill: &SkillConfig) -> ServiceConfig {
-    ServiceConfig {
-        skill: skill.clone(),
-        rig: Rig::default(),
-        store: store.to_owned(),
-        url: URL.to_owned(),
-        stream_hz: None,
-        playback: Playback::default(),
-    }
-}
-
-/// A store that is not there yet.
-fn new_store(path: PathBuf) -> Outcome<PathBuf> {
-    if path.exists() {
-        std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
-    }
-    Ok(path)
 }
 
 fn learn(scene: &str, take: &Path, work: &Path, config: &SkillConfig) -> Outcome<Learning> {

@@ -1,21 +1,18 @@
 //! A service that is used for long: a recording is played before it again and again while it is
 //! told to learn, to recognise, to predict and to stream. Its memory must not grow.
 
-use super::live::{Live, URL};
+use super::live::{Live, SCENE, STREAM_HZ, filmed, new_store, service};
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, film, skill_config, write_json};
+use crate::commands::{Outcome, skill_config, write_json};
 use crate::simulate::Take;
 use anyhow::{Context, anyhow};
 use linkage_lcm::messages::linkage::{Command, Status};
+use linkage_planner_bridge::channel;
 use linkage_planner_bridge::service::{Playback, ServiceConfig};
-use linkage_planner_bridge::{Rig, channel};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-const SCENE: &str = "drawer";
-const SEED: u64 = 1;
-const STREAM_HZ: f64 = 200.0;
 /// Recordings of the simulator have 15 frames a second; a camera has 30.
 const SPEED: f64 = 2.0;
 /// Rows of the table.
@@ -43,21 +40,11 @@ struct Row {
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     let time = Duration::try_from_secs_f64(60.0 * args.minutes).context("--minutes")?;
     let work = args.dir.clone().unwrap_or_else(|| PathBuf::from("out/soak"));
-    let watched = work.join(SCENE);
-    if !watched.join("truth.json").exists() {
-        film(SCENE, Take::Demonstration, false, SEED, &watched, common.quiet)?;
-    }
-    let store = work.join("objects.linkage");
-    if store.exists() {
-        std::fs::remove_file(&store).with_context(|| store.display().to_string())?;
-    }
+    let watched = filmed(SCENE, Take::Demonstration, work.join(SCENE), common.quiet)?;
     let config = ServiceConfig {
-        skill: skill_config(common)?,
-        rig: Rig::default(),
-        store,
-        url: URL.to_owned(),
         stream_hz: Some(STREAM_HZ),
         playback: Playback { rate: SPEED, repeat: true },
+        ..service(&new_store(work.join("objects.linkage"))?, &skill_config(common)?)
     };
     let source = watched.display().to_string();
     let open = Box::new(move || linkage_driver::open(&source));
