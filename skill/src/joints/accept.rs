@@ -137,7 +137,7 @@ impl Witness<'_> {
     pub fn is_worth_asking(&self, joint: &Grown) -> bool {
         joint.members.len() >= 5
             && joint.gain > self.config.min_gain / 3.0
-            && joint.cost <= 1.2 * (self.config.max_cost + 1.8)
+            && joint.cost <= 1.2 * most_tolerated(self.config)
             && joint.coupling <= MAX_COUPLING
     }
 
@@ -216,12 +216,17 @@ impl Witness<'_> {
     pub fn tolerates(&self, joint: &Grown) -> bool {
         joint.members.len() >= 5
             && joint.gain > self.config.min_gain / 3.0
-            && joint.cost < self.config.max_cost + 1.8
+            && joint.cost < most_tolerated(self.config)
             && joint.through < self.config.max_through + 0.03
             && joint.hidden < self.config.max_hidden + 0.05
             && joint.known_frames().len() >= 10
             && joint.coupling < MAX_COUPLING
     }
+}
+
+/// Cost from which a joint is not even a stretch of another.
+pub fn most_tolerated(config: &JointsConfig) -> f64 {
+    config.max_cost + 1.8
 }
 
 /// In all pictures the part is where the joint puts it, and would not be elsewhere.

@@ -24,7 +24,7 @@ const MIN_SCREW_ANGLE: f64 = 0.03;
 /// Farthest hinge from the tracks that it moves, metres.
 const MAX_LEVER: f64 = 2.0;
 /// Frames without agreement after which growth ends.
-const MAX_LOST: usize = 12;
+pub const MAX_LOST: usize = 12;
 /// Frames between refinements while growing,
 const REFINE_EVERY: usize = 8;
 /// and at least this part of those that are known.

@@ -2,8 +2,11 @@
 //! so that little is left to do after the last frame.
 
 use super::grown::Grown;
+use super::hypothesis::Hypothesis;
+use super::search::{COVERED, overlap};
 use super::view::View;
 use super::{JointsConfig, kinds};
+use super::{accept, grow};
 use crate::geometry::line_angle;
 use crate::track::TrackSet;
 use nalgebra::Point3;
@@ -17,15 +20,59 @@ const SAME_JOINT: f64 = 0.5;
 /// Angle between their axes, radians.
 const SAME_AXIS: f64 = 0.2;
 
-/// Joints of an earlier search. What it suspected and did not believe is forgotten: carried on
-/// from search to search, any hand would come to look like a joint.
+/// Joints of an earlier search. What it suspected and did not believe is not carried on: from
+/// search to search, any hand would come to look like a joint. It only need not be asked again.
 #[derive(Debug, Clone, Default)]
 pub struct Memory {
     /// Frames that were searched.
     pub frames: usize,
     /// Rank of the strongest hypothesis.
     pub best_rank: f64,
+    /// Frames that were searched when last all windows were.
+    pub looked_back: usize,
     joints: Vec<Remembered>,
+    /// Suspicions of the base's frame, their tracks by number in the track set.
+    dismissed: Vec<Dismissed>,
+}
+
+/// Tracks that were suspected of a joint, and frames over which they are none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dismissed {
+    tracks: Vec<usize>,
+    first: usize,
+    last: usize,
+    /// Frames that were asked.
+    frames: usize,
+    /// More frames say no more of it: it was lost before the last, or fitted too poorly.
+    for_good: bool,
+}
+
+impl Dismissed {
+    /// A hypothesis and what it grew to, which is not believed.
+    pub fn new(h: &Hypothesis, grown: Option<&Grown>, view: &View, config: &JointsConfig) -> Self {
+        let known = grown.map(Grown::known_frames).unwrap_or_default();
+        let first = known.first().map_or(h.from, |f| h.from.min(*f));
+        let last = known.last().map_or(h.to, |f| h.to.max(*f));
+        let is_lost = last + grow::MAX_LOST < view.frames;
+        let is_poor = grown.is_some_and(|j| j.cost > accept::most_tolerated(config));
+        let tracks = h.tracks.clone();
+        Self { tracks, first, last, frames: view.frames, for_good: is_lost || is_poor }
+    }
+
+    /// Nothing that was seen since may tell more of it.
+    fn still_holds(&self, view: &View) -> bool {
+        let moved = |t: &&usize| view.moved_since(**t, self.frames - 1);
+        self.for_good || 4 * self.tracks.iter().filter(moved).count() <= self.tracks.len()
+    }
+
+    /// A hypothesis would grow to the same.
+    pub fn covers(&self, h: &Hypothesis) -> bool {
+        self.first <= h.from && h.to <= self.last && overlap(&h.tracks, &self.tracks) > COVERED
+    }
+
+    fn renumbered(&self, number: impl Fn(usize) -> Option<usize>) -> Self {
+        Self { tracks: self.tracks.iter().copied().filter_map(number).collect(), ..*self }
+    }
 }
 
 /// A grown joint without the rows of its view.
@@ -67,19 +114,40 @@ impl Remembered {
 impl Memory {
     /// What a search found. Joints of a type not yet certain are to be found anew: a short
     /// motion may have been told wrong.
-    pub fn of(
+    pub fn of<'d>(
         set: &TrackSet,
         view_from: impl Fn(Option<usize>) -> Arc<View>,
         joints: &[Grown],
-        best_rank: f64,
+        dismissed: impl Iterator<Item = &'d Dismissed>,
         config: &JointsConfig,
     ) -> Self {
         let view = view_from(None);
+        let id = |row: usize| Some(set.tracks[view.track_ids[row]].id);
         let remembered = |j: &Grown| {
             let of_types = kinds::type_probabilities(j, &view_from(j.parent), config);
             Remembered::new(j, of_types.values().any(|p| *p >= CERTAIN), &view, set)
         };
-        Self { frames: view.frames, best_rank, joints: joints.iter().map(remembered).collect() }
+        Self {
+            frames: view.frames,
+            joints: joints.iter().map(remembered).collect(),
+            dismissed: dismissed.map(|d| d.renumbered(id)).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// Without its joints, for a search anew.
+    pub fn of_what_is_none(&self) -> Self {
+        Self { dismissed: self.dismissed.clone(), ..Self::default() }
+    }
+
+    /// What need not be asked again, its tracks by their rows in the base's view.
+    pub fn dismissed_in(&self, view: &View, set: &TrackSet) -> Vec<Dismissed> {
+        let rows = rows_by_id(view, set);
+        self.dismissed
+            .iter()
+            .map(|d| d.renumbered(|id| rows.get(&id).copied()))
+            .filter(|d| d.still_holds(view))
+            .collect()
     }
 
     /// The first frame whose windows are new in the frame of a part.
@@ -96,8 +164,7 @@ impl Memory {
         view: &View,
         set: &TrackSet,
     ) -> Vec<(Grown, bool)> {
-        let rows: HashMap<usize, usize> =
-            view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect();
+        let rows = rows_by_id(view, set);
         self.joints
             .iter()
             .filter(|r| r.joint.parent == parent)
@@ -118,11 +185,16 @@ impl Memory {
     }
 }
 
+fn rows_by_id(view: &View, set: &TrackSet) -> HashMap<usize, usize> {
+    view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::dof::Dof;
     use super::super::specimen::seen_moving;
     use super::*;
+    use crate::geometry::Pose;
     use crate::track::Track;
     use nalgebra::Vector3;
 
@@ -134,7 +206,12 @@ mod tests {
     };
 
     fn view(frames: usize) -> Arc<View> {
-        let q: Vec<f64> = (0..frames).map(|f| 0.03 * f as f64).collect();
+        view_until(frames, frames)
+    }
+
+    /// What turns until a frame.
+    fn view_until(stop: usize, frames: usize) -> Arc<View> {
+        let q: Vec<f64> = (0..frames).map(|f| 0.03 * f.min(stop) as f64).collect();
         let places: Vec<Point3<f64>> =
             (0..8).map(|i| Point3::new(0.1 + 0.05 * f64::from(i), 0.1, 1.5)).collect();
         Arc::new(seen_moving(&HINGE, &places, &q))
@@ -154,7 +231,7 @@ mod tests {
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
         let config = JointsConfig::default();
-        let memory = Memory::of(&tracks(), |_| Arc::clone(&early), &[door], 7.0, &config);
+        let memory = Memory::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), &config);
         let joints = memory.recalled(None, &view(30), &tracks());
         let (door, _) = &joints[0];
         assert_eq!(door.members, [1, 4, 6]);
@@ -169,9 +246,40 @@ mod tests {
         let still = Grown::new(HINGE, &early, 0);
         let of = |joints: &[Grown]| {
             let config = JointsConfig::default();
-            Memory::of(&tracks(), |_| Arc::clone(&early), joints, 7.0, &config)
+            Memory::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), &config)
         };
         assert_eq!(of(&[still]).since(None), 0);
         assert_eq!(of(&[]).since(None), 20);
+    }
+
+    /// Suspicions that stand after more frames, of one that was dismissed after 40: it had been
+    /// followed until a frame.
+    fn dismissed(last: usize, now: &View) -> Vec<Dismissed> {
+        let early = view(40);
+        let mut hand = Grown::new(HINGE, &early, 0);
+        hand.known = (0..40).map(|f| (5..=last).contains(&f)).collect();
+        hand.cost = 3.0;
+        let config = JointsConfig::default();
+        let dismissed = Dismissed::new(&suspicion(6, 12), Some(&hand), &early, &config);
+        let of_early =
+            Memory::of(&tracks(), |_| Arc::clone(&early), &[], [dismissed].iter(), &config);
+        of_early.dismissed_in(now, &tracks())
+    }
+
+    fn suspicion(from: usize, to: usize) -> Hypothesis {
+        Hypothesis { from, to, motion: Pose::identity(), tracks: vec![1, 2, 3, 4], rank: 1.0 }
+    }
+
+    #[test]
+    fn what_was_lost_before_the_last_frame_is_not_asked_about_those_frames_again() {
+        let dismissed = dismissed(20, &view(60));
+        assert!(dismissed[0].covers(&suspicion(8, 14)));
+        assert!(!dismissed[0].covers(&suspicion(30, 42)), "it may be a joint later");
+    }
+
+    #[test]
+    fn what_was_seen_to_the_last_frame_is_asked_again_if_it_has_moved_since() {
+        assert_eq!(dismissed(39, &view(60)), []);
+        assert_eq!(dismissed(39, &view_until(39, 60)).len(), 1);
     }
 }

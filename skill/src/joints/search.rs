@@ -4,7 +4,7 @@
 use super::accept::{self, Witness};
 use super::grown::Grown;
 use super::hypothesis::{self, Hypothesis};
-use super::memory::Memory;
+use super::memory::{Dismissed, Memory};
 use super::merge::{self, Kinship};
 use super::view::View;
 use super::{Watched, adjust, grow, outcome};
@@ -31,6 +31,10 @@ pub struct Search<'s> {
     best_rank: f64,
     /// What is left is sought in all windows, those of the earlier search too.
     looks_back: bool,
+    /// What earlier searches grew and did not believe,
+    dismissed_before: Vec<Dismissed>,
+    /// and what this one did.
+    dismissed: Vec<Dismissed>,
     /// Parts in whose frames not all of the earlier search's joints are joints still.
     fallen: Vec<Option<usize>>,
 }
@@ -56,6 +60,8 @@ impl<'s> Search<'s> {
             joints: Vec::new(),
             best_rank: earlier.best_rank,
             looks_back: earlier.frames == 0,
+            dismissed_before: earlier.dismissed_in(view, seen.set),
+            dismissed: Vec::new(),
             fallen: Vec::new(),
         }
     }
@@ -81,7 +87,7 @@ impl<'s> Search<'s> {
                 candidates.extend(self.in_frame(parent, &rest, round, known));
             }
             let mut best = self.best_of(&candidates);
-            if best.is_none() && !self.looks_back && self.cancelled.is_none() {
+            if best.is_none() && !self.looks_back && self.may_look_back() {
                 self.looks_back = true;
                 candidates = self.in_frame(None, &rest, round, candidates);
                 best = self.best_of(&candidates);
@@ -142,6 +148,15 @@ impl<'s> Search<'s> {
         doubtful
     }
 
+    /// Searches ahead look back from time to time, so that the end need not.
+    fn may_look_back(&self) -> bool {
+        let frames = self.view.frames;
+        match self.cancelled {
+            Some(_) => frames.is_multiple_of(LOOK_BACK_EVERY),
+            None => frames - self.earlier.looked_back >= 2 * LOOK_BACK_EVERY,
+        }
+    }
+
     /// A joint of the earlier search does in the frames since what it did before.
     fn goes_on(&self, joint: &Grown) -> bool {
         let new = &joint.known[self.earlier.frames..];
@@ -193,28 +208,38 @@ impl<'s> Search<'s> {
         };
         let mut queue = hypotheses.iter().take_while(|h| h.rank >= least_rank).filter(tells);
         let mut tried: Vec<&[usize]> = Vec::new();
+        let mut asked = 0;
         let again = self.looks_back && self.earlier.frames > 0;
+        let is_the_end = self.cancelled.is_none();
         let limit = if again { LOOKS_BACK } else { config.max_hypotheses };
         let adopted: Vec<&Grown> = self.joints.iter().filter(|j| j.parent == parent).collect();
+        let mut dismissed = Vec::new();
         loop {
             let mut batch: Vec<&Hypothesis> = Vec::new();
-            while batch.len() < BATCH && tried.len() < limit {
+            while batch.len() < BATCH && asked < limit {
                 let Some(h) = queue.next() else { break };
                 if self.is_new(h, &view, &grown)
                     && !adopted.iter().any(|j| h.is_explained_by(j, &view, SOUND_SHARE))
                     && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
                 {
                     tried.push(&h.tracks);
-                    batch.push(h);
+                    let is_dismissed =
+                        parent.is_none() && self.dismissed_before.iter().any(|d| d.covers(h));
+                    if !is_dismissed {
+                        batch.push(h);
+                    }
+                    asked += usize::from(!is_dismissed || is_the_end);
                 }
             }
             if batch.is_empty() || self.is_cancelled() {
-                return grown;
+                break;
             }
             let more: Vec<Option<Grown>> = batch
                 .par_iter()
-                .filter(|_| !self.is_cancelled())
                 .map(|h| {
+                    if self.is_cancelled() {
+                        return None;
+                    }
                     let mirrors = |j: &Grown| self.coupling(j, parent) > accept::MAX_COUPLING;
                     let mut joint = grow::grow_hypothesis(&view, h, &candidates, config, mirrors)?;
                     joint.parent = parent;
@@ -224,8 +249,16 @@ impl<'s> Search<'s> {
                     Some(joint)
                 })
                 .collect();
+            for (h, joint) in batch.iter().zip(&more) {
+                if parent.is_none() && !joint.as_ref().is_some_and(|j| self.witness.accepts(j)) {
+                    dismissed.push(Dismissed::new(h, joint.as_ref(), &view, config));
+                }
+            }
             grown.extend(more.into_iter().flatten());
         }
+        drop(queue);
+        self.dismissed.append(&mut dismissed);
+        grown
     }
 
     /// What a part was in the earlier search; `None`: not known to it.
@@ -301,13 +334,17 @@ impl<'s> Search<'s> {
 
     /// What it found, for a search over more frames.
     pub fn remember(&self) -> Memory {
-        Memory::of(
+        let mut memory = Memory::of(
             self.seen.set,
             |parent| self.view_from(parent),
             &self.joints,
-            self.best_rank,
+            self.dismissed_before.iter().chain(&self.dismissed),
             &self.config.joints,
-        )
+        );
+        memory.best_rank = self.best_rank;
+        memory.looked_back =
+            if self.looks_back { self.view.frames } else { self.earlier.looked_back };
+        memory
     }
 
     /// None of the grown joints tells already what a hypothesis would grow to.
@@ -552,14 +589,16 @@ impl<'s> Search<'s> {
     }
 }
 
-/// Hypotheses grown when the end looks back.
+/// Hypotheses asked about when a search looks back.
 const LOOKS_BACK: usize = 4;
+/// Frames after which a search ahead looks back.
+const LOOK_BACK_EVERY: usize = 60;
 /// Share of its motion that a sound joint may leave of a hypothesis that it explains,
 const SOUND_SHARE: f64 = 0.5;
 /// and one that is not believed.
 const POOR_SHARE: f64 = 0.25;
 /// Share of a hypothesis's tracks from which it says nothing new.
-const COVERED: f64 = 0.6;
+pub const COVERED: f64 = 0.6;
 /// Share of tracks in common from which two growths are the same.
 const SAME: f64 = 0.9;
 /// Share of a configuration that may be a function of another joint's.

@@ -5,6 +5,9 @@ use crate::base::{BaseMotion, BaseTrack, path_moves, rest_length};
 use crate::geometry::{Pose, median_point};
 use nalgebra::{Matrix3, Point3};
 
+/// Least way of what has moved, metres.
+pub const MOVED_M: f64 = 0.012;
+
 /// One observation.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
@@ -117,6 +120,19 @@ impl View {
         let path: Vec<(Point3<f64>, f64)> =
             self.life(track).map(|(_, s)| (s.point, s.sigma)).collect();
         path_moves(&path, least_m, sigmas)
+    }
+
+    /// It has been seen elsewhere, twice in a row, than where it was last seen by a frame.
+    pub fn moved_since(&self, track: usize, frame: usize) -> bool {
+        let Some((_, before)) = self.life(track).take_while(|(f, _)| *f <= frame).last() else {
+            return false;
+        };
+        let away = |s: &Seen| (s.point - before.point).norm() > (3.0 * s.sigma).max(MOVED_M);
+        let mut strays = 0;
+        self.life(track).filter(|(f, _)| *f > frame).any(|(_, s)| {
+            strays = if away(s) { strays + 1 } else { 0 };
+            strays > 1
+        })
     }
 
     /// Truncated cost of a track that stays where it is, over the frames that count.
