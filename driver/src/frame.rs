@@ -178,8 +178,8 @@ impl DepthImage {
 
     /// Depth at the pixel nearest to a sub-pixel position.
     pub fn at_nearest(&self, u: f64, v: f64) -> Option<f32> {
-        let (u, v) = (u.round(), v.round());
-        if !(u >= 0.0 && v >= 0.0) {
+        let (u, v) = (u + 0.5, v + 0.5);
+        if !(u > 0.0 && v > 0.0) {
             return None;
         }
         self.at(u as usize, v as usize)

@@ -31,7 +31,9 @@ const SAME_NORMAL: f64 = 0.97;
 /// Sine of the largest angle between a line and a sample of a plane that could turn about it:
 /// what the plane may be off, and the sample from its plane.
 const MAX_TILT: f64 = 0.37;
-/// Share of the keyframes that must see through a place for it to count as moving.
+/// Keyframes that are asked what moves.
+const MOST_ASKED: usize = 20;
+/// Share of them that must see through a place for it to count as moving.
 const MOVING_SHARE: f64 = 0.15;
 
 /// A flat piece in the base frame.
@@ -81,11 +83,13 @@ pub fn moving_patches(
     seed: u64,
 ) -> Vec<PlanePatch> {
     let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
+    let stride = pictures.len().div_ceil(MOST_ASKED).max(1);
+    let asked: Vec<(usize, &RgbdFrame)> = pictures.iter().copied().step_by(stride).collect();
     pictures
         .par_iter()
         .flat_map_iter(|&(frame, picture)| {
             let is_wanted = |point: &Point3<f64>| {
-                cylinder.is_none_or(|c| c.holds(point)) && moves(point, &pictures, base)
+                cylinder.is_none_or(|c| c.holds(point)) && moves(point, &asked, base)
             };
             let mut samples = samples(picture, base, frame, sampling, is_wanted);
             samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
