@@ -28,8 +28,6 @@ pub struct Memory {
     pub frames: usize,
     /// Rank of the strongest hypothesis.
     pub best_rank: f64,
-    /// Frames that were searched when last all windows were.
-    pub looked_back: usize,
     joints: Vec<Remembered>,
     /// Suspicions of the base's frame, their tracks by number in the track set.
     dismissed: Vec<Dismissed>,
@@ -119,6 +117,7 @@ impl Memory {
         view_from: impl Fn(Option<usize>) -> Arc<View>,
         joints: &[Grown],
         dismissed: impl Iterator<Item = &'d Dismissed>,
+        best_rank: f64,
         config: &JointsConfig,
     ) -> Self {
         let view = view_from(None);
@@ -129,9 +128,9 @@ impl Memory {
         };
         Self {
             frames: view.frames,
+            best_rank,
             joints: joints.iter().map(remembered).collect(),
             dismissed: dismissed.map(|d| d.renumbered(id)).collect(),
-            ..Self::default()
         }
     }
 
@@ -231,7 +230,8 @@ mod tests {
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
         let config = JointsConfig::default();
-        let memory = Memory::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), &config);
+        let memory =
+            Memory::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
         let joints = memory.recalled(None, &view(30), &tracks());
         let (door, _) = &joints[0];
         assert_eq!(door.members, [1, 4, 6]);
@@ -246,7 +246,7 @@ mod tests {
         let still = Grown::new(HINGE, &early, 0);
         let of = |joints: &[Grown]| {
             let config = JointsConfig::default();
-            Memory::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), &config)
+            Memory::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
         };
         assert_eq!(of(&[still]).since(None), 0);
         assert_eq!(of(&[]).since(None), 20);
@@ -262,7 +262,7 @@ mod tests {
         let config = JointsConfig::default();
         let dismissed = Dismissed::new(&suspicion(6, 12), Some(&hand), &early, &config);
         let of_early =
-            Memory::of(&tracks(), |_| Arc::clone(&early), &[], [dismissed].iter(), &config);
+            Memory::of(&tracks(), |_| Arc::clone(&early), &[], [dismissed].iter(), 7.0, &config);
         of_early.dismissed_in(now, &tracks())
     }
 

@@ -148,13 +148,13 @@ impl<'s> Search<'s> {
         doubtful
     }
 
-    /// Searches ahead look back from time to time, so that the end need not.
+    /// Searches ahead look back from time to time, so that little is left to ask at the end.
     fn may_look_back(&self) -> bool {
-        let frames = self.view.frames;
-        match self.cancelled {
-            Some(_) => frames.is_multiple_of(LOOK_BACK_EVERY),
-            None => frames - self.earlier.looked_back >= 2 * LOOK_BACK_EVERY,
-        }
+        self.is_the_end() || self.view.frames.is_multiple_of(LOOK_BACK_EVERY)
+    }
+
+    fn is_the_end(&self) -> bool {
+        self.cancelled.is_none()
     }
 
     /// A joint of the earlier search does in the frames since what it did before.
@@ -210,7 +210,6 @@ impl<'s> Search<'s> {
         let mut tried: Vec<&[usize]> = Vec::new();
         let mut asked = 0;
         let again = self.looks_back && self.earlier.frames > 0;
-        let is_the_end = self.cancelled.is_none();
         let limit = if again { LOOKS_BACK } else { config.max_hypotheses };
         let adopted: Vec<&Grown> = self.joints.iter().filter(|j| j.parent == parent).collect();
         let mut dismissed = Vec::new();
@@ -223,12 +222,12 @@ impl<'s> Search<'s> {
                     && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
                 {
                     tried.push(&h.tracks);
-                    let is_dismissed =
+                    let dismissed =
                         parent.is_none() && self.dismissed_before.iter().any(|d| d.covers(h));
-                    if !is_dismissed {
+                    if !dismissed {
                         batch.push(h);
                     }
-                    asked += usize::from(!is_dismissed || is_the_end);
+                    asked += usize::from(!dismissed || self.is_the_end());
                 }
             }
             if batch.is_empty() || self.is_cancelled() {
@@ -334,17 +333,14 @@ impl<'s> Search<'s> {
 
     /// What it found, for a search over more frames.
     pub fn remember(&self) -> Memory {
-        let mut memory = Memory::of(
+        Memory::of(
             self.seen.set,
             |parent| self.view_from(parent),
             &self.joints,
             self.dismissed_before.iter().chain(&self.dismissed),
+            self.best_rank,
             &self.config.joints,
-        );
-        memory.best_rank = self.best_rank;
-        memory.looked_back =
-            if self.looks_back { self.view.frames } else { self.earlier.looked_back };
-        memory
+        )
     }
 
     /// None of the grown joints tells already what a hypothesis would grow to.
