@@ -3,7 +3,7 @@
 
 use super::JointsConfig;
 use super::grown::Grown;
-use super::view::{MOVED_M, View};
+use super::view::View;
 use crate::geometry::{Correspondence, Pose, RansacOptions, ransac_rigid};
 use nalgebra::Point3;
 use rand::SeedableRng;
@@ -108,7 +108,7 @@ fn in_window(
         .copied()
         .filter(|&t| {
             let (Some(a), Some(b)) = (view.at(t, from), view.at(t, to)) else { return false };
-            (b.point - a.point).norm() > (3.0 * b.sigma).max(MOVED_M)
+            b.is_away_from(&a.point)
         })
         .collect();
     let mut found = Vec::new();

@@ -5,8 +5,7 @@ use super::grown::Grown;
 use super::hypothesis::Hypothesis;
 use super::search::{COVERED, overlap};
 use super::view::View;
-use super::{JointsConfig, kinds};
-use super::{accept, grow};
+use super::{JointsConfig, accept, grow, kinds};
 use crate::geometry::line_angle;
 use crate::track::TrackSet;
 use nalgebra::Point3;
@@ -134,8 +133,8 @@ impl Memory {
         }
     }
 
-    /// Without its joints, for a search anew.
-    pub fn of_what_is_none(&self) -> Self {
+    /// Only what need not be asked again, for a search anew.
+    pub fn without_joints(&self) -> Self {
         Self { dismissed: self.dismissed.clone(), ..Self::default() }
     }
 

@@ -54,11 +54,11 @@ impl Watched<'_> {
     /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
     pub fn joints(&self, earlier: &Memory) -> Vec<LearnedJoint> {
         let view = self.view();
-        let of_what_is_none = earlier.of_what_is_none();
+        let without_joints = earlier.without_joints();
         let mut search = Search::new(*self, &view, earlier, None);
         search.run();
         if search.joints.is_empty() && earlier.frames > 0 {
-            search = Search::new(*self, &view, &of_what_is_none, None);
+            search = Search::new(*self, &view, &without_joints, None);
             search.run();
         }
         search.polish();

@@ -153,6 +153,7 @@ impl<'s> Search<'s> {
         self.is_the_end() || self.view.frames.is_multiple_of(LOOK_BACK_EVERY)
     }
 
+    /// All frames have come: nobody cancels it.
     fn is_the_end(&self) -> bool {
         self.cancelled.is_none()
     }
@@ -222,32 +223,19 @@ impl<'s> Search<'s> {
                     && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
                 {
                     tried.push(&h.tracks);
-                    let dismissed =
-                        parent.is_none() && self.dismissed_before.iter().any(|d| d.covers(h));
-                    if !dismissed {
+                    let was_dismissed = self.was_dismissed(h, parent);
+                    if !was_dismissed {
                         batch.push(h);
                     }
-                    asked += usize::from(!dismissed || self.is_the_end());
+                    // A search ahead has the time to go on to what is weaker.
+                    asked += usize::from(!was_dismissed || self.is_the_end());
                 }
             }
             if batch.is_empty() || self.is_cancelled() {
                 break;
             }
-            let more: Vec<Option<Grown>> = batch
-                .par_iter()
-                .map(|h| {
-                    if self.is_cancelled() {
-                        return None;
-                    }
-                    let mirrors = |j: &Grown| self.coupling(j, parent) > accept::MAX_COUPLING;
-                    let mut joint = grow::grow_hypothesis(&view, h, &candidates, config, mirrors)?;
-                    joint.parent = parent;
-                    joint.seed.clone_from(&h.tracks);
-                    self.question(&view, &mut joint, &candidates);
-                    self.report("grown", &joint);
-                    Some(joint)
-                })
-                .collect();
+            let more: Vec<Option<Grown>> =
+                batch.par_iter().map(|h| self.grown_from(h, parent, &view, &candidates)).collect();
             for (h, joint) in batch.iter().zip(&more) {
                 if parent.is_none() && !joint.as_ref().is_some_and(|j| self.witness.accepts(j)) {
                     dismissed.push(Dismissed::new(h, joint.as_ref(), &view, config));
@@ -258,6 +246,32 @@ impl<'s> Search<'s> {
         drop(queue);
         self.dismissed.append(&mut dismissed);
         grown
+    }
+
+    /// What a hypothesis grows to in the frame of a part; `None` where nothing follows it.
+    fn grown_from(
+        &self,
+        h: &Hypothesis,
+        parent: Option<usize>,
+        view: &View,
+        candidates: &[usize],
+    ) -> Option<Grown> {
+        if self.is_cancelled() {
+            return None;
+        }
+        let mirrors = |j: &Grown| self.coupling(j, parent) > accept::MAX_COUPLING;
+        let config = &self.config.joints;
+        let mut joint = grow::grow_hypothesis(view, h, candidates, config, mirrors)?;
+        joint.parent = parent;
+        joint.seed.clone_from(&h.tracks);
+        self.question(view, &mut joint, candidates);
+        self.report("grown", &joint);
+        Some(joint)
+    }
+
+    /// An earlier search grew it and did not believe it.
+    fn was_dismissed(&self, h: &Hypothesis, parent: Option<usize>) -> bool {
+        parent.is_none() && self.dismissed_before.iter().any(|d| d.covers(h))
     }
 
     /// What a part was in the earlier search; `None`: not known to it.

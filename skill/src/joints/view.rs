@@ -5,8 +5,10 @@ use crate::base::{BaseMotion, BaseTrack, path_moves, rest_length};
 use crate::geometry::{Pose, median_point};
 use nalgebra::{Matrix3, Point3};
 
-/// Least way of what has moved, metres.
-pub const MOVED_M: f64 = 0.012;
+/// Least way of what has moved, metres,
+const MOVED_M: f64 = 0.012;
+/// and standard deviations.
+const MOVED_SIGMAS: f64 = 3.0;
 
 /// One observation.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +26,11 @@ impl Seen {
     pub fn distance_sq(&self, place: &Point3<f64>) -> f64 {
         let e = place - self.point;
         (self.information * e).dot(&e)
+    }
+
+    /// It is farther from a place than noise explains.
+    pub fn is_away_from(&self, place: &Point3<f64>) -> bool {
+        (self.point - place).norm() > (MOVED_SIGMAS * self.sigma).max(MOVED_M)
     }
 }
 
@@ -127,10 +134,9 @@ impl View {
         let Some((_, before)) = self.life(track).take_while(|(f, _)| *f <= frame).last() else {
             return false;
         };
-        let away = |s: &Seen| (s.point - before.point).norm() > (3.0 * s.sigma).max(MOVED_M);
         let mut strays = 0;
         self.life(track).filter(|(f, _)| *f > frame).any(|(_, s)| {
-            strays = if away(s) { strays + 1 } else { 0 };
+            strays = if s.is_away_from(&before.point) { strays + 1 } else { 0 };
             strays > 1
         })
     }
