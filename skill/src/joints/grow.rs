@@ -2,7 +2,6 @@
 //! joint's tracks give its configuration frame by frame; the configuration shows which other
 //! tracks follow it.
 
-use super::JointsConfig;
 use super::adjust::{locate_points, refine};
 use super::consensus::agree;
 use super::dof::Dof;
@@ -10,6 +9,7 @@ use super::grown::{Grown, TrackCost};
 use super::hypothesis::Hypothesis;
 use super::pitch;
 use super::view::View;
+use super::{JointsConfig, accept};
 use crate::geometry::{distance_to_line, screw_of};
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
@@ -31,6 +31,10 @@ const REFINE_EVERY: usize = 8;
 const REFINE_SHARE: usize = 6;
 /// Tracks that a refinement uses while growing.
 const REFINE_TRACKS: usize = 80;
+/// Tracks that carry a joint through the recording, besides those that it was suspected of.
+const SWEEPERS: usize = 200;
+/// Share of its tracks' observations that a joint leaves from which it will not be one.
+const HOPELESSLY_UNRULY: f64 = 0.5;
 /// Rounds of refinement when growth has ended.
 const GROWTH_ROUNDS: usize = 3;
 /// The same where the joint was certain already.
@@ -66,8 +70,15 @@ pub fn grow_hypothesis(
         if cost > MAX_WINDOW_COST {
             continue;
         }
-        let mut grown = swept(view, start, candidates, config);
-        let rounds = if is_hopeless(&grown) { 0 } else { GROWTH_ROUNDS };
+        let sweepers = sweepers(&hypothesis.tracks, candidates);
+        let mut grown = swept(view, start, &sweepers, config);
+        let mut rounds = if is_hopeless(&grown) { 0 } else { GROWTH_ROUNDS };
+        if rounds > 0 && sweepers.len() < candidates.len() {
+            finish(view, &mut grown, &sweepers, config, 1);
+            if is_poor(view, &grown, config) {
+                rounds = 0;
+            }
+        }
         finish(view, &mut grown, candidates, config, rounds);
         if grown.members.len() < 4 {
             continue;
@@ -82,6 +93,23 @@ pub fn grow_hypothesis(
         }
     }
     best.map(|joint| with_pitch(view, joint, candidates, config))
+}
+
+/// Tracks that carry a joint through the recording: those that it was suspected of, and enough of
+/// the others.
+fn sweepers(suspected: &[usize], candidates: &[usize]) -> Vec<usize> {
+    let mut some = some_of(candidates.to_vec(), SWEEPERS);
+    some.extend(suspected);
+    some.sort_unstable();
+    some.dedup();
+    some
+}
+
+/// It fits so poorly that more tracks cannot make a joint of it.
+fn is_poor(view: &View, grown: &Grown, config: &JointsConfig) -> bool {
+    grown.members.len() >= 4
+        && (grown.cost > 1.2 * accept::most_tolerated(config)
+            || grown.unruly_share(view) > HOPELESSLY_UNRULY)
 }
 
 /// A joint that advances as it turns, grown on as the screw that it is: as a hinge it loses what
