@@ -6,6 +6,7 @@ use crate::keyframes::Keyframes;
 use crate::track::Trajectory;
 use linkage_driver::RgbdFrame;
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
 /// Side of the cells of space that are asked about, metres; at twice this distance twice as large.
@@ -135,23 +136,12 @@ impl Cells {
 
 /// Places, in the part's coordinates, that are filled in most of the keyframes.
 fn filled(frames: &[(Pose, &RgbdFrame)], near: &Cells, side: f64) -> Vec<Point3<f64>> {
+    let here: Vec<_> =
+        frames.par_iter().map(|(pose, frame)| filled_in(pose, frame, near, side)).collect();
     let mut counts: HashMap<[i32; 3], (usize, Vector3<f64>, f64)> = HashMap::new();
-    for (camera_from_part, frame) in frames {
-        let mut here: HashMap<[i32; 3], (Vector3<f64>, f64)> = HashMap::new();
-        for v in (0..frame.camera.height).step_by(PIXEL_STRIDE) {
-            for u in (0..frame.camera.width).step_by(PIXEL_STRIDE) {
-                let Some(seen) = frame.point_at(u, v) else { continue };
-                let place = camera_from_part.inverse_transform_point(&seen);
-                if near.hold(&place) {
-                    let sum = here.entry(cell_of(&place, side)).or_default();
-                    *sum = (sum.0 + place.coords, sum.1 + 1.0);
-                }
-            }
-        }
-        for (cell, (sum, n)) in here {
-            let count = counts.entry(cell).or_default();
-            *count = (count.0 + 1, count.1 + sum, count.2 + n);
-        }
+    for (cell, (sum, n)) in here.into_iter().flatten() {
+        let count = counts.entry(cell).or_default();
+        *count = (count.0 + 1, count.1 + sum, count.2 + n);
     }
     let often = FILLED * frames.len() as f64;
     let mut places: Vec<([i32; 3], Point3<f64>)> = counts
@@ -162,6 +152,27 @@ fn filled(frames: &[(Pose, &RgbdFrame)], near: &Cells, side: f64) -> Vec<Point3<
     // The map's order is anybody's.
     places.sort_by_key(|p| p.0);
     places.into_iter().map(|p| p.1).collect()
+}
+
+/// Cells that are filled in one keyframe: the sum of the places seen there, and their number.
+fn filled_in(
+    camera_from_part: &Pose,
+    frame: &RgbdFrame,
+    near: &Cells,
+    side: f64,
+) -> HashMap<[i32; 3], (Vector3<f64>, f64)> {
+    let mut here: HashMap<[i32; 3], (Vector3<f64>, f64)> = HashMap::new();
+    for v in (0..frame.camera.height).step_by(PIXEL_STRIDE) {
+        for u in (0..frame.camera.width).step_by(PIXEL_STRIDE) {
+            let Some(seen) = frame.point_at(u, v) else { continue };
+            let place = camera_from_part.inverse_transform_point(&seen);
+            if near.hold(&place) {
+                let sum = here.entry(cell_of(&place, side)).or_default();
+                *sum = (sum.0 + place.coords, sum.1 + 1.0);
+            }
+        }
+    }
+    here
 }
 
 /// How far a place comes from where it is first.

@@ -7,13 +7,15 @@
 //! person's map points are wrong, but they vote little.
 
 use crate::geometry::{Correspondence, Pose, RansacOptions, median_point, ransac_rigid};
-use crate::track::TrackSet;
+use crate::track::{Track, TrackSet};
 use nalgebra::{Matrix3, Point3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Values of this stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,8 +52,10 @@ pub fn across_sigma(z: f64) -> f64 {
 }
 
 /// A track as seen from the base.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct BaseTrack {
+    /// Number of the track; stays when other tracks are dropped.
+    pub id: usize,
     /// First frame of `points`.
     pub first_frame: usize,
     /// Place in the base frame, a frame each; `None` without depth.
@@ -61,7 +65,7 @@ pub struct BaseTrack {
 }
 
 /// One observation in the base frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BasePoint {
     /// Place, metres.
     pub point: Point3<f64>,
@@ -69,6 +73,18 @@ pub struct BasePoint {
     pub information: Matrix3<f64>,
     /// One figure for both, metres.
     pub sigma: f64,
+}
+
+impl BasePoint {
+    fn of(in_camera: &Point3<f64>, camera_from_base: &Pose) -> Self {
+        let base_from_camera = camera_from_base.inverse();
+        let ray = base_from_camera * in_camera.coords.normalize();
+        let (across, along) = (across_sigma(in_camera.z), ray_sigma(in_camera.z));
+        let information = Matrix3::identity() / across.powi(2)
+            + ray * ray.transpose() * (along.powi(-2) - across.powi(-2));
+        let sigma = 0.7 * coarse_sigma(in_camera.z);
+        Self { point: base_from_camera * in_camera, information, sigma }
+    }
 }
 
 impl BaseTrack {
@@ -90,12 +106,13 @@ impl BaseTrack {
 }
 
 /// The camera's motion and every track seen from the base.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct BaseMotion {
     /// Maps base coordinates into the camera frame of each frame; identity in the first.
     pub camera_from_base: Vec<Pose>,
-    /// As many as the tracks they were made from, in the same order.
-    pub tracks: Vec<BaseTrack>,
+    /// As many as the tracks they were made from, in the same order; those that have ended are
+    /// shared with the motion that this one extends.
+    pub tracks: Vec<Arc<BaseTrack>>,
     /// Tracks that stay where they are in the base.
     pub static_count: usize,
 }
@@ -176,10 +193,25 @@ impl BaseFinder {
 }
 
 impl BaseMotion {
-    /// Tracks seen from the base, whose poses are given.
-    pub fn new(set: &TrackSet, camera_from_base: Vec<Pose>, config: &BaseConfig) -> Self {
-        let tracks: Vec<BaseTrack> =
-            set.tracks.par_iter().map(|t| into_base(t, &camera_from_base, config)).collect();
+    /// The same with what was seen since: `set` holds these tracks, or some of them, and later
+    /// ones; of the base's poses those that are known stay.
+    pub fn extended(
+        &self,
+        set: &TrackSet,
+        camera_from_base: Vec<Pose>,
+        config: &BaseConfig,
+    ) -> Self {
+        let before: HashMap<usize, &Arc<BaseTrack>> =
+            self.tracks.iter().map(|t| (t.id, t)).collect();
+        let tracks: Vec<Arc<BaseTrack>> = set
+            .tracks
+            .par_iter()
+            .map(|track| match before.get(&track.id) {
+                Some(known) if known.points.len() == track.observations.len() => Arc::clone(known),
+                Some(known) => Arc::new(into_base(track, &known.points, &camera_from_base, config)),
+                None => Arc::new(into_base(track, &[], &camera_from_base, config)),
+            })
+            .collect();
         let static_count = tracks.iter().filter(|t| !t.moves).count();
         Self { camera_from_base, tracks, static_count }
     }
@@ -206,31 +238,22 @@ pub fn coarse_sigma(z: f64) -> f64 {
     0.002 + 0.0012 * z * z
 }
 
+/// A track of which the first points are known.
 fn into_base(
-    track: &crate::track::Track,
+    track: &Track,
+    known: &[Option<BasePoint>],
     camera_from_base: &[Pose],
     config: &BaseConfig,
 ) -> BaseTrack {
-    let points: Vec<Option<BasePoint>> = track
-        .observations
-        .iter()
-        .enumerate()
-        .map(|(i, o)| {
-            let in_camera = o.point_in_camera?;
-            let base_from_camera = camera_from_base[track.first_frame + i].inverse();
-            let ray = base_from_camera * in_camera.coords.normalize();
-            let (across, along) = (across_sigma(in_camera.z), ray_sigma(in_camera.z));
-            let information = Matrix3::identity() / across.powi(2)
-                + ray * ray.transpose() * (along.powi(-2) - across.powi(-2));
-            Some(BasePoint {
-                point: base_from_camera * in_camera,
-                information,
-                sigma: 0.7 * coarse_sigma(in_camera.z),
-            })
-        })
-        .collect();
+    let mut points = Vec::with_capacity(track.observations.len());
+    points.extend_from_slice(known);
+    let since = track.observations.iter().enumerate().skip(known.len());
+    points.extend(since.map(|(i, seen)| {
+        let camera_from_base = &camera_from_base[track.first_frame + i];
+        Some(BasePoint::of(&seen.point_in_camera?, camera_from_base))
+    }));
     let moves = extent_exceeds_noise(&points, config);
-    BaseTrack { first_frame: track.first_frame, points, moves }
+    BaseTrack { id: track.id, first_frame: track.first_frame, points, moves }
 }
 
 fn extent_exceeds_noise(points: &[Option<BasePoint>], config: &BaseConfig) -> bool {
@@ -280,4 +303,47 @@ pub fn rest_length(path: impl Iterator<Item = (Point3<f64>, f64)>) -> usize {
         }
     }
     rested
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::Observation;
+    use nalgebra::{Point2, Vector3};
+
+    const FRAMES: usize = 40;
+
+    /// A point that stays, one that goes, and one that ends early; seen until a frame.
+    fn tracks(until: usize) -> TrackSet {
+        let track = |id: usize, end: usize, speed: f64| {
+            let at = |f: usize| Point3::new(0.1 * id as f64, speed * f as f64, 1.2);
+            let seen = |f| Observation {
+                pixel: Point2::origin(),
+                point_in_camera: Some(at(f)),
+                normal_in_camera: None,
+            };
+            Track { id, first_frame: 0, observations: (0..end.min(until)).map(seen).collect() }
+        };
+        TrackSet {
+            frame_utimes: (0..until as i64).collect(),
+            tracks: vec![track(2, FRAMES, 0.0), track(5, FRAMES, 0.004), track(7, 12, 0.01)],
+        }
+    }
+
+    #[test]
+    fn what_is_extended_is_what_would_have_been_seen_at_once() {
+        let config = BaseConfig::default();
+        let pose = |f: usize| Pose::new(Vector3::x() * 0.001 * f as f64, Vector3::y() * 0.01);
+        let poses = |until: usize| (0..until).map(pose).collect::<Vec<_>>();
+        let none = BaseMotion::default();
+        let early = none.extended(&tracks(15), poses(15), &config);
+        let extended = early.extended(&tracks(FRAMES), poses(FRAMES), &config);
+        let at_once = none.extended(&tracks(FRAMES), poses(FRAMES), &config);
+        assert_eq!(extended.tracks, at_once.tracks);
+        assert_eq!(
+            extended.tracks.iter().map(|t| t.moves).collect::<Vec<_>>(),
+            [false, true, true]
+        );
+        assert!(Arc::ptr_eq(&extended.tracks[2], &early.tracks[2]), "it had ended");
+    }
 }

@@ -8,7 +8,9 @@ use crate::base::BaseMotion;
 use crate::geometry::{Moments, Pose, median};
 use crate::keyframes::Keyframes;
 use crate::structure::probe_points;
+use linkage_driver::RgbdFrame;
 use nalgebra::{DMatrix, DVector, Point3};
+use rayon::prelude::*;
 
 /// Keyframes and limits.
 pub struct Witness<'w> {
@@ -46,6 +48,47 @@ const BEYOND_TURN: f64 = 1.6;
 /// and a slide, metres.
 const BEYOND_SLIDE: f64 = 0.4;
 
+/// Points that a picture sees through, and those that it finds in their places.
+#[derive(Debug, Clone, Copy, Default)]
+struct Probe {
+    through: usize,
+    agrees: usize,
+}
+
+impl Probe {
+    fn of(picture: &RgbdFrame, points: &[Point3<f64>], camera_from_part: &Pose) -> Self {
+        let (through, agrees) = probe_points(picture, points, camera_from_part);
+        Self { through, agrees }
+    }
+
+    fn add(&mut self, other: Self) {
+        self.through += other.through;
+        self.agrees += other.agrees;
+    }
+
+    fn count(self) -> usize {
+        self.through + self.agrees
+    }
+
+    fn margin(self) -> i64 {
+        self.agrees as i64 - self.through as i64
+    }
+
+    fn share_through(self) -> f64 {
+        self.through as f64 / self.count().max(1) as f64
+    }
+}
+
+/// What a picture tells of a joint.
+struct Testimony {
+    frame: usize,
+    /// The configuration, or the one at which most is found where it is not known.
+    q: f64,
+    found: Probe,
+    /// What is found half the range aside; `None` where the configuration is not known.
+    aside: Option<Probe>,
+}
+
 impl Witness<'_> {
     /// Fills `through`, `hidden`, `tells`, `scanned` and `contradicted` from the keyframes.
     pub fn examine(&self, joint: &mut Grown, joints: &[Grown]) {
@@ -56,78 +99,95 @@ impl Witness<'_> {
             joint.through = 1.0;
             return;
         }
-        let near = near_scan(joint);
-        let far = far_scan(joint);
-        let (mut through, mut agrees) = (0, 0);
-        let (mut blind, mut blind_agrees) = (0, 0);
-        let (mut wrong_through, mut wrong_agrees) = (0, 0);
-        let aside = 0.5 * joint.span();
+        let testimonies = self.testimonies(joint, &points, joints);
         joint.contradicted.clear();
-        for (frame, picture) in self.keyframes.iter() {
-            let camera_from_parent =
-                self.base.camera_from_base[frame] * parent_motion(joint, joints, frame);
-            let probe = |q: f64| {
-                let camera_from_part = camera_from_parent * joint.dof.geometry().motion(q);
-                probe_points(picture, &points, &camera_from_part)
-            };
-            let (t, a) = if joint.known[frame] {
-                joint.scanned[frame] = joint.q[frame];
-                let (t, a) = probe(joint.q[frame]);
-                let wrong = [-aside, aside].map(|d| probe(joint.q[frame] + d));
-                let most = wrong[usize::from(wrong[1].0 > wrong[0].0)];
-                wrong_through += most.0;
-                wrong_agrees += most.1;
-                if (t + a) * 5 >= points.len() && t > a {
+        let (mut there, mut aside, mut blind) = (Probe::default(), Probe::default(), 0);
+        let mut blind_agrees = 0;
+        for testimony in &testimonies {
+            let Testimony { frame, q, found, .. } = *testimony;
+            joint.scanned[frame] = q;
+            there.add(found);
+            if let Some(elsewhere) = testimony.aside {
+                aside.add(elsewhere);
+                if 5 * found.count() >= points.len() && found.through > found.agrees {
                     let around = frame.saturating_sub(2)..(frame + 3).min(joint.known.len());
                     joint.contradicted.extend(around);
                 }
-                (t, a)
             } else {
+                blind += 1;
+                blind_agrees += found.agrees;
+            }
+        }
+        joint.through = there.share_through();
+        joint.tells = aside.share_through();
+        joint.hidden =
+            if blind > 0 { 1.0 - blind_agrees as f64 / (blind * points.len()) as f64 } else { 0.0 };
+    }
+
+    /// What each picture tells of a joint's points.
+    fn testimonies(
+        &self,
+        joint: &Grown,
+        points: &[Point3<f64>],
+        joints: &[Grown],
+    ) -> Vec<Testimony> {
+        let (near, far) = (near_scan(joint), far_scan(joint));
+        let aside = 0.5 * joint.span();
+        let pictures: Vec<(usize, &RgbdFrame)> = self.keyframes.iter().collect();
+        pictures
+            .par_iter()
+            .map(|&(frame, picture)| {
+                let camera_from_parent =
+                    self.base.camera_from_base[frame] * parent_motion(joint, joints, frame);
+                let probe = |q: f64| {
+                    let camera_from_part = camera_from_parent * joint.dof.geometry().motion(q);
+                    Probe::of(picture, points, &camera_from_part)
+                };
+                let known = joint.q[frame];
+                if joint.known[frame] {
+                    let [low, high] = [-aside, aside].map(|d| probe(known + d));
+                    let aside = Some(if high.through > low.through { high } else { low });
+                    return Testimony { frame, q: known, found: probe(known), aside };
+                }
                 let best_of = |scan: &[f64]| {
                     scan.iter()
                         .map(|&q| (q, probe(q)))
-                        .max_by_key(|(_, (t, a))| *a as i64 - *t as i64)
+                        .max_by_key(|(_, found)| found.margin())
                         .expect("a scan is not empty")
                 };
-                let (mut q, (mut t, mut a)) = best_of(&near);
-                if 2 * a < points.len() {
+                let (mut q, mut found) = best_of(&near);
+                if 2 * found.agrees < points.len() {
                     let beyond = best_of(&far);
-                    if beyond.1.1 as i64 - beyond.1.0 as i64 > a as i64 - t as i64 {
-                        (q, (t, a)) = beyond;
+                    if beyond.1.margin() > found.margin() {
+                        (q, found) = beyond;
                     }
                 }
-                joint.scanned[frame] = q;
-                blind += 1;
-                blind_agrees += a;
-                (t, a)
-            };
-            through += t;
-            agrees += a;
-        }
-        joint.through = through as f64 / (through + agrees).max(1) as f64;
-        joint.tells = wrong_through as f64 / (wrong_through + wrong_agrees).max(1) as f64;
-        joint.hidden =
-            if blind > 0 { 1.0 - blind_agrees as f64 / (blind * points.len()) as f64 } else { 0.0 };
+                Testimony { frame, q, found, aside: None }
+            })
+            .collect()
     }
 
     /// Takes out members that the pictures contradict one by one, where most of the joint
     /// stands: a hand moves with what it holds, but comes and leaves.
     pub fn dismiss_strangers(&self, joint: &mut Grown, joints: &[Grown]) {
-        let mut through = vec![0_usize; joint.members.len()];
-        let mut agrees = vec![0_usize; joint.members.len()];
-        for (frame, picture) in self.keyframes.iter().filter(|(f, _)| joint.known[*f]) {
-            let camera_from_part = self.base.camera_from_base[frame]
-                * parent_motion(joint, joints, frame)
-                * joint.dof.geometry().motion(joint.q[frame]);
-            for (i, &t) in joint.members.iter().enumerate() {
-                let (t, a) = probe_points(picture, &[joint.points[t]], &camera_from_part);
-                through[i] += t;
-                agrees[i] += a;
+        let pictures: Vec<(Pose, &RgbdFrame)> = self
+            .keyframes
+            .iter()
+            .filter(|(f, _)| joint.known[*f])
+            .map(|(f, picture)| {
+                let camera_from_parent =
+                    self.base.camera_from_base[f] * parent_motion(joint, joints, f);
+                (camera_from_parent * joint.dof.geometry().motion(joint.q[f]), picture)
+            })
+            .collect();
+        let stands = |t: &usize| {
+            let mut all = Probe::default();
+            for (camera_from_part, picture) in &pictures {
+                all.add(Probe::of(picture, &[joint.points[*t]], camera_from_part));
             }
-        }
-        let stands = |i: usize| through[i] < 3 || 3 * through[i] < through[i] + agrees[i];
-        let kept: Vec<usize> =
-            (0..joint.members.len()).filter(|&i| stands(i)).map(|i| joint.members[i]).collect();
+            all.through < 3 || 3 * all.through < all.count()
+        };
+        let kept: Vec<usize> = joint.members.par_iter().copied().filter(stands).collect();
         if 2 * kept.len() > joint.members.len() {
             joint.members = kept;
         }
@@ -199,17 +259,18 @@ impl Witness<'_> {
         let other_from_joint =
             base_from_part(joints, index, start).inverse() * base_from_joint(start);
         let points: Vec<Point3<f64>> = joint.members.iter().map(|&t| joint.points[t]).collect();
-        let (mut own, mut others) = ((0, 0), (0, 0));
+        let (mut own, mut others) = (Probe::default(), Probe::default());
         for (frame, picture) in self.keyframes.iter().filter(|(f, _)| both(*f)) {
             let camera_from_base = self.base.camera_from_base[frame];
-            let ask = |base_from_points: Pose, count: &mut (usize, usize)| {
-                let (t, a) = probe_points(picture, &points, &(camera_from_base * base_from_points));
-                *count = (count.0 + t, count.1 + a);
+            let ask = |base_from_points: Pose| {
+                Probe::of(picture, &points, &(camera_from_base * base_from_points))
             };
-            ask(base_from_joint(frame), &mut own);
-            ask(base_from_part(joints, index, frame) * other_from_joint, &mut others);
+            own.add(ask(base_from_joint(frame)));
+            others.add(ask(base_from_part(joints, index, frame) * other_from_joint));
         }
-        own.1 > 0 && 10 * others.1 >= 9 * own.1 && others.0 <= own.0 + own.1 / 20
+        own.agrees > 0
+            && 10 * others.agrees >= 9 * own.agrees
+            && others.through <= own.through + own.agrees / 20
     }
 
     /// Good enough to be a stretch of a joint that is accepted.
@@ -371,8 +432,7 @@ mod tests {
     fn is_accepted(joint: &Grown) -> bool {
         let base = BaseMotion {
             camera_from_base: vec![Pose::identity(); FRAMES],
-            tracks: Vec::new(),
-            static_count: 0,
+            ..BaseMotion::default()
         };
         let (keyframes, config) = (Keyframes::new(2), JointsConfig::default());
         Witness { base: &base, keyframes: &keyframes, config: &config }.accepts(joint)
@@ -431,8 +491,7 @@ mod tests {
         let along = Grown { tells, ..opened.clone() };
         let base = BaseMotion {
             camera_from_base: vec![Pose::identity(); FRAMES],
-            tracks: Vec::new(),
-            static_count: 0,
+            ..BaseMotion::default()
         };
         let config = JointsConfig::default();
         Witness { base: &base, keyframes: &keyframes, config: &config }.is_on(&along, 0, &[opened])

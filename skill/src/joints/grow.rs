@@ -41,14 +41,16 @@ const GROWTH_ROUNDS: usize = 3;
 const RENEWAL_ROUNDS: usize = 1;
 /// Tracks that the last refinements use.
 const FINISH_TRACKS: usize = 150;
-/// Tracks that the very last one uses.
+/// Tracks that the very last one uses,
 const POLISH_TRACKS: usize = 300;
+/// and frames.
+const POLISH_FRAMES: usize = 120;
 /// Tracks that are asked for a frame's configuration when growth has ended.
 const VOTERS: usize = 100;
 /// Share of a track's observations that a joint must explain to be asked about it again.
 const HOPELESS_SHARE: f64 = 0.3;
 /// Frames that they use: neighbours say the same.
-const FINISH_FRAMES: usize = 60;
+pub const FINISH_FRAMES: usize = 60;
 /// Factor on the cut within which tracks are asked whether they advance.
 const FAR: f64 = 16.0;
 /// Times that they are asked, the axis refined in between.
@@ -491,7 +493,7 @@ pub fn finish(
             some.sort_unstable();
         }
         let known = std::mem::take(&mut joint.known);
-        joint.known = thinned(&known, joint.anchor);
+        joint.known = thinned(&known, joint.anchor, FINISH_FRAMES);
         refine(joint, view, &some, config.cut, config.finish_steps);
         locate_points(joint, view, &members, config.cut);
         joint.known = known;
@@ -508,11 +510,14 @@ pub fn finish(
     joint.summarise();
 }
 
-/// Refines a joint on its members in all frames.
+/// Refines a joint on more of its members in more frames than while it grew.
 pub fn polish(view: &View, mut joint: Grown, config: &JointsConfig) -> Grown {
     let members = joint.members.clone();
     let some = some_of(members.clone(), POLISH_TRACKS);
+    let known = joint.known.clone();
+    joint.known = thinned(&known, joint.anchor, POLISH_FRAMES);
     refine(&mut joint, view, &some, config.cut, config.finish_steps);
+    joint.known = known;
     locate_points(&mut joint, view, &members, config.cut);
     configure_all(view, &mut joint, &members, config.cut, POLISH_TRACKS);
     joint.summarise();
@@ -525,9 +530,9 @@ fn some_of(all: Vec<usize>, most: usize) -> Vec<usize> {
     all.into_iter().step_by(stride).collect()
 }
 
-/// At most [`FINISH_FRAMES`] of the known frames, evenly spread, and the anchor.
-pub fn thinned(known: &[bool], anchor: usize) -> Vec<bool> {
-    let stride = known.iter().filter(|k| **k).count().div_ceil(FINISH_FRAMES).max(1);
+/// At most so many of the known frames, evenly spread, and the anchor.
+pub fn thinned(known: &[bool], anchor: usize, most: usize) -> Vec<bool> {
+    let stride = known.iter().filter(|k| **k).count().div_ceil(most).max(1);
     let mut before = 0;
     let mut kept = |(f, &known): (usize, &bool)| {
         before += usize::from(known);

@@ -26,7 +26,7 @@ pub fn type_probabilities(
     config: &JointsConfig,
 ) -> BTreeMap<JointKind, f64> {
     let mut sampled = joint.clone();
-    sampled.known = grow::thinned(&joint.known, joint.anchor);
+    sampled.known = grow::thinned(&joint.known, joint.anchor, grow::FINISH_FRAMES);
     let sample = Sample::of(joint, &sampled, view, config);
     let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(&sampled))]);
     let explained = |start: Grown| {

@@ -112,6 +112,7 @@ mod tests {
     use crate::track::{Track, TrackSet};
     use linkage_driver::RgbdFrame;
     use nalgebra::{Point3, Vector3};
+    use std::sync::Arc;
 
     const FRAMES: usize = 60;
     const POINTS: usize = 12;
@@ -204,7 +205,7 @@ mod tests {
             }
             for track in &mut base.tracks[POINTS..] {
                 let died = |f: usize| seat_turn(f) > 0.0;
-                track
+                Arc::make_mut(track)
                     .points
                     .iter_mut()
                     .enumerate()

@@ -4,6 +4,7 @@ use super::dof::Dof;
 use super::view::View;
 use crate::base::{BaseMotion, BasePoint, BaseTrack};
 use nalgebra::{Matrix3, Point3, Vector3};
+use std::sync::Arc;
 
 /// A track for each place, seen at each configuration.
 pub fn seen_moving(dof: &Dof, places: &[Point3<f64>], q: &[f64]) -> View {
@@ -26,10 +27,9 @@ pub fn seen_along(paths: &[Vec<Point3<f64>>]) -> BaseMotion {
     };
     let tracks = paths
         .iter()
-        .map(|path| BaseTrack {
-            first_frame: 0,
-            moves: true,
-            points: path.iter().map(|place| Some(seen(place))).collect(),
+        .map(|path| {
+            let points = path.iter().map(|place| Some(seen(place))).collect();
+            Arc::new(BaseTrack { moves: true, points, ..BaseTrack::default() })
         })
         .collect();
     let camera_from_base = vec![Default::default(); paths.first().map_or(0, Vec::len)];

@@ -117,14 +117,16 @@ mod tests {
     use crate::articulate::{JointGeometry, JointKind};
     use crate::base::{BasePoint, BaseTrack};
     use nalgebra::{Matrix3, Point3, Vector3};
+    use std::sync::Arc;
 
     const FRAMES: usize = 60;
 
-    fn path(at: impl Fn(usize) -> Point3<f64>, moves: bool) -> BaseTrack {
+    fn path(at: impl Fn(usize) -> Point3<f64>, moves: bool) -> Arc<BaseTrack> {
         let point = |f| {
             Some(BasePoint { point: at(f), information: Matrix3::identity() * 1e6, sigma: 0.001 })
         };
-        BaseTrack { first_frame: 0, points: (0..FRAMES).map(point).collect(), moves }
+        let points = (0..FRAMES).map(point).collect();
+        Arc::new(BaseTrack { points, moves, ..BaseTrack::default() })
     }
 
     fn learned(motion: impl Fn(usize) -> Pose) -> Vec<LearnedJoint> {
@@ -132,7 +134,7 @@ mod tests {
             || (0..40).map(|i| Point3::new(0.02 * f64::from(i % 8), 0.03 * f64::from(i / 8), 1.0));
         let moved = places().map(|p| path(|f| motion(f) * p, true));
         let still = places().map(|p| path(|_| p + Vector3::new(0.0, 0.4, 0.0), false));
-        let tracks: Vec<BaseTrack> = moved.chain(still).collect();
+        let tracks: Vec<Arc<BaseTrack>> = moved.chain(still).collect();
         let base = BaseMotion {
             camera_from_base: vec![Pose::identity(); FRAMES],
             static_count: 40,

@@ -21,7 +21,7 @@ pub struct SearchAhead {
     /// One thread: the tracker keeps the others.
     pool: Option<ThreadPool>,
     every: usize,
-    found: Memory,
+    found: Found,
     running: Option<Running>,
     tells: bool,
     /// What the last search believes, as soon as it is over.
@@ -38,10 +38,19 @@ pub struct Snapshot {
     pub keyframes: Keyframes,
 }
 
+/// What a search leaves to the next.
+#[derive(Clone, Default)]
+pub struct Found {
+    /// The base's motion until then,
+    pub base: Arc<BaseMotion>,
+    /// and what moves on it.
+    pub memory: Memory,
+}
+
 struct Running {
     /// Frames that it was given.
     frames: usize,
-    result: Receiver<Memory>,
+    result: Receiver<Found>,
     cancelled: Arc<AtomicBool>,
 }
 
@@ -53,7 +62,7 @@ impl SearchAhead {
         Self {
             pool: pool.flatten(),
             every,
-            found: Memory::default(),
+            found: Found::default(),
             running: None,
             tells,
             so_far: Arc::default(),
@@ -80,13 +89,14 @@ impl SearchAhead {
         let (so_far, tells) = (Arc::clone(&self.so_far), self.tells);
         let Snapshot { set, camera_from_base, keyframes } = snapshot();
         pool.spawn(move || {
-            let base = BaseMotion::new(&set, camera_from_base, &config.base);
+            let base = earlier.base.extended(&set, camera_from_base, &config.base);
             let watched =
                 Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
             let tell = |joints| *so_far.lock().unwrap_or_else(PoisonError::into_inner) = joints;
             let tell: Option<&dyn Fn(Vec<Joint>)> = if tells { Some(&tell) } else { None };
+            let memory = watched.remember(&earlier.memory, &stop, tell);
             // Nobody waits for a search that was dropped.
-            let _ = sender.send(watched.remember(&earlier, &stop, tell));
+            let _ = sender.send(Found { base: Arc::new(base), memory });
         });
         self.running = Some(Running { frames, result, cancelled });
     }
@@ -98,7 +108,7 @@ impl SearchAhead {
 
     /// What is known when `frames` frames have come and no more will. A search that began late
     /// is dropped: waiting would take longer than doing without.
-    pub fn settle(mut self, frames: usize) -> Memory {
+    pub fn settle(mut self, frames: usize) -> Found {
         if let Some(running) = self.running.take() {
             if frames - running.frames >= self.every / 2 {
                 return running.result.recv().unwrap_or_default();

@@ -18,6 +18,7 @@ use crate::track::{TrackSet, Tracker, Trajectory};
 use ahead::{SearchAhead, Snapshot};
 use linkage_driver::RgbdFrame;
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// A demonstration that nothing can be learned from, or not any more.
 #[derive(Debug, thiserror::Error)]
@@ -189,7 +190,8 @@ impl Learner {
             return Err(LearnError::NoDepth);
         }
         let poses = base.camera_from_base().to_vec();
-        let base = times.measure("base", || BaseMotion::new(&set, poses, &config.base));
+        let earlier = times.measure("settle", || ahead.settle(set.frames()));
+        let base = times.measure("base", || earlier.base.extended(&set, poses, &config.base));
         let joints = match config.learn.way {
             LearningWay::Clusters => {
                 structure::from_clusters(&set, &base, &keyframes, &config, &mut times)
@@ -200,8 +202,7 @@ impl Learner {
             LearningWay::Joints => {
                 let watched =
                     Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
-                let earlier = times.measure("settle", || ahead.settle(set.frames()));
-                let joints = times.measure("joints", || watched.joints(&earlier));
+                let joints = times.measure("joints", || watched.joints(&earlier.memory));
                 if config.planes.enabled {
                     times.measure("planes", || {
                         planes::complete(joints, &set, &base, &keyframes, &config)
@@ -244,14 +245,18 @@ fn assemble(
         camera_from_part.push(poses);
     }
     times.measure("grasp", || {
-        for learned in &joints {
+        let grasp = |learned: &LearnedJoint| {
             let (parent, child) = (learned.joint.parent, learned.joint.child);
             let held = Held {
                 camera_from_part: &camera_from_part[child],
                 camera_from_parent: &camera_from_part[parent],
                 surface: surface_of(&set, &learned.tracks, &camera_from_part[child]),
             };
-            parts[child].grasp = held.grasp(&keyframes).map(Into::into);
+            (child, held.grasp(&keyframes))
+        };
+        let grasps: Vec<_> = joints.par_iter().map(grasp).collect();
+        for (child, held) in grasps {
+            parts[child].grasp = held.map(Into::into);
         }
     });
     let model = ObjectModel {
