@@ -227,8 +227,7 @@ impl<'s> Search<'s> {
                     if !was_dismissed {
                         batch.push(h);
                     }
-                    // A search ahead has the time to go on to what is weaker.
-                    asked += usize::from(!was_dismissed || self.is_the_end());
+                    asked += usize::from(!was_dismissed);
                 }
             }
             if batch.is_empty() || self.is_cancelled() {

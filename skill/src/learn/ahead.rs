@@ -2,7 +2,7 @@
 //! left to do after the last one.
 //!
 //! What is found depends on frame numbers alone, not on how fast the threads run: a search
-//! starts every so many frames, and the end waits for it or drops it by how long ago that was.
+//! starts every so many frames, when the one before it is over, and the end drops the last.
 
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
@@ -48,8 +48,6 @@ pub struct Found {
 }
 
 struct Running {
-    /// Frames that it was given.
-    frames: usize,
     result: Receiver<Found>,
     cancelled: Arc<AtomicBool>,
 }
@@ -98,7 +96,7 @@ impl SearchAhead {
             // Nobody waits for a search that was dropped.
             let _ = sender.send(Found { base: Arc::new(base), memory });
         });
-        self.running = Some(Running { frames, result, cancelled });
+        self.running = Some(Running { result, cancelled });
     }
 
     /// Joints that the last finished search believes in.
@@ -106,13 +104,10 @@ impl SearchAhead {
         self.so_far.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// What is known when `frames` frames have come and no more will. A search that began late
-    /// is dropped: waiting would take longer than doing without.
-    pub fn settle(mut self, frames: usize) -> Found {
-        if let Some(running) = self.running.take() {
-            if frames - running.frames >= self.every / 2 {
-                return running.result.recv().unwrap_or_default();
-            }
+    /// What is known when no more frames come. A search that still runs is dropped: waiting for it
+    /// takes longer than doing without.
+    pub fn settle(self) -> Found {
+        if let Some(running) = self.running {
             running.cancelled.store(true, Ordering::Relaxed);
         }
         self.found

@@ -190,7 +190,7 @@ impl Learner {
             return Err(LearnError::NoDepth);
         }
         let poses = base.camera_from_base().to_vec();
-        let earlier = times.measure("settle", || ahead.settle(set.frames()));
+        let earlier = ahead.settle();
         let base = times.measure("base", || earlier.base.extended(&set, poses, &config.base));
         let joints = match config.learn.way {
             LearningWay::Clusters => {
