@@ -3,7 +3,7 @@
 
 use super::dof::Moved;
 use super::grown::Grown;
-use super::view::View;
+use super::view::{Seen, View};
 use crate::geometry::{median_point, orthonormal_basis};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
@@ -16,23 +16,31 @@ pub fn weight(distance_sq: f64, cut: f64) -> f64 {
     if distance_sq < cut { (1.0 - distance_sq / cut).powi(2) } else { 0.0 }
 }
 
+/// Observations of a track that tell roughly where its point is.
+const SKETCH: usize = 24;
+
 /// Part points of tracks given joint and configurations: robust means of where each
-/// observation says the point is, from their component-wise median.
+/// observation says the point is, from the component-wise median of some of them.
 pub fn locate_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
     place(joint, tracks, |joint, t| {
-        let known = view.life(t).filter(|(f, _)| joint.known[*f]);
-        let carried: Vec<Point3<f64>> = known.map(|(f, s)| motions[f].back(&s.point)).collect();
+        let known: Vec<(usize, &Seen)> = view.life(t).filter(|(f, _)| joint.known[*f]).collect();
+        let stride = known.len().div_ceil(SKETCH).max(1);
+        let sketch = || known.iter().copied().step_by(stride);
+        let carried: Vec<Point3<f64>> = sketch().map(|(f, s)| motions[f].back(&s.point)).collect();
         let middle = median_point(&carried)?;
-        let nearer = settled(joint, &motions, view, t, middle, cut);
-        Some(settled(joint, &motions, view, t, nearer, cut))
+        let nearer = settled(&motions, sketch(), middle, cut);
+        Some(settled(&motions, known.iter().copied(), nearer, cut))
     });
 }
 
 /// The same from where the points are, which is nearly right.
 fn follow_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
-    place(joint, tracks, |joint, t| Some(settled(joint, &motions, view, t, joint.points[t], cut)));
+    place(joint, tracks, |joint, t| {
+        let known = view.life(t).filter(|(f, _)| joint.known[*f]);
+        Some(settled(&motions, known, joint.points[t], cut))
+    });
 }
 
 fn place(
@@ -48,18 +56,15 @@ fn place(
     }
 }
 
-/// Mean of where a track's observations say its point is, each weighed by how near it is to
-/// `point`.
-fn settled(
-    joint: &Grown,
+/// Mean of where observations in frames say a point is, each weighed by how near it is to `point`.
+fn settled<'s>(
     motions: &[Moved],
-    view: &View,
-    track: usize,
+    observations: impl Iterator<Item = (usize, &'s Seen)>,
     point: Point3<f64>,
     cut: f64,
 ) -> Point3<f64> {
     let (mut sum, mut total) = (Vector3::zeros(), 0.0);
-    for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
+    for (f, s) in observations {
         let w = weight(s.distance_sq(&motions[f].forth(&point)), cut);
         if w > 0.0 {
             sum += w * motions[f].back(&s.point).coords;

@@ -34,7 +34,7 @@ const REFINE_TRACKS: usize = 80;
 /// Tracks that carry a joint through the recording, besides those that it was suspected of.
 const SWEEPERS: usize = 200;
 /// Share of its tracks' observations that a joint leaves from which it will not be one.
-const HOPELESSLY_UNRULY: f64 = 0.5;
+pub const HOPELESSLY_UNRULY: f64 = 0.5;
 /// Rounds of refinement when growth has ended.
 const GROWTH_ROUNDS: usize = 3;
 /// The same where the joint was certain already.

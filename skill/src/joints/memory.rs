@@ -3,7 +3,8 @@
 
 use super::grown::Grown;
 use super::hypothesis::Hypothesis;
-use super::search::{COVERED, overlap};
+use super::search::overlap;
+use super::suspicion::COVERED;
 use super::view::View;
 use super::{JointsConfig, accept, grow, kinds};
 use crate::geometry::line_angle;

@@ -22,6 +22,7 @@ mod rehang;
 mod search;
 #[cfg(test)]
 mod specimen;
+mod suspicion;
 mod view;
 
 use crate::base::BaseMotion;

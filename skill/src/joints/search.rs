@@ -3,7 +3,6 @@
 
 use super::accept::{self, Witness};
 use super::grown::Grown;
-use super::hypothesis::{self, Hypothesis};
 use super::memory::{Dismissed, Memory};
 use super::merge::{self, Kinship};
 use super::view::View;
@@ -23,20 +22,20 @@ pub struct Search<'s> {
     views: Vec<Arc<View>>,
     pub(super) witness: Witness<'s>,
     pub(super) config: &'s SkillConfig,
-    earlier: &'s Memory,
+    pub(super) earlier: &'s Memory,
     cancelled: Option<&'s AtomicBool>,
     /// Joints that were adopted, parents first.
     pub joints: Vec<Grown>,
     /// Rank of the strongest hypothesis so far.
-    best_rank: f64,
+    pub(super) best_rank: f64,
     /// What is left is sought in all windows, those of the earlier search too.
-    looks_back: bool,
+    pub(super) looks_back: bool,
     /// What earlier searches grew and did not believe,
-    dismissed_before: Vec<Dismissed>,
+    pub(super) dismissed_before: Vec<Dismissed>,
     /// and what this one did.
-    dismissed: Vec<Dismissed>,
+    pub(super) dismissed: Vec<Dismissed>,
     /// Parts in whose frames not all of the earlier search's joints are joints still.
-    fallen: Vec<Option<usize>>,
+    pub(super) fallen: Vec<Option<usize>>,
 }
 
 impl<'s> Search<'s> {
@@ -81,15 +80,14 @@ impl<'s> Search<'s> {
         let mut grown = self.recall(&mut rest);
         for round in 0..config.rounds {
             let parents = if config.chains { self.joints.len() } else { 0 };
-            let mut candidates: Vec<Grown> = Vec::new();
-            for parent in std::iter::once(None).chain((0..parents).map(Some)) {
-                let known = grown.iter().filter(|j| j.parent == parent).cloned().collect();
-                candidates.extend(self.in_frame(parent, &rest, round, known));
-            }
+            let known =
+                |parent| (parent, grown.iter().filter(|j| j.parent == parent).cloned().collect());
+            let frames = std::iter::once(None).chain((0..parents).map(Some)).map(known).collect();
+            let mut candidates = self.in_frames(frames, &rest, round);
             let mut best = self.best_of(&candidates);
             if best.is_none() && !self.looks_back && self.may_look_back() {
                 self.looks_back = true;
-                candidates = self.in_frame(None, &rest, round, candidates);
+                candidates = self.in_frames(vec![(None, candidates)], &rest, round);
                 best = self.best_of(&candidates);
             }
             let Some(best) = best.filter(|_| !self.is_cancelled()) else { return };
@@ -165,7 +163,7 @@ impl<'s> Search<'s> {
         10 * followed >= 9 * new.len() && self.witness.accepts(joint)
     }
 
-    fn is_cancelled(&self) -> bool {
+    pub(super) fn is_cancelled(&self) -> bool {
         self.cancelled.is_some_and(|c| c.load(Ordering::Relaxed))
     }
 
@@ -174,107 +172,8 @@ impl<'s> Search<'s> {
         parent.map_or_else(|| Arc::clone(&self.view), |p| Arc::clone(&self.views[p]))
     }
 
-    /// Joints in the frame of a part: those that are `known` and what else can be grown.
-    fn in_frame(
-        &mut self,
-        parent: Option<usize>,
-        rest: &[usize],
-        round: usize,
-        known: Vec<Grown>,
-    ) -> Vec<Grown> {
-        let config = &self.config.joints;
-        let view = self.view_from(parent);
-        let candidates = self.movers(parent, &view, rest);
-        if candidates.len() < 4 {
-            return Vec::new();
-        }
-        let seed = self.config.seed.wrapping_add(round as u64);
-        let mut grown = known;
-        let fallen = self.fallen.iter().position(|p| *p == parent);
-        let since = match self.former(parent) {
-            Some(former) if !self.looks_back && fallen.is_none() => self.earlier.since(former),
-            _ => 0,
-        };
-        fallen.map(|i| self.fallen.swap_remove(i));
-        let hypotheses = hypothesis::hypotheses(&view, &candidates, since, config, seed);
-        self.best_rank = hypotheses.first().map_or(0.0, |h| h.rank).max(self.best_rank);
-        let least_rank = config.min_rank_share * self.best_rank;
-        // While the parent rests, what moves on it and what moves on the base are the same. What
-        // stands still beside the parent mirrors its joint.
-        let beside = parent.map(|p| (p, self.view_from(self.joints[p].parent)));
-        let tells = |h: &&Hypothesis| {
-            beside.as_ref().is_none_or(|(p, beside)| {
-                !h.is_still_in(beside) && accept::moves_beside(&self.joints[*p], &view, &h.tracks)
-            })
-        };
-        let mut queue = hypotheses.iter().take_while(|h| h.rank >= least_rank).filter(tells);
-        let mut tried: Vec<&[usize]> = Vec::new();
-        let mut asked = 0;
-        let again = self.looks_back && self.earlier.frames > 0;
-        let limit = if again { LOOKS_BACK } else { config.max_hypotheses };
-        let adopted: Vec<&Grown> = self.joints.iter().filter(|j| j.parent == parent).collect();
-        let mut dismissed = Vec::new();
-        loop {
-            let mut batch: Vec<&Hypothesis> = Vec::new();
-            while batch.len() < BATCH && asked < limit {
-                let Some(h) = queue.next() else { break };
-                if self.is_new(h, &view, &grown)
-                    && !adopted.iter().any(|j| h.is_explained_by(j, &view, SOUND_SHARE))
-                    && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
-                {
-                    tried.push(&h.tracks);
-                    let was_dismissed = self.was_dismissed(h, parent);
-                    if !was_dismissed {
-                        batch.push(h);
-                    }
-                    asked += usize::from(!was_dismissed);
-                }
-            }
-            if batch.is_empty() || self.is_cancelled() {
-                break;
-            }
-            let more: Vec<Option<Grown>> =
-                batch.par_iter().map(|h| self.grown_from(h, parent, &view, &candidates)).collect();
-            for (h, joint) in batch.iter().zip(&more) {
-                if parent.is_none() && !joint.as_ref().is_some_and(|j| self.witness.accepts(j)) {
-                    dismissed.push(Dismissed::new(h, joint.as_ref(), &view, config));
-                }
-            }
-            grown.extend(more.into_iter().flatten());
-        }
-        drop(queue);
-        self.dismissed.append(&mut dismissed);
-        grown
-    }
-
-    /// What a hypothesis grows to in the frame of a part; `None` where nothing follows it.
-    fn grown_from(
-        &self,
-        h: &Hypothesis,
-        parent: Option<usize>,
-        view: &View,
-        candidates: &[usize],
-    ) -> Option<Grown> {
-        if self.is_cancelled() {
-            return None;
-        }
-        let mirrors = |j: &Grown| self.coupling(j, parent) > accept::MAX_COUPLING;
-        let config = &self.config.joints;
-        let mut joint = grow::grow_hypothesis(view, h, candidates, config, mirrors)?;
-        joint.parent = parent;
-        joint.seed.clone_from(&h.tracks);
-        self.question(view, &mut joint, candidates);
-        self.report("grown", &joint);
-        Some(joint)
-    }
-
-    /// An earlier search grew it and did not believe it.
-    fn was_dismissed(&self, h: &Hypothesis, parent: Option<usize>) -> bool {
-        parent.is_none() && self.dismissed_before.iter().any(|d| d.covers(h))
-    }
-
     /// What a part was in the earlier search; `None`: not known to it.
-    fn former(&self, parent: Option<usize>) -> Option<Option<usize>> {
+    pub(super) fn former(&self, parent: Option<usize>) -> Option<Option<usize>> {
         match parent {
             None => (self.earlier.frames > 0).then_some(None),
             Some(p) => {
@@ -304,7 +203,7 @@ impl<'s> Search<'s> {
     }
 
     /// Those of `rest` that move as seen from a part.
-    fn movers(&self, parent: Option<usize>, view: &View, rest: &[usize]) -> Vec<usize> {
+    pub(super) fn movers(&self, parent: Option<usize>, view: &View, rest: &[usize]) -> Vec<usize> {
         let base = &self.config.base;
         let moves = |&t: &usize| view.moves(t, base.min_extent_m, base.min_extent_sigmas);
         rest.iter().copied().filter(|t| parent.is_none() || moves(t)).collect()
@@ -356,19 +255,6 @@ impl<'s> Search<'s> {
         )
     }
 
-    /// None of the grown joints tells already what a hypothesis would grow to.
-    fn is_new(&self, h: &Hypothesis, view: &View, grown: &[Grown]) -> bool {
-        !grown.iter().any(|g| {
-            // What a hypothesis shares with a sound joint would draw it there again.
-            let sound = self.witness.accepts(g) || g.coupling > accept::MAX_COUPLING;
-            let shared = overlap(&h.tracks, &g.members);
-            shared > COVERED && (sound || is_found_again(g, grown))
-                || sound && shared > 0.5 * COVERED
-                || overlap(&h.tracks, &g.seed) > COVERED
-                || h.is_explained_by(g, view, if sound { SOUND_SHARE } else { POOR_SHARE })
-        })
-    }
-
     pub(super) fn report(&self, how: &str, joint: &Grown) {
         tracing::debug!(
             how,
@@ -398,6 +284,11 @@ impl<'s> Search<'s> {
         if !self.witness.is_worth_asking(joint) {
             return;
         }
+        joint.unruly = joint.unruly_share(view);
+        if joint.unruly > grow::HOPELESSLY_UNRULY {
+            self.witness.examine(joint, &self.joints);
+            return;
+        }
         self.dismiss_strangers(view, joint);
         self.witness.examine(joint, &self.joints);
         if !joint.contradicted.is_empty() && joint.through < 0.95 {
@@ -419,7 +310,7 @@ impl<'s> Search<'s> {
     }
 
     /// Share of a joint's configuration that is a function of its parent's.
-    fn coupling(&self, joint: &Grown, parent: Option<usize>) -> f64 {
+    pub(super) fn coupling(&self, joint: &Grown, parent: Option<usize>) -> f64 {
         parent.map_or(0.0, |p| accept::coupling(joint, &self.joints[p]))
     }
 
@@ -598,36 +489,14 @@ impl<'s> Search<'s> {
     }
 }
 
-/// Hypotheses asked about when a search looks back.
-const LOOKS_BACK: usize = 4;
 /// Frames after which a search ahead looks back.
 const LOOK_BACK_EVERY: usize = 60;
-/// Share of its motion that a sound joint may leave of a hypothesis that it explains,
-const SOUND_SHARE: f64 = 0.5;
-/// and one that is not believed.
-const POOR_SHARE: f64 = 0.25;
-/// Share of a hypothesis's tracks from which it says nothing new.
-pub const COVERED: f64 = 0.6;
-/// Share of tracks in common from which two growths are the same.
-const SAME: f64 = 0.9;
 /// Share of a configuration that may be a function of another joint's.
 const MAX_FOLLOWING: f64 = 0.95;
 /// Share of another joint's gain from which doing what it does is no dependence.
 const MIN_STANDING: f64 = 0.05;
-/// Hypotheses grown side by side.
-const BATCH: usize = 2;
 /// Share of a chained joint's frames from which a joint of the base explains as much.
 const BASE_SUFFICES: f64 = 0.8;
-
-/// Another hypothesis grew to the same already: a person who walks by is suspected in every
-/// window.
-fn is_found_again(joint: &Grown, grown: &[Grown]) -> bool {
-    grown.iter().any(|o| !std::ptr::eq(o, joint) && same_tracks(o, joint))
-}
-
-fn same_tracks(a: &Grown, b: &Grown) -> bool {
-    overlap(&a.members, &b.members) > SAME && overlap(&b.members, &a.members) > SAME
-}
 
 /// Share of `a` that is in `b`.
 pub fn overlap(a: &[usize], b: &[usize]) -> f64 {

@@ -4,6 +4,8 @@ use super::grown::Grown;
 use crate::base::{BaseMotion, BaseTrack, path_moves, rest_length};
 use crate::geometry::{Pose, median_point};
 use nalgebra::{Matrix3, Point3};
+use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Least way of what has moved, metres,
 const MOVED_M: f64 = 0.012;
@@ -44,15 +46,16 @@ struct Life {
 }
 
 /// Tracks by frames.
-#[derive(Clone)]
 pub struct View {
     /// Frames of the recording.
     pub frames: usize,
     /// Numbers of the tracks in the track set.
-    pub track_ids: Vec<usize>,
+    pub track_ids: Arc<Vec<usize>>,
     /// The lives of all tracks, one after the other.
     seen: Vec<Option<Seen>>,
-    lives: Vec<Life>,
+    /// The frame of each observation.
+    frame_of: Arc<Vec<u32>>,
+    lives: Arc<Vec<Life>>,
     /// False where the part that is looked from is itself not known.
     pub usable: Vec<bool>,
 }
@@ -76,28 +79,38 @@ impl View {
                 Some(Seen { point: p.point, information: p.information, sigma: p.sigma })
             }));
         }
-        Self { frames, track_ids, seen, lives, usable: vec![true; frames] }
+        let frame_of = lives.iter().flat_map(|l| l.first as u32..l.end as u32).collect();
+        let (frame_of, lives) = (Arc::new(frame_of), Arc::new(lives));
+        let track_ids = Arc::new(track_ids);
+        Self { frames, track_ids, seen, frame_of, lives, usable: vec![true; frames] }
     }
 
     /// The same tracks from a part that moves in this view.
     pub fn seen_from(&self, part: &Grown) -> Self {
-        let mut view = self.clone();
-        for (usable, known) in view.usable.iter_mut().zip(&part.known) {
-            *usable &= known;
-        }
+        let both = self.usable.iter().zip(&part.known).map(|(usable, known)| usable & known);
         let geometry = part.dof.geometry();
-        let part_from_view: Vec<Pose> = part.filled.iter().map(|&q| geometry.motion(-q)).collect();
-        let rotations: Vec<Matrix3<f64>> =
-            part_from_view.iter().map(|p| p.rotation.to_rotation_matrix().into_inner()).collect();
-        for life in &self.lives {
-            for f in life.first..life.end {
-                if let Some(s) = &mut view.seen[life.start + f - life.first] {
-                    s.point = part_from_view[f] * s.point;
-                    s.information = rotations[f] * s.information * rotations[f].transpose();
-                }
-            }
+        let part_from_view: Vec<(Pose, Matrix3<f64>)> = part
+            .filled
+            .iter()
+            .map(|&q| geometry.motion(-q))
+            .map(|pose| (pose, pose.rotation.to_rotation_matrix().into_inner()))
+            .collect();
+        let from_part = |(seen, frame): (&Option<Seen>, &u32)| {
+            let (pose, rotation) = &part_from_view[*frame as usize];
+            seen.map(|s| Seen {
+                point: pose * s.point,
+                information: rotation * s.information * rotation.transpose(),
+                sigma: s.sigma,
+            })
+        };
+        Self {
+            frames: self.frames,
+            track_ids: Arc::clone(&self.track_ids),
+            seen: self.seen.par_iter().zip(self.frame_of.par_iter()).map(from_part).collect(),
+            frame_of: Arc::clone(&self.frame_of),
+            lives: Arc::clone(&self.lives),
+            usable: both.collect(),
         }
-        view
     }
 
     /// Number of tracks.
