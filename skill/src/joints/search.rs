@@ -152,7 +152,7 @@ impl<'s> Search<'s> {
     }
 
     /// All frames have come: nobody cancels it.
-    fn is_the_end(&self) -> bool {
+    pub(super) fn is_the_end(&self) -> bool {
         self.cancelled.is_none()
     }
 

@@ -9,8 +9,10 @@ use super::{accept, grow};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Hypotheses grown when a search looks back.
-const LOOKS_BACK: usize = 4;
+/// Hypotheses grown when a search ahead looks back,
+const LOOKS_BACK_AHEAD: usize = 4;
+/// and at the end, which somebody waits for.
+const LOOKS_BACK_AT_END: usize = 2;
 /// Hypotheses grown side by side.
 const BATCH: usize = 2;
 /// Share of its motion that a sound joint may leave of a hypothesis that it explains,
@@ -91,8 +93,11 @@ impl Search<'_> {
         let Suspicions { parent, view, hypotheses, .. } = suspicions;
         let config = &self.config.joints;
         let mut queue = hypotheses.iter().filter(|h| self.tells(h, *parent, view));
-        let again = self.looks_back && self.earlier.frames > 0;
-        let mut limit = if again { LOOKS_BACK } else { config.max_hypotheses };
+        let mut limit = match (self.looks_back && self.earlier.frames > 0, self.is_the_end()) {
+            (false, _) => config.max_hypotheses,
+            (true, false) => LOOKS_BACK_AHEAD,
+            (true, true) => LOOKS_BACK_AT_END,
+        };
         let mut tried: Vec<&[usize]> = Vec::new();
         let (mut grown, mut dismissed) = (known, Vec::new());
         loop {
