@@ -313,13 +313,18 @@ mod tests {
 
     const FRAMES: usize = 40;
 
+    /// A camera that is carried along.
+    fn pose(frame: usize) -> Pose {
+        Pose::new(Vector3::x() * 0.001 * frame as f64, Vector3::y() * 0.01)
+    }
+
     /// A point that stays, one that goes, and one that ends early; seen until a frame.
     fn tracks(until: usize) -> TrackSet {
         let track = |id: usize, end: usize, speed: f64| {
             let at = |f: usize| Point3::new(0.1 * id as f64, speed * f as f64, 1.2);
             let seen = |f| Observation {
                 pixel: Point2::origin(),
-                point_in_camera: Some(at(f)),
+                point_in_camera: Some(pose(f) * at(f)),
                 normal_in_camera: None,
             };
             Track { id, first_frame: 0, observations: (0..end.min(until)).map(seen).collect() }
@@ -333,7 +338,6 @@ mod tests {
     #[test]
     fn what_is_extended_is_what_would_have_been_seen_at_once() {
         let config = BaseConfig::default();
-        let pose = |f: usize| Pose::new(Vector3::x() * 0.001 * f as f64, Vector3::y() * 0.01);
         let poses = |until: usize| (0..until).map(pose).collect::<Vec<_>>();
         let none = BaseMotion::default();
         let early = none.extended(&tracks(15), poses(15), &config);
