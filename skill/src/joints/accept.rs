@@ -7,7 +7,7 @@ use super::view::View;
 use crate::base::BaseMotion;
 use crate::geometry::{Moments, Pose, median};
 use crate::keyframes::Keyframes;
-use crate::structure::probe_points;
+use crate::structure::{Probed, probe_points};
 use linkage_driver::RgbdFrame;
 use nalgebra::{DMatrix, DVector, Point3};
 use rayon::prelude::*;
@@ -48,45 +48,14 @@ const BEYOND_TURN: f64 = 1.6;
 /// and a slide, metres.
 const BEYOND_SLIDE: f64 = 0.4;
 
-/// Points that a picture sees through, and those that it finds in their places.
-#[derive(Debug, Clone, Copy, Default)]
-struct Probe {
-    through: usize,
-    agrees: usize,
-}
-
-impl Probe {
-    fn of(picture: &RgbdFrame, points: &[Point3<f64>], camera_from_part: &Pose) -> Self {
-        let (through, agrees) = probe_points(picture, points, camera_from_part);
-        Self { through, agrees }
-    }
-
-    fn add(&mut self, other: Self) {
-        self.through += other.through;
-        self.agrees += other.agrees;
-    }
-
-    fn count(self) -> usize {
-        self.through + self.agrees
-    }
-
-    fn margin(self) -> i64 {
-        self.agrees as i64 - self.through as i64
-    }
-
-    fn share_through(self) -> f64 {
-        self.through as f64 / self.count().max(1) as f64
-    }
-}
-
 /// What a picture tells of a joint.
 struct Testimony {
     frame: usize,
     /// The configuration, or the one at which most is found where it is not known.
     q: f64,
-    found: Probe,
+    found: Probed,
     /// What is found half the range aside; `None` where the configuration is not known.
-    aside: Option<Probe>,
+    aside: Option<Probed>,
 }
 
 impl Witness<'_> {
@@ -101,7 +70,7 @@ impl Witness<'_> {
         }
         let testimonies = self.testimonies(joint, &points, joints);
         joint.contradicted.clear();
-        let (mut there, mut aside, mut blind) = (Probe::default(), Probe::default(), 0);
+        let (mut there, mut aside, mut blind) = (Probed::default(), Probed::default(), 0);
         let mut blind_agrees = 0;
         for testimony in &testimonies {
             let Testimony { frame, q, found, .. } = *testimony;
@@ -141,7 +110,7 @@ impl Witness<'_> {
                     self.base.camera_from_base[frame] * parent_motion(joint, joints, frame);
                 let probe = |q: f64| {
                     let camera_from_part = camera_from_parent * joint.dof.geometry().motion(q);
-                    Probe::of(picture, points, &camera_from_part)
+                    probe_points(picture, points, &camera_from_part)
                 };
                 let known = joint.q[frame];
                 if joint.known[frame] {
@@ -181,11 +150,11 @@ impl Witness<'_> {
             })
             .collect();
         let stands = |t: &usize| {
-            let mut all = Probe::default();
+            let mut all = Probed::default();
             for (camera_from_part, picture) in &pictures {
-                all.add(Probe::of(picture, &[joint.points[*t]], camera_from_part));
+                all.add(probe_points(picture, &[joint.points[*t]], camera_from_part));
             }
-            all.through < 3 || 3 * all.through < all.count()
+            all.mostly_agrees()
         };
         let kept: Vec<usize> = joint.members.par_iter().copied().filter(stands).collect();
         if 2 * kept.len() > joint.members.len() {
@@ -259,11 +228,11 @@ impl Witness<'_> {
         let other_from_joint =
             base_from_part(joints, index, start).inverse() * base_from_joint(start);
         let points: Vec<Point3<f64>> = joint.members.iter().map(|&t| joint.points[t]).collect();
-        let (mut own, mut others) = (Probe::default(), Probe::default());
+        let (mut own, mut others) = (Probed::default(), Probed::default());
         for (frame, picture) in self.keyframes.iter().filter(|(f, _)| both(*f)) {
             let camera_from_base = self.base.camera_from_base[frame];
             let ask = |base_from_points: Pose| {
-                Probe::of(picture, &points, &(camera_from_base * base_from_points))
+                probe_points(picture, &points, &(camera_from_base * base_from_points))
             };
             own.add(ask(base_from_joint(frame)));
             others.add(ask(base_from_part(joints, index, frame) * other_from_joint));

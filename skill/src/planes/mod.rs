@@ -18,7 +18,7 @@ use crate::config::SkillConfig;
 use crate::geometry::line_angle;
 use crate::keyframes::Keyframes;
 use crate::model::{Joint, covariance_rows};
-use crate::structure::{LearnedJoint, orient, probe_points, range_of};
+use crate::structure::{LearnedJoint, Probed, orient, probe_points, range_of};
 use crate::track::{TrackSet, Trajectory};
 use extend::{extend, extend_to};
 use hinge::{Hinge, best_hinge};
@@ -126,24 +126,18 @@ fn search(
 fn witness(hinge: &Hinge, base: &BaseMotion, keyframes: &Keyframes) -> (f64, f64) {
     let [low, high] = hinge.range();
     let aside = 0.5 * (high - low);
-    let (mut there, mut elsewhere) = ((0, 0), (0, 0));
+    let (mut there, mut elsewhere) = (Probed::default(), Probed::default());
     for (frame, picture) in keyframes.iter() {
         let Some(&(_, q)) = hinge.turns.iter().find(|(f, _)| *f == frame) else { continue };
         let probe = |q: f64| {
             let camera_from_part = base.camera_from_base[frame] * hinge.geometry().motion(q);
             probe_points(picture, &hinge.points, &camera_from_part)
         };
-        let (t, a) = probe(q);
-        there = (there.0 + t, there.1 + a);
-        let (t, a) = [q - aside, q + aside]
-            .map(probe)
-            .into_iter()
-            .max_by_key(|(t, _)| *t)
-            .unwrap_or_default();
-        elsewhere = (elsewhere.0 + t, elsewhere.1 + a);
+        there.add(probe(q));
+        let turned = [q - aside, q + aside].map(probe);
+        elsewhere.add(turned.into_iter().max_by_key(|p| p.through).unwrap_or_default());
     }
-    let share = |(t, a): (usize, usize)| t as f64 / (t + a).max(1) as f64;
-    (share(there), share(elsewhere))
+    (there.share_through(), elsewhere.share_through())
 }
 
 fn to_learned(

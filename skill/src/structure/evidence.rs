@@ -48,7 +48,7 @@ pub fn seen_through(
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let pad = 0.25 * (high - low);
-    let (mut through, mut agrees) = (0, 0);
+    let mut all = Probed::default();
     for (frame, picture) in keyframes.iter() {
         let probe = |q: f64| {
             probe_points(
@@ -57,17 +57,15 @@ pub fn seen_through(
                 &(base.camera_from_base[frame] * geometry.motion(q)),
             )
         };
-        let counts = match frames.binary_search(&frame) {
+        all.add(match frames.binary_search(&frame) {
             Ok(i) => probe(configuration[i]),
             Err(_) => (0..33)
                 .map(|i| probe(low - pad + (high - low + 2.0 * pad) * f64::from(i) / 32.0))
-                .max_by_key(|(t, a)| *a as i64 - *t as i64)
+                .max_by_key(|found| found.margin())
                 .unwrap_or_default(),
-        };
-        through += counts.0;
-        agrees += counts.1;
+        });
     }
-    through as f64 / (through + agrees).max(1) as f64
+    all.share_through()
 }
 
 /// A part's tracked points carried back to configuration 0.
@@ -96,21 +94,58 @@ fn rest_points(
         .collect()
 }
 
-/// Points (of a part) that were seen through, and points whose surface was seen.
+/// Points of a part that a picture sees through, and those that it finds in their places.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Probed {
+    /// Something behind them is seen.
+    pub through: usize,
+    /// Their surface is seen.
+    pub agrees: usize,
+}
+
+impl Probed {
+    /// Counts what was found elsewhere, too.
+    pub fn add(&mut self, other: Self) {
+        self.through += other.through;
+        self.agrees += other.agrees;
+    }
+
+    /// Points that the pictures tell of.
+    pub fn count(self) -> usize {
+        self.through + self.agrees
+    }
+
+    /// How many more are found than seen through.
+    pub fn margin(self) -> i64 {
+        self.agrees as i64 - self.through as i64
+    }
+
+    /// Share that is seen through.
+    pub fn share_through(self) -> f64 {
+        self.through as f64 / self.count().max(1) as f64
+    }
+
+    /// Hardly ever seen through, of one point in many pictures.
+    pub fn mostly_agrees(self) -> bool {
+        self.through < 3 || 3 * self.through < self.count()
+    }
+}
+
+/// What a picture tells of points of a part.
 pub fn probe_points(
     picture: &RgbdFrame,
     points: &[Point3<f64>],
     camera_from_part: &Pose,
-) -> (usize, usize) {
-    let mut counts = (0, 0);
+) -> Probed {
+    let mut found = Probed::default();
     for p in points {
         match probe_point(picture, &(camera_from_part * p)) {
-            Probe::Through => counts.0 += 1,
-            Probe::Agrees => counts.1 += 1,
+            Probe::Through => found.through += 1,
+            Probe::Agrees => found.agrees += 1,
             Probe::Unknown => {}
         }
     }
-    counts
+    found
 }
 
 fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {

@@ -20,7 +20,7 @@ use nalgebra::{Point3, UnitVector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-pub use evidence::{probe_points, rests, seen_through};
+pub use evidence::{Probed, probe_points, rests, seen_through};
 
 /// Which parts and joints are believed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -216,16 +216,14 @@ fn uncontradicted(
     };
     let stands = |id: usize| {
         let Some(place) = on_part(id) else { return false };
-        let (mut through, mut agrees) = (0, 0);
+        let mut all = Probed::default();
         for (frame, picture) in keyframes.iter() {
             if let Some(pose) = motion.base_from_part[frame] {
-                let (t, a) =
-                    probe_points(picture, &[place], &(base.camera_from_base[frame] * pose));
-                through += t;
-                agrees += a;
+                let camera_from_part = base.camera_from_base[frame] * pose;
+                all.add(probe_points(picture, &[place], &camera_from_part));
             }
         }
-        through < 3 || 3 * through < through + agrees
+        all.mostly_agrees()
     };
     tracks.iter().copied().filter(|&id| stands(id)).collect()
 }
