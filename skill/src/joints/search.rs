@@ -121,7 +121,7 @@ impl<'s> Search<'s> {
                 let beyond_doubt = was_certain && self.goes_on(&joint);
                 if beyond_doubt { &mut sound } else { &mut others }.push(joint);
             }
-            while let Some(best) = self.best_of(&sound) {
+            while let Some(best) = self.best_among(sound.iter().collect()) {
                 let explained = self.explained(&best, rest);
                 rest.retain(|t| !explained.contains(t));
                 let apart = |j: &Grown| overlap(&j.members, &explained) < 0.3;
@@ -156,11 +156,17 @@ impl<'s> Search<'s> {
         self.cancelled.is_none()
     }
 
-    /// A joint of the earlier search does in the frames since what it did before.
+    /// A joint of the earlier search does in the frames since what it did before. While more
+    /// frames come it may do so less well: what moves on its part is only just beginning to.
     fn goes_on(&self, joint: &Grown) -> bool {
         let new = &joint.known[self.earlier.frames..];
         let followed = new.iter().filter(|k| **k).count();
-        10 * followed >= 9 * new.len() && self.witness.accepts(joint)
+        let is_borne = || {
+            !self.is_the_end()
+                && self.witness.tolerates(joint)
+                && joint.unruly <= self.config.joints.max_unruly
+        };
+        10 * followed >= 9 * new.len() && (self.witness.accepts(joint) || is_borne())
     }
 
     pub(super) fn is_cancelled(&self) -> bool {
@@ -327,22 +333,26 @@ impl<'s> Search<'s> {
         }
     }
 
-    /// The accepted joint of most gain; one of the base is preferred to one of a part that
-    /// explains the same tracks.
+    /// The accepted joint of most gain.
     fn best_of(&self, candidates: &[Grown]) -> Option<Grown> {
-        let accepted: Vec<&Grown> = candidates.iter().filter(|j| self.witness.accepts(j)).collect();
+        self.best_among(candidates.iter().filter(|j| self.witness.accepts(j)).collect())
+    }
+
+    /// The joint of most gain; one of the base is preferred to one of a part that explains the
+    /// same tracks.
+    fn best_among(&self, believed: Vec<&Grown>) -> Option<Grown> {
         let known = |j: &Grown| j.known_frames().len() as f64;
         let same_tracks = |a: &Grown, b: &Grown| {
             overlap(&a.members, &b.members) > 0.35 || overlap(&b.members, &a.members) > 0.6
         };
         // Where a joint of the base is lost for long, its part hangs on one that moved then.
         let shadowed = |j: &Grown| {
-            accepted.iter().filter(|o| o.parent.is_some() != j.parent.is_some()).any(|o| {
+            believed.iter().filter(|o| o.parent.is_some() != j.parent.is_some()).any(|o| {
                 let enough = if j.parent.is_some() { BASE_SUFFICES } else { 1.0 / BASE_SUFFICES };
                 same_tracks(j, o) && known(o) > enough * known(j)
             })
         };
-        accepted
+        believed
             .iter()
             .filter(|j| !shadowed(j) && !self.is_an_appendage(j))
             .map(|j| (self.gain_over_base(j), *j))
