@@ -132,6 +132,7 @@ impl PinholeCamera {
     }
 
     /// Pixel at which a point of the camera frame appears; `None` behind the camera.
+    #[inline]
     pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<Point2<f64>> {
         if point_in_camera.z <= 1e-6 {
             return None;
@@ -143,12 +144,14 @@ impl PinholeCamera {
     }
 
     /// The point of the camera frame at depth `z` metres seen at pixel (`u`, `v`).
+    #[inline]
     pub fn back_project(&self, u: f64, v: f64, z: f64) -> Point3<f64> {
         let (x, y) = self.undistort((u - self.cx) / self.fx, (v - self.cy) / self.fy);
         Point3::new(x * z, y * z, z)
     }
 
     /// True when the pixel lies inside the picture by `margin` pixels.
+    #[inline]
     pub fn sees(&self, pixel: &Point2<f64>, margin: f64) -> bool {
         pixel.x >= margin
             && pixel.y >= margin
@@ -156,6 +159,7 @@ impl PinholeCamera {
             && pixel.y <= self.height as f64 - 1.0 - margin
     }
 
+    #[inline]
     fn distort(&self, x: f64, y: f64) -> (f64, f64) {
         if self.distortion == [0.0; 5] {
             return (x, y);
@@ -169,6 +173,7 @@ impl PinholeCamera {
         )
     }
 
+    #[inline]
     fn undistort(&self, xd: f64, yd: f64) -> (f64, f64) {
         if self.distortion == [0.0; 5] {
             return (xd, yd);

@@ -92,6 +92,7 @@ impl ColorImage {
     }
 
     /// Luma (ITU-R BT.601) at column `u`, row `v`; `None` outside.
+    #[inline]
     pub fn luma_at(&self, u: usize, v: usize) -> Option<u8> {
         self.at(u, v).map(luma)
     }
@@ -168,6 +169,7 @@ impl DepthImage {
     }
 
     /// Depth in metres at column `u`, row `v`; `None` outside and where the sensor saw nothing.
+    #[inline]
     pub fn at(&self, u: usize, v: usize) -> Option<f32> {
         if u >= self.width || v >= self.height {
             return None;
@@ -177,6 +179,7 @@ impl DepthImage {
     }
 
     /// Depth at the pixel nearest to a sub-pixel position.
+    #[inline]
     pub fn at_nearest(&self, u: f64, v: f64) -> Option<f32> {
         let (u, v) = (u + 0.5, v + 0.5);
         if !(u > 0.0 && v > 0.0) {

@@ -212,7 +212,8 @@ impl Template {
         for (missing, seen) in missing.iter_mut().zip(window) {
             *missing -= seen;
         }
-        [&self.gradient_x, &self.gradient_y].map(|gradient| sum_of_products(&missing, gradient))
+        // Not a closure: the compiler would leave it behind, for any processor.
+        [sum_of_products(&missing, &self.gradient_x), sum_of_products(&missing, &self.gradient_y)]
     }
 }
 
