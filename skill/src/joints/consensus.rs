@@ -1,9 +1,9 @@
 //! The configuration of one frame: each track proposes one, most agree on the answer.
 
-use super::adjust::weight;
+use super::dof::{Dof, Moved};
 use super::grown::Grown;
 use super::view::{Seen, View};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// A configuration and how it was agreed on.
 #[derive(Debug, Clone, Copy)]
@@ -35,16 +35,9 @@ pub fn agree(
         .zip(weights)
         .filter_map(|(&t, &w)| Some((&joint.points[t], view.at(t, frame)?, w)))
         .collect();
+    let benches: Vec<Bench> = voters.chunks(SEATS).map(Bench::of).collect();
     let support = |q: f64| {
-        let (mut score, mut agreeing) = (0.0, 0);
-        let at = joint.dof.at(q);
-        for (p, s, w) in &voters {
-            let r = s.distance_sq(&at.forth(p));
-            if r < cut {
-                score += w * (1.0 - r / cut);
-                agreeing += 1;
-            }
-        }
+        let (score, agreeing) = support(&benches, &joint.dof.at(q), cut);
         (score, Agreement { q, agreeing })
     };
     let mut best = support(guess.unwrap_or(0.0));
@@ -60,20 +53,204 @@ pub fn agree(
     }
     let mut agreement = best.1;
     for _ in 0..3 {
-        let (mut numerator, mut denominator) = (0.0, 0.0);
-        let at = joint.dof.at(agreement.q);
-        for (p, s, w) in &voters {
-            let moved = at.forth(p);
-            let w = w * weight(s.distance_sq(&moved), cut);
-            if w > 0.0 {
-                let direction = s.information * joint.dof.velocity(&moved);
-                numerator -= w * direction.dot(&(moved - s.point));
-                denominator += w * direction.dot(&joint.dof.velocity(&moved));
-            }
-        }
-        if denominator > 0.0 {
-            agreement.q += numerator / (denominator + 1e-9);
+        let [pull, stiffness] = pull(&benches, &joint.dof, &joint.dof.at(agreement.q), cut);
+        if stiffness > 0.0 {
+            agreement.q += pull / (stiffness + 1e-9);
         }
     }
     agreement
+}
+
+/// Voters whose sums are taken side by side.
+const SEATS: usize = 8;
+/// One figure of each.
+type Row = [f64; SEATS];
+
+/// A few tracks in one frame, figure by figure. An empty seat has no place and agrees with nothing.
+struct Bench {
+    /// Part points.
+    point: [Row; 3],
+    /// Where they are seen.
+    place: [Row; 3],
+    /// Inverse covariances there, by columns.
+    information: [[Row; 3]; 3],
+    weight: Row,
+}
+
+impl Bench {
+    fn of(voters: &[(&Point3<f64>, &Seen, f64)]) -> Self {
+        let zeros = [0.0; SEATS];
+        let mut bench = Self {
+            point: [zeros; 3],
+            place: [[f64::NAN; SEATS]; 3],
+            information: [[zeros; 3]; 3],
+            weight: zeros,
+        };
+        for (i, (point, seen, weight)) in voters.iter().enumerate() {
+            for r in 0..3 {
+                bench.point[r][i] = point[r];
+                bench.place[r][i] = seen.point[r];
+                for c in 0..3 {
+                    bench.information[c][r][i] = seen.information[(r, c)];
+                }
+            }
+            bench.weight[i] = *weight;
+        }
+        bench
+    }
+
+    /// Where a joint's motion puts the points.
+    #[inline(always)]
+    fn moved(&self, motion: &Moved) -> [Row; 3] {
+        let [x, y, z] = motion.rotation.data.0;
+        let shift = motion.shift.data.0[0];
+        let mut moved = [[0.0; SEATS]; 3];
+        for r in 0..3 {
+            for i in 0..SEATS {
+                let [px, py, pz] = [self.point[0][i], self.point[1][i], self.point[2][i]];
+                moved[r][i] = x[r] * px + y[r] * py + z[r] * pz + shift[r];
+            }
+        }
+        moved
+    }
+}
+
+/// Weight of the voters that agree with a joint's motion, and how many they are.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn support(benches: &[Bench], motion: &Moved, cut: f64) -> (f64, usize) {
+    let (mut score, mut agreeing) = (0.0, 0);
+    for bench in benches {
+        let error = difference(&bench.moved(motion), &bench.place);
+        let distance_sq = dot(&product(&bench.information, &error), &error);
+        let mut scores = [0.0; SEATS];
+        for i in 0..SEATS {
+            let agrees = bench.weight[i] * (1.0 - distance_sq[i] / cut);
+            scores[i] = if distance_sq[i] < cut { agrees } else { 0.0 };
+        }
+        for i in 0..SEATS {
+            score += scores[i];
+            agreeing += usize::from(distance_sq[i] < cut);
+        }
+    }
+    (score, agreeing)
+}
+
+/// Gradient and curvature of the voters' agreement along the configuration.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn pull(benches: &[Bench], dof: &Dof, motion: &Moved, cut: f64) -> [f64; 2] {
+    let (mut pull, mut stiffness) = (0.0, 0.0);
+    let (turning, sliding) = match dof.hinge {
+        true => (dof.axis, dof.advance(1.0)),
+        false => (Vector3::zeros(), dof.axis),
+    };
+    for bench in benches {
+        let moved = bench.moved(motion);
+        let error = difference(&moved, &bench.place);
+        let distance_sq = dot(&product(&bench.information, &error), &error);
+        let velocity = velocity(&turning, &sliding, &dof.origin, &moved);
+        let direction = product(&bench.information, &velocity);
+        let (along, across) = (dot(&direction, &error), dot(&direction, &velocity));
+        let (mut pulls, mut stiffnesses) = ([0.0; SEATS], [0.0; SEATS]);
+        for i in 0..SEATS {
+            let near = 1.0 - distance_sq[i] / cut;
+            let w = bench.weight[i] * (near * near);
+            pulls[i] = if distance_sq[i] < cut { w * along[i] } else { 0.0 };
+            stiffnesses[i] = if distance_sq[i] < cut { w * across[i] } else { 0.0 };
+        }
+        for i in 0..SEATS {
+            pull -= pulls[i];
+            stiffness += stiffnesses[i];
+        }
+    }
+    [pull, stiffness]
+}
+
+/// A joint's velocity at places.
+#[inline(always)]
+fn velocity(
+    turning: &Vector3<f64>,
+    sliding: &Vector3<f64>,
+    origin: &Point3<f64>,
+    places: &[Row; 3],
+) -> [Row; 3] {
+    let mut velocity = [[0.0; SEATS]; 3];
+    for r in 0..3 {
+        let (a, b) = ((r + 1) % 3, (r + 2) % 3);
+        for i in 0..SEATS {
+            let arm = [places[a][i] - origin[a], places[b][i] - origin[b]];
+            velocity[r][i] = (turning[a] * arm[1] - turning[b] * arm[0]) + sliding[r];
+        }
+    }
+    velocity
+}
+
+/// Matrices, by columns, times vectors.
+#[inline(always)]
+fn product(columns: &[[Row; 3]; 3], vectors: &[Row; 3]) -> [Row; 3] {
+    let mut product = [[0.0; SEATS]; 3];
+    for r in 0..3 {
+        for i in 0..SEATS {
+            product[r][i] = columns[0][r][i] * vectors[0][i]
+                + columns[1][r][i] * vectors[1][i]
+                + columns[2][r][i] * vectors[2][i];
+        }
+    }
+    product
+}
+
+#[inline(always)]
+fn difference(a: &[Row; 3], b: &[Row; 3]) -> [Row; 3] {
+    let mut difference = [[0.0; SEATS]; 3];
+    for r in 0..3 {
+        for i in 0..SEATS {
+            difference[r][i] = a[r][i] - b[r][i];
+        }
+    }
+    difference
+}
+
+#[inline(always)]
+fn dot(a: &[Row; 3], b: &[Row; 3]) -> Row {
+    let mut dot = [0.0; SEATS];
+    for i in 0..SEATS {
+        dot[i] = a[0][i] * b[0][i] + a[1][i] * b[1][i] + a[2][i] * b[2][i];
+    }
+    dot
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::specimen::seen_moving;
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn most_agree_whatever_the_others_say(
+            hinge: bool,
+            pitch in prop::option::of(0.02..0.1_f64),
+            q in -1.0..1.0_f64,
+            guess in prop::option::of(-1.0..1.0_f64),
+            strays in 0..6_usize,
+        ) {
+            let axis = Vector3::new(0.1, 1.0, -0.2).normalize();
+            let origin = Point3::new(0.05, 0.0, 1.3);
+            let dof = Dof { hinge, axis, origin, pitch: pitch.filter(|_| hinge) };
+            let places: Vec<Point3<f64>> = (0..21)
+                .map(f64::from)
+                .map(|i| Point3::new(0.2 + 0.02 * i, 0.3 * (i * 1.3).sin(), 1.2 + 0.02 * i))
+                .collect();
+            let view = seen_moving(&dof, &places, &[0.0, q]);
+            let mut joint = Grown::new(dof, &view, 0);
+            joint.points = places;
+            for (i, stray) in joint.points.iter_mut().enumerate().take(strays) {
+                *stray += Vector3::new(0.3, 0.1 * i as f64, -0.2);
+            }
+            let tracks: Vec<usize> = (0..21).collect();
+            let agreement = agree(&joint, &view, &tracks, &[1.0; 21], 1, guess, 16.0);
+            prop_assert!((agreement.q - q).abs() < 0.01, "{} instead of {q}", agreement.q);
+            prop_assert!((21 - strays..=21).contains(&agreement.agreeing));
+        }
+    }
 }

@@ -20,8 +20,8 @@ pub struct Dof {
 /// What a joint does to points at one configuration.
 #[derive(Debug, Clone, Copy)]
 pub struct Moved {
-    rotation: Matrix3<f64>,
-    shift: Vector3<f64>,
+    pub(super) rotation: Matrix3<f64>,
+    pub(super) shift: Vector3<f64>,
 }
 
 impl Moved {
