@@ -73,11 +73,13 @@ pub fn complete(
     config: &SkillConfig,
 ) -> Vec<LearnedJoint> {
     let meagre = |j: &LearnedJoint| j.joint.log_likelihood < config.planes.meagre_gain;
-    if joints.iter().all(meagre) {
-        let plain = search(set, base, keyframes, &config.planes, config.seed);
-        let told = |p: &LearnedJoint| joints.iter().any(|j| shares_direction(&j.joint, &p.joint));
-        if joints.is_empty() || !plain.iter().all(told) {
-            return plain;
+    if joints.iter().all(meagre)
+        && let Some(hinge) = search(base, keyframes, &config.planes, config.seed)
+    {
+        let mut plain = to_learned(&hinge, set, base);
+        if !joints.iter().any(|j| shares_direction(&j.joint, &plain.joint)) {
+            extend_to(hinge.reach(), &mut plain, set, base, keyframes, config.seed);
+            return vec![plain];
         }
     }
     extend(&mut joints, set, base, keyframes, config.seed);
@@ -89,16 +91,15 @@ fn shares_direction(a: &Joint, b: &Joint) -> bool {
     a.kind == b.kind && line_angle(&a.axis.into(), &b.axis.into()) < SAME_DIRECTION
 }
 
-/// Finds the hinge of a plain part; nothing when no plane turns about a line.
+/// Finds the hinge of a plain part; `None` when no plane turns about a line.
 fn search(
-    set: &TrackSet,
     base: &BaseMotion,
     keyframes: &Keyframes,
     config: &PlanesConfig,
     seed: u64,
-) -> Vec<LearnedJoint> {
+) -> Option<Hinge> {
     let patches = moving_patches(keyframes, base, Sampling::Coarse, None, seed);
-    let Some(hinge) = best_hinge(&patches) else { return Vec::new() };
+    let hinge = best_hinge(&patches)?;
     let (through, tells) = witness(&hinge, base, keyframes);
     let [low, high] = hinge.range();
     tracing::debug!(
@@ -118,7 +119,7 @@ fn search(
         && hinge.rests()
         && through <= config.max_through
         && tells >= config.min_tells;
-    if stands { vec![to_learned(&hinge, set, base, keyframes, seed)] } else { Vec::new() }
+    stands.then_some(hinge)
 }
 
 /// Shares of the part's points that keyframes see through: where the hinge puts them, and were
@@ -140,13 +141,7 @@ fn witness(hinge: &Hinge, base: &BaseMotion, keyframes: &Keyframes) -> (f64, f64
     (there.share_through(), elsewhere.share_through())
 }
 
-fn to_learned(
-    hinge: &Hinge,
-    set: &TrackSet,
-    base: &BaseMotion,
-    keyframes: &Keyframes,
-    seed: u64,
-) -> LearnedJoint {
+fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint {
     let mut geometry: JointGeometry = hinge.geometry();
     let (frames, mut configuration): (Vec<usize>, Vec<f64>) = hinge.turns.iter().copied().unzip();
     orient(&mut geometry, &mut configuration);
@@ -163,7 +158,5 @@ fn to_learned(
         type_probabilities: [(JointKind::Revolute, 1.0)].into(),
         ..Joint::of(&geometry)
     };
-    let mut learned = LearnedJoint { joint, base_from_part, tracks: Vec::new() };
-    extend_to(hinge.reach(), &mut learned, set, base, keyframes, seed);
-    learned
+    LearnedJoint { joint, base_from_part, tracks: Vec::new() }
 }

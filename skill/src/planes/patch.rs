@@ -6,7 +6,7 @@ use crate::geometry::{distance_to_line, plane_through};
 use crate::keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::SurfacePatch;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -88,8 +88,9 @@ pub fn moving_patches(
     pictures
         .par_iter()
         .flat_map_iter(|&(frame, picture)| {
-            let is_wanted = |point: &Point3<f64>| {
-                cylinder.is_none_or(|c| c.holds(point)) && moves(point, &asked, base)
+            let others = seen_from(frame, &asked, base);
+            let is_wanted = |in_camera: &Point3<f64>, in_base: &Point3<f64>| {
+                cylinder.is_none_or(|c| c.holds(in_base)) && moves(in_camera, &others)
             };
             let mut samples = samples(picture, base, frame, sampling, is_wanted);
             samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
@@ -103,35 +104,59 @@ fn samples(
     base: &BaseMotion,
     frame: usize,
     sampling: Sampling,
-    is_wanted: impl Fn(&Point3<f64>) -> bool,
+    is_wanted: impl Fn(&Point3<f64>, &Point3<f64>) -> bool,
 ) -> Vec<Sample> {
     let (depth, camera) = (&picture.depth, &picture.camera);
     let base_from_camera = base.camera_from_base[frame].inverse();
     let mut found = Vec::new();
     for v in (0..depth.height()).step_by(sampling as usize) {
         for u in (0..depth.width()).step_by(sampling as usize) {
-            let at = |z: f64| base_from_camera * camera.back_project(u as f64, v as f64, z);
+            let at = |z: f64| camera.back_project(u as f64, v as f64, z);
             let reading = f64::from(depth.as_metres()[v * depth.width() + u]);
-            if reading.is_nan() || !is_wanted(&at(reading)) {
+            if reading.is_nan() || !is_wanted(&at(reading), &(base_from_camera * at(reading))) {
                 continue;
             }
             if let Some(surface) = SurfacePatch::at(depth, camera, u, v) {
                 let normal = base_from_camera * surface.normal;
-                found.push(Sample { point: at(surface.z), normal });
+                found.push(Sample { point: base_from_camera * at(surface.z), normal });
             }
         }
     }
     found
 }
 
-/// Enough other keyframes see something behind the place.
-fn moves(point: &Point3<f64>, pictures: &[(usize, &RgbdFrame)], base: &BaseMotion) -> bool {
-    let mut needed = (MOVING_SHARE * pictures.len() as f64).ceil().max(3.0) as usize;
-    for (i, (frame, picture)) in pictures.iter().enumerate() {
-        if needed > pictures.len() - i {
+/// Another keyframe, as seen from one.
+struct Other<'k> {
+    picture: &'k RgbdFrame,
+    /// Rotation and shift from the one's camera to the other's.
+    rotation: Matrix3<f64>,
+    shift: Vector3<f64>,
+}
+
+fn seen_from<'k>(
+    frame: usize,
+    pictures: &[(usize, &'k RgbdFrame)],
+    base: &BaseMotion,
+) -> Vec<Other<'k>> {
+    let base_from_camera = base.camera_from_base[frame].inverse();
+    pictures
+        .iter()
+        .map(|&(other, picture)| {
+            let other_from_camera = base.camera_from_base[other] * base_from_camera;
+            let rotation = other_from_camera.rotation.to_rotation_matrix().into_inner();
+            Other { picture, rotation, shift: other_from_camera.translation.vector }
+        })
+        .collect()
+}
+
+/// Enough others see something behind the place.
+fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
+    let mut needed = (MOVING_SHARE * others.len() as f64).ceil().max(3.0) as usize;
+    for (i, Other { picture, rotation, shift }) in others.iter().enumerate() {
+        if needed > others.len() - i {
             return false;
         }
-        let p = base.camera_from_base[*frame] * point;
+        let p = Point3::from(rotation * in_camera.coords + shift);
         let through = picture
             .camera
             .project(&p)
