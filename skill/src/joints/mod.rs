@@ -55,11 +55,12 @@ impl Watched<'_> {
     /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
     pub fn joints(&self, earlier: &Memory) -> Vec<LearnedJoint> {
         let view = self.view();
-        let without_joints = earlier.without_joints();
+        let dismissed: Memory;
         let mut search = Search::new(*self, &view, earlier, None);
         search.run();
         if search.joints.is_empty() && earlier.frames > 0 {
-            search = Search::new(*self, &view, &without_joints, None);
+            dismissed = search.remember().without_joints();
+            search = Search::new(*self, &view, &dismissed, None);
             search.run();
         }
         search.polish();
