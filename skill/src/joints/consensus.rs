@@ -105,10 +105,10 @@ impl Bench {
         let [x, y, z] = motion.rotation.data.0;
         let shift = motion.shift.data.0[0];
         let mut moved = [[0.0; SEATS]; 3];
-        for r in 0..3 {
-            for i in 0..SEATS {
+        for (r, row) in moved.iter_mut().enumerate() {
+            for (i, m) in row.iter_mut().enumerate() {
                 let [px, py, pz] = [self.point[0][i], self.point[1][i], self.point[2][i]];
-                moved[r][i] = x[r] * px + y[r] * py + z[r] * pz + shift[r];
+                *m = x[r] * px + y[r] * py + z[r] * pz + shift[r];
             }
         }
         moved
@@ -173,15 +173,21 @@ fn velocity(
     origin: &Point3<f64>,
     places: &[Row; 3],
 ) -> [Row; 3] {
-    let mut velocity = [[0.0; SEATS]; 3];
-    for r in 0..3 {
-        let (a, b) = ((r + 1) % 3, (r + 2) % 3);
-        for i in 0..SEATS {
-            let arm = [places[a][i] - origin[a], places[b][i] - origin[b]];
-            velocity[r][i] = (turning[a] * arm[1] - turning[b] * arm[0]) + sliding[r];
-        }
+    let arm = difference(places, &[[origin.x; SEATS], [origin.y; SEATS], [origin.z; SEATS]]);
+    let row = |a: usize, b: usize, sliding: f64| {
+        let (turning, arm) = ([turning[a], turning[b]], [&arm[a], &arm[b]]);
+        cross_row(turning, arm, sliding)
+    };
+    [row(1, 2, sliding.x), row(2, 0, sliding.y), row(0, 1, sliding.z)]
+}
+
+#[inline(always)]
+fn cross_row(turning: [f64; 2], arm: [&Row; 2], sliding: f64) -> Row {
+    let mut row = [0.0; SEATS];
+    for i in 0..SEATS {
+        row[i] = (turning[0] * arm[1][i] - turning[1] * arm[0][i]) + sliding;
     }
-    velocity
+    row
 }
 
 /// Matrices, by columns, times vectors.
