@@ -6,7 +6,7 @@ use crate::geometry::{distance_to_line, plane_through};
 use crate::keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::SurfacePatch;
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -113,7 +113,8 @@ fn samples(
         for u in (0..depth.width()).step_by(sampling as usize) {
             let at = |z: f64| camera.back_project(u as f64, v as f64, z);
             let reading = f64::from(depth.as_metres()[v * depth.width() + u]);
-            if reading.is_nan() || !is_wanted(&at(reading), &(base_from_camera * at(reading))) {
+            let in_camera = at(reading);
+            if reading.is_nan() || !is_wanted(&in_camera, &(base_from_camera * in_camera)) {
                 continue;
             }
             if let Some(surface) = SurfacePatch::at(depth, camera, u, v) {
@@ -128,9 +129,8 @@ fn samples(
 /// Another keyframe, as seen from one.
 struct Other<'k> {
     picture: &'k RgbdFrame,
-    /// Rotation and shift from the one's camera to the other's.
-    rotation: Matrix3<f64>,
-    shift: Vector3<f64>,
+    /// From the one's camera to its own.
+    other_from_camera: IsometryMatrix3<f64>,
 }
 
 fn seen_from<'k>(
@@ -142,9 +142,10 @@ fn seen_from<'k>(
     pictures
         .iter()
         .map(|&(other, picture)| {
-            let other_from_camera = base.camera_from_base[other] * base_from_camera;
-            let rotation = other_from_camera.rotation.to_rotation_matrix().into_inner();
-            Other { picture, rotation, shift: other_from_camera.translation.vector }
+            let pose = base.camera_from_base[other] * base_from_camera;
+            let rotation = pose.rotation.to_rotation_matrix();
+            let other_from_camera = IsometryMatrix3::from_parts(pose.translation, rotation);
+            Other { picture, other_from_camera }
         })
         .collect()
 }
@@ -152,11 +153,11 @@ fn seen_from<'k>(
 /// Enough others see something behind the place.
 fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
     let mut needed = (MOVING_SHARE * others.len() as f64).ceil().max(3.0) as usize;
-    for (i, Other { picture, rotation, shift }) in others.iter().enumerate() {
+    for (i, Other { picture, other_from_camera }) in others.iter().enumerate() {
         if needed > others.len() - i {
             return false;
         }
-        let p = Point3::from(rotation * in_camera.coords + shift);
+        let p = other_from_camera * in_camera;
         let through = picture
             .camera
             .project(&p)
