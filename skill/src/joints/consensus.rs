@@ -1,9 +1,10 @@
 //! The configuration of one frame: each track proposes one, most agree on the answer.
 
-use super::dof::{Dof, Moved};
+use super::adjust::weight;
+use super::dof::Moved;
 use super::grown::Grown;
 use super::view::{Seen, View};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 /// A configuration and how it was agreed on.
 #[derive(Debug, Clone, Copy)]
@@ -53,9 +54,19 @@ pub fn agree(
     }
     let mut agreement = best.1;
     for _ in 0..3 {
-        let [pull, stiffness] = pull(&benches, &joint.dof, &joint.dof.at(agreement.q), cut);
-        if stiffness > 0.0 {
-            agreement.q += pull / (stiffness + 1e-9);
+        let (mut numerator, mut denominator) = (0.0, 0.0);
+        let at = joint.dof.at(agreement.q);
+        for (p, s, w) in &voters {
+            let moved = at.forth(p);
+            let w = w * weight(s.distance_sq(&moved), cut);
+            if w > 0.0 {
+                let direction = s.information * joint.dof.velocity(&moved);
+                numerator -= w * direction.dot(&(moved - s.point));
+                denominator += w * direction.dot(&joint.dof.velocity(&moved));
+            }
+        }
+        if denominator > 0.0 {
+            agreement.q += numerator / (denominator + 1e-9);
         }
     }
     agreement
@@ -135,61 +146,6 @@ fn support(benches: &[Bench], motion: &Moved, cut: f64) -> (f64, usize) {
     (score, agreeing)
 }
 
-/// Gradient and curvature of the voters' agreement along the configuration.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
-fn pull(benches: &[Bench], dof: &Dof, motion: &Moved, cut: f64) -> [f64; 2] {
-    let (mut pull, mut stiffness) = (0.0, 0.0);
-    let (turning, sliding) = match dof.hinge {
-        true => (dof.axis, dof.advance(1.0)),
-        false => (Vector3::zeros(), dof.axis),
-    };
-    for bench in benches {
-        let moved = bench.moved(motion);
-        let error = difference(&moved, &bench.place);
-        let distance_sq = dot(&product(&bench.information, &error), &error);
-        let velocity = velocity(&turning, &sliding, &dof.origin, &moved);
-        let direction = product(&bench.information, &velocity);
-        let (along, across) = (dot(&direction, &error), dot(&direction, &velocity));
-        let (mut pulls, mut stiffnesses) = ([0.0; SEATS], [0.0; SEATS]);
-        for i in 0..SEATS {
-            let near = 1.0 - distance_sq[i] / cut;
-            let w = bench.weight[i] * (near * near);
-            pulls[i] = if distance_sq[i] < cut { w * along[i] } else { 0.0 };
-            stiffnesses[i] = if distance_sq[i] < cut { w * across[i] } else { 0.0 };
-        }
-        for i in 0..SEATS {
-            pull -= pulls[i];
-            stiffness += stiffnesses[i];
-        }
-    }
-    [pull, stiffness]
-}
-
-/// A joint's velocity at places.
-#[inline(always)]
-fn velocity(
-    turning: &Vector3<f64>,
-    sliding: &Vector3<f64>,
-    origin: &Point3<f64>,
-    places: &[Row; 3],
-) -> [Row; 3] {
-    let arm = difference(places, &[[origin.x; SEATS], [origin.y; SEATS], [origin.z; SEATS]]);
-    let row = |a: usize, b: usize, sliding: f64| {
-        let (turning, arm) = ([turning[a], turning[b]], [&arm[a], &arm[b]]);
-        cross_row(turning, arm, sliding)
-    };
-    [row(1, 2, sliding.x), row(2, 0, sliding.y), row(0, 1, sliding.z)]
-}
-
-#[inline(always)]
-fn cross_row(turning: [f64; 2], arm: [&Row; 2], sliding: f64) -> Row {
-    let mut row = [0.0; SEATS];
-    for i in 0..SEATS {
-        row[i] = (turning[0] * arm[1][i] - turning[1] * arm[0][i]) + sliding;
-    }
-    row
-}
-
 /// Matrices, by columns, times vectors.
 #[inline(always)]
 fn product(columns: &[[Row; 3]; 3], vectors: &[Row; 3]) -> [Row; 3] {
@@ -226,8 +182,10 @@ fn dot(a: &[Row; 3], b: &[Row; 3]) -> Row {
 
 #[cfg(test)]
 mod tests {
+    use super::super::dof::Dof;
     use super::super::specimen::seen_moving;
     use super::*;
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     proptest! {
