@@ -58,10 +58,11 @@ impl Lie {
             arm = -arm;
         }
         let mut out: Vec<f64> = patch.points.iter().map(|p| arm.dot(&(p - origin))).collect();
-        out.sort_by(f64::total_cmp);
-        let reach = out[out.len() * 19 / 20];
+        let (near, far) = (out.len() / 20, out.len() * 19 / 20);
+        let (_, &mut reach, _) = out.select_nth_unstable_by(far, f64::total_cmp);
+        let (_, &mut least, _) = out[..=far].select_nth_unstable_by(near, f64::total_cmp);
         // A part lies to one side of its hinge.
-        (out[out.len() / 20] > -0.15 * reach).then_some(Self { arm, reach, along: axis.dot(&mean) })
+        (least > -0.15 * reach).then_some(Self { arm, reach, along: axis.dot(&mean) })
     }
 
     /// Reaches as far, at the same place along the line.
