@@ -35,7 +35,7 @@ pub use config::JointsConfig;
 pub use memory::Memory;
 use search::Search;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use view::View;
 
 /// The frames of a demonstration, or those of it that there are by now.
@@ -78,6 +78,9 @@ impl Watched<'_> {
         let view = self.view();
         let mut search = Search::new(*self, &view, earlier, Some(cancelled));
         search.run();
+        if cancelled.load(Ordering::Relaxed) {
+            return Memory::default();
+        }
         if let Some(tell) = tell {
             tell(search.learned().into_iter().map(|l| l.joint).collect());
         }

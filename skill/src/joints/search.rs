@@ -79,6 +79,9 @@ impl<'s> Search<'s> {
         // What one round grew, the next need not grow again.
         let mut grown = self.recall(&mut rest);
         for round in 0..config.rounds {
+            if self.is_cancelled() {
+                return;
+            }
             let parents = if config.chains { self.joints.len() } else { 0 };
             let known =
                 |parent| (parent, grown.iter().filter(|j| j.parent == parent).cloned().collect());
@@ -90,7 +93,7 @@ impl<'s> Search<'s> {
                 candidates = self.in_frames(vec![(None, candidates)], &rest, round);
                 best = self.best_of(&candidates);
             }
-            let Some(best) = best.filter(|_| !self.is_cancelled()) else { return };
+            let Some(best) = best else { return };
             let best = self.merged_with_its_stretches(best, &candidates, &rest);
             let explained = self.explained(&best, &rest);
             let adopted = self.adopt(best, &rest);
@@ -117,7 +120,11 @@ impl<'s> Search<'s> {
                 continue;
             }
             let (mut sound, mut others) = (Vec::new(), Vec::new());
-            for (joint, was_certain) in self.recalled(former, parent, &view, &candidates) {
+            let recalled = self.recalled(former, parent, &view, &candidates);
+            if self.is_cancelled() {
+                return Vec::new();
+            }
+            for (joint, was_certain) in recalled {
                 let beyond_doubt = was_certain && self.goes_on(&joint);
                 if beyond_doubt { &mut sound } else { &mut others }.push(joint);
             }
@@ -286,6 +293,9 @@ impl<'s> Search<'s> {
     /// Confronts a joint with the depth pictures; takes back configurations that they
     /// contradict.
     pub(super) fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
+        if self.is_cancelled() {
+            return;
+        }
         joint.coupling = self.coupling(joint, joint.parent);
         if !self.witness.is_worth_asking(joint) {
             return;

@@ -136,9 +136,11 @@ impl Search<'_> {
             return None;
         }
         let Suspicions { parent, view, candidates, .. } = suspicions;
-        let mirrors = |j: &Grown| self.coupling(j, *parent) > accept::MAX_COUPLING;
+        let is_hopeless = |j: &Grown| {
+            self.is_cancelled() || self.coupling(j, *parent) > accept::MAX_COUPLING
+        };
         let config = &self.config.joints;
-        let mut joint = grow::grow_hypothesis(view, h, candidates, config, mirrors)?;
+        let mut joint = grow::grow_hypothesis(view, h, candidates, config, is_hopeless)?;
         joint.parent = *parent;
         joint.seed.clone_from(&h.tracks);
         self.question(view, &mut joint, candidates);
