@@ -6,13 +6,16 @@
 //! frame is registered to the map by RANSAC and a reweighted fit. A moving part's and the
 //! person's map points are wrong, but they vote little.
 
+mod seen;
+
 use crate::geometry::{Correspondence, Pose, RansacOptions, median_point, ransac_rigid};
 use crate::track::{Track, TrackSet};
-use nalgebra::{Matrix3, Point3};
+use nalgebra::Point3;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+pub use seen::{Precision, Seen};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -59,37 +62,14 @@ pub struct BaseTrack {
     /// First frame of `points`.
     pub first_frame: usize,
     /// Place in the base frame, a frame each; `None` without depth.
-    pub points: Vec<Option<BasePoint>>,
+    pub points: Vec<Option<Seen>>,
     /// True when its path is longer than noise explains.
     pub moves: bool,
 }
 
-/// One observation in the base frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BasePoint {
-    /// Place, metres.
-    pub point: Point3<f64>,
-    /// Inverse covariance: tight across the viewing ray, loose along it.
-    pub information: Matrix3<f64>,
-    /// One figure for both, metres.
-    pub sigma: f64,
-}
-
-impl BasePoint {
-    fn of(in_camera: &Point3<f64>, camera_from_base: &Pose) -> Self {
-        let base_from_camera = camera_from_base.inverse();
-        let ray = base_from_camera * in_camera.coords.normalize();
-        let (across, along) = (across_sigma(in_camera.z), ray_sigma(in_camera.z));
-        let information = Matrix3::identity() / across.powi(2)
-            + ray * ray.transpose() * (along.powi(-2) - across.powi(-2));
-        let sigma = 0.7 * coarse_sigma(in_camera.z);
-        Self { point: base_from_camera * in_camera, information, sigma }
-    }
-}
-
 impl BaseTrack {
     /// The observation of a frame.
-    pub fn at(&self, frame: usize) -> Option<&BasePoint> {
+    pub fn at(&self, frame: usize) -> Option<&Seen> {
         self.points.get(frame.checked_sub(self.first_frame)?)?.as_ref()
     }
 
@@ -99,7 +79,7 @@ impl BaseTrack {
     }
 
     /// Observations with their frames.
-    pub fn seen(&self) -> impl Iterator<Item = (usize, &BasePoint)> {
+    pub fn seen(&self) -> impl Iterator<Item = (usize, &Seen)> {
         let first = self.first_frame;
         self.points.iter().enumerate().filter_map(move |(i, p)| Some((first + i, p.as_ref()?)))
     }
@@ -241,7 +221,7 @@ pub fn coarse_sigma(z: f64) -> f64 {
 /// A track of which the first points are known.
 fn into_base(
     track: &Track,
-    known: &[Option<BasePoint>],
+    known: &[Option<Seen>],
     camera_from_base: &[Pose],
     config: &BaseConfig,
 ) -> BaseTrack {
@@ -250,15 +230,15 @@ fn into_base(
     let since = track.observations.iter().enumerate().skip(known.len());
     points.extend(since.map(|(i, seen)| {
         let camera_from_base = &camera_from_base[track.first_frame + i];
-        Some(BasePoint::of(&seen.point_in_camera?, camera_from_base))
+        Some(Seen::by_camera(&seen.point_in_camera?, camera_from_base))
     }));
     let moves = extent_exceeds_noise(&points, config);
     BaseTrack { id: track.id, first_frame: track.first_frame, points, moves }
 }
 
-fn extent_exceeds_noise(points: &[Option<BasePoint>], config: &BaseConfig) -> bool {
+fn extent_exceeds_noise(points: &[Option<Seen>], config: &BaseConfig) -> bool {
     let path: Vec<(Point3<f64>, f64)> =
-        points.iter().flatten().map(|p| (p.point, p.sigma)).collect();
+        points.iter().flatten().map(|p| (p.point, p.sigma())).collect();
     path_moves(&path, config.min_extent_m, config.min_extent_sigmas)
 }
 

@@ -3,7 +3,8 @@
 
 use super::dof::Moved;
 use super::grown::Grown;
-use super::view::{Seen, View};
+use super::view::View;
+use crate::base::Seen;
 use crate::geometry::{median_point, orthonormal_basis};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
@@ -149,7 +150,7 @@ fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) ->
             jacobian.set_column(1, &(v * q));
         }
         let velocity = dof.velocity(&moved);
-        let information = s.information * w;
+        let information = s.precision.matrix() * w;
         let pull = information * (moved - s.point);
         let (weighed, weighed_velocity) = (information * jacobian, information * velocity);
         let back = turn.rotation.transpose();

@@ -3,7 +3,8 @@
 use super::adjust::weight;
 use super::dof::Moved;
 use super::grown::Grown;
-use super::view::{Seen, View};
+use super::view::View;
+use crate::base::Seen;
 use nalgebra::Point3;
 
 /// A configuration and how it was agreed on.
@@ -60,7 +61,7 @@ pub fn agree(
             let moved = at.forth(p);
             let w = w * weight(s.distance_sq(&moved), cut);
             if w > 0.0 {
-                let direction = s.information * joint.dof.velocity(&moved);
+                let direction = s.precision.times(&joint.dof.velocity(&moved));
                 numerator -= w * direction.dot(&(moved - s.point));
                 denominator += w * direction.dot(&joint.dof.velocity(&moved));
             }
@@ -83,8 +84,11 @@ struct Bench {
     point: [Row; 3],
     /// Where they are seen.
     place: [Row; 3],
-    /// Inverse covariances there, by columns.
-    information: [[Row; 3]; 3],
+    /// Rays that they are seen along,
+    ray: [Row; 3],
+    /// inverse variances across these, and how much more they are along them.
+    across: Row,
+    excess: Row,
     weight: Row,
 }
 
@@ -94,17 +98,19 @@ impl Bench {
         let mut bench = Self {
             point: [zeros; 3],
             place: [[f64::NAN; SEATS]; 3],
-            information: [[zeros; 3]; 3],
+            ray: [zeros; 3],
+            across: zeros,
+            excess: zeros,
             weight: zeros,
         };
         for (i, (point, seen, weight)) in voters.iter().enumerate() {
             for r in 0..3 {
                 bench.point[r][i] = point[r];
                 bench.place[r][i] = seen.point[r];
-                for c in 0..3 {
-                    bench.information[c][r][i] = seen.information[(r, c)];
-                }
+                bench.ray[r][i] = f64::from(seen.precision.ray[r]);
             }
+            bench.across[i] = f64::from(seen.precision.across);
+            bench.excess[i] = f64::from(seen.precision.excess);
             bench.weight[i] = *weight;
         }
         bench
@@ -132,7 +138,11 @@ fn support(benches: &[Bench], motion: &Moved, cut: f64) -> (f64, usize) {
     let (mut score, mut agreeing) = (0.0, 0);
     for bench in benches {
         let error = difference(&bench.moved(motion), &bench.place);
-        let distance_sq = dot(&product(&bench.information, &error), &error);
+        let (norm_sq, along) = (dot(&error, &error), dot(&bench.ray, &error));
+        let mut distance_sq = [0.0; SEATS];
+        for i in 0..SEATS {
+            distance_sq[i] = bench.across[i] * norm_sq[i] + bench.excess[i] * along[i] * along[i];
+        }
         let mut scores = [0.0; SEATS];
         for i in 0..SEATS {
             let agrees = bench.weight[i] * (1.0 - distance_sq[i] / cut);
@@ -144,20 +154,6 @@ fn support(benches: &[Bench], motion: &Moved, cut: f64) -> (f64, usize) {
         }
     }
     (score, agreeing)
-}
-
-/// Matrices, by columns, times vectors.
-#[inline(always)]
-fn product(columns: &[[Row; 3]; 3], vectors: &[Row; 3]) -> [Row; 3] {
-    let mut product = [[0.0; SEATS]; 3];
-    for r in 0..3 {
-        for i in 0..SEATS {
-            product[r][i] = columns[0][r][i] * vectors[0][i]
-                + columns[1][r][i] * vectors[1][i]
-                + columns[2][r][i] * vectors[2][i];
-        }
-    }
-    product
 }
 
 #[inline(always)]

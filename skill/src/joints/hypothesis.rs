@@ -40,7 +40,7 @@ impl Hypothesis {
                     return false;
                 };
                 let error = (carried(&a.point) - b.point).norm();
-                error < SAME_PLACE_SIGMAS * b.sigma
+                error < SAME_PLACE_SIGMAS * b.sigma()
                     && error < max_share * (b.point - a.point).norm()
             })
     }
@@ -51,7 +51,7 @@ impl Hypothesis {
             let (Some(a), Some(b)) = (view.at(t, self.from), view.at(t, self.to)) else {
                 return false;
             };
-            (a.point - b.point).norm() < SAME_PLACE_SIGMAS * b.sigma
+            (a.point - b.point).norm() < SAME_PLACE_SIGMAS * b.sigma()
         })
     }
 
@@ -120,7 +120,7 @@ fn in_window(
             .iter()
             .filter_map(|&t| {
                 let (a, b) = (view.at(t, from)?, view.at(t, to)?);
-                Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma, weight: 1.0 })
+                Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma(), weight: 1.0 })
             })
             .collect();
         let options = RansacOptions { cut: 1.5, iterations: 80, locality: Some(0.3) };

@@ -56,7 +56,7 @@ fn turn_between(view: &View, tracks: &[usize], from: usize, to: usize) -> Option
         .iter()
         .filter_map(|&t| {
             let (a, b) = (view.at(t, from)?, view.at(t, to)?);
-            Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma, weight: 1.0 })
+            Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma(), weight: 1.0 })
         })
         .collect();
     let mut rng = ChaCha8Rng::seed_from_u64(from as u64);

@@ -2,8 +2,8 @@
 
 use super::dof::Dof;
 use super::view::View;
-use crate::base::{BaseMotion, BasePoint, BaseTrack};
-use nalgebra::{Matrix3, Point3, Vector3};
+use crate::base::{BaseMotion, BaseTrack, Precision, Seen};
+use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
 /// A track for each place, seen at each configuration.
@@ -20,10 +20,9 @@ pub fn seen_along(paths: &[Vec<Point3<f64>>]) -> BaseMotion {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         0.004 * (f64::from(state >> 8) / f64::from(1 << 24) - 0.5)
     };
-    let mut seen = |place: &Point3<f64>| BasePoint {
-        point: place + Vector3::from_fn(|_, _| noise()),
-        information: Matrix3::identity() / 0.002_f64.powi(2),
-        sigma: 0.002,
+    let mut seen = |place: &Point3<f64>| {
+        let precision = Precision::new(&Vector3::z(), 0.002, 0.002);
+        Seen::new(place + Vector3::from_fn(|_, _| noise()), precision, 0.002)
     };
     let tracks = paths
         .iter()

@@ -1,40 +1,11 @@
 //! The moving tracks as seen from a part: from the base, or from a part that moves itself.
 
 use super::grown::Grown;
-use crate::base::{BaseMotion, BaseTrack, path_moves, rest_length};
+use crate::base::{BaseMotion, BaseTrack, Seen, path_moves, rest_length};
 use crate::geometry::{Pose, median_point};
 use nalgebra::{Matrix3, Point3};
 use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Least way of what has moved, metres,
-const MOVED_M: f64 = 0.012;
-/// and standard deviations.
-const MOVED_SIGMAS: f64 = 3.0;
-
-/// One observation.
-#[derive(Debug, Clone, Copy)]
-pub struct Seen {
-    /// Place in the view's frame.
-    pub point: Point3<f64>,
-    /// Inverse covariance there.
-    pub information: Matrix3<f64>,
-    /// One figure for its noise, metres.
-    pub sigma: f64,
-}
-
-impl Seen {
-    /// Squared Mahalanobis distance from a place.
-    pub fn distance_sq(&self, place: &Point3<f64>) -> f64 {
-        let e = place - self.point;
-        (self.information * e).dot(&e)
-    }
-
-    /// It is farther from a place than noise explains.
-    pub fn is_away_from(&self, place: &Point3<f64>) -> bool {
-        (self.point - place).norm() > (MOVED_SIGMAS * self.sigma).max(MOVED_M)
-    }
-}
 
 /// Where a track's observations are.
 #[derive(Clone, Copy)]
@@ -74,10 +45,7 @@ impl View {
         }
         let mut seen = Vec::with_capacity(start);
         for &id in &track_ids {
-            seen.extend(base.tracks[id].points.iter().map(|p| {
-                let p = p.as_ref()?;
-                Some(Seen { point: p.point, information: p.information, sigma: p.sigma })
-            }));
+            seen.extend_from_slice(&base.tracks[id].points);
         }
         let frame_of = lives.iter().flat_map(|l| l.first as u32..l.end as u32).collect();
         let (frame_of, lives) = (Arc::new(frame_of), Arc::new(lives));
@@ -97,11 +65,7 @@ impl View {
             .collect();
         let from_part = |(seen, frame): (&Option<Seen>, &u32)| {
             let (pose, rotation) = &part_from_view[*frame as usize];
-            seen.map(|s| Seen {
-                point: pose * s.point,
-                information: rotation * s.information * rotation.transpose(),
-                sigma: s.sigma,
-            })
+            seen.map(|s| s.moved(pose, rotation))
         };
         Self {
             frames: self.frames,
@@ -138,7 +102,7 @@ impl View {
     /// True when the median-smoothed path is longer than noise explains.
     pub fn moves(&self, track: usize, least_m: f64, sigmas: f64) -> bool {
         let path: Vec<(Point3<f64>, f64)> =
-            self.life(track).map(|(_, s)| (s.point, s.sigma)).collect();
+            self.life(track).map(|(_, s)| (s.point, s.sigma())).collect();
         path_moves(&path, least_m, sigmas)
     }
 
@@ -166,7 +130,7 @@ impl View {
     /// Observations for which a track rests at the start and at the end of its life.
     pub fn rest_lengths(&self, track: usize) -> [usize; 2] {
         let path: Vec<(Point3<f64>, f64)> =
-            self.life(track).map(|(_, s)| (s.point, s.sigma)).collect();
+            self.life(track).map(|(_, s)| (s.point, s.sigma())).collect();
         [rest_length(path.iter().copied()), rest_length(path.iter().rev().copied())]
     }
 }

@@ -115,16 +115,15 @@ fn relative(pose: &Pose, parent: Option<&Pose>) -> Pose {
 mod tests {
     use super::*;
     use crate::articulate::{JointGeometry, JointKind};
-    use crate::base::{BasePoint, BaseTrack};
-    use nalgebra::{Matrix3, Point3, Vector3};
+    use crate::base::{BaseTrack, Precision, Seen};
+    use nalgebra::{Point3, Vector3};
     use std::sync::Arc;
 
     const FRAMES: usize = 60;
 
     fn path(at: impl Fn(usize) -> Point3<f64>, moves: bool) -> Arc<BaseTrack> {
-        let point = |f| {
-            Some(BasePoint { point: at(f), information: Matrix3::identity() * 1e6, sigma: 0.001 })
-        };
+        let precision = Precision::new(&Vector3::z(), 0.001, 0.001);
+        let point = |f| Some(Seen::new(at(f), precision, 0.001));
         let points = (0..FRAMES).map(point).collect();
         Arc::new(BaseTrack { points, moves, ..BaseTrack::default() })
     }

@@ -9,7 +9,7 @@
 mod dbscan;
 mod unchain;
 
-use crate::base::{BaseMotion, BaseTrack};
+use crate::base::{BaseMotion, BaseTrack, Seen};
 use crate::geometry::{extent, median_point};
 use crate::track::TrackSet;
 use dbscan::dbscan;
@@ -239,7 +239,7 @@ fn frames_of_motion(track: &BaseTrack, config: &SegmentConfig) -> Vec<bool> {
         .map(|i| {
             let before = smoothed[i.saturating_sub(REACH)];
             let after = smoothed[(i + REACH).min(smoothed.len() - 1)];
-            let sigma = track.points[i].as_ref().map_or(0.0, |p| p.sigma);
+            let sigma = track.points[i].as_ref().map_or(0.0, Seen::sigma);
             before
                 .zip(after)
                 .is_some_and(|(a, b)| (b - a).norm() > config.min_motion_m.max(3.0 * sigma))

@@ -14,7 +14,7 @@ pub fn rests(base: &BaseMotion, tracks: &[usize], frames: usize) -> f64 {
     let resting = tracks
         .iter()
         .filter(|&&id| {
-            let path: Vec<_> = base.tracks[id].seen().map(|(_, p)| (p.point, p.sigma)).collect();
+            let path: Vec<_> = base.tracks[id].seen().map(|(_, p)| (p.point, p.sigma())).collect();
             rest_length(path.iter().copied()) >= frames
                 || rest_length(path.iter().rev().copied()) >= frames
         })
