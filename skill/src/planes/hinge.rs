@@ -5,6 +5,7 @@ use super::patch::PlanePatch;
 use crate::articulate::JointGeometry;
 use crate::geometry::{distance_to_line, median, orthonormal_basis};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
+use rayon::prelude::*;
 
 /// Turn between two planes that can suggest a hinge, radians.
 const PAIR_TURN: std::ops::Range<f64> = 0.25..2.2;
@@ -72,27 +73,44 @@ impl Lie {
     }
 }
 
+/// A line and the planes that turn about it.
+struct Candidate {
+    axis: Vector3<f64>,
+    origin: Point3<f64>,
+    support: Vec<usize>,
+    /// Samples of these planes.
+    samples: usize,
+}
+
 /// The hinge that most planes turn about.
 pub fn best_hinge(patches: &[PlanePatch]) -> Option<Hinge> {
-    let mut most = 0;
-    let mut best = None;
-    for (i, a) in patches.iter().enumerate() {
-        for b in patches[i + 1..].iter().filter(|b| b.frame != a.frame) {
-            let Some((axis, origin)) = line_between(a, b) else { continue };
-            let Some(lie) = Lie::of(a, &origin, &axis) else { continue };
-            if Lie::of(b, &origin, &axis).is_none_or(|other| !lie.alike(&other)) {
-                continue;
-            }
-            let support = supporters(patches, &axis, &origin, &lie);
-            let samples: usize = support.iter().map(|&k| patches[k].points.len()).sum();
-            if samples > most {
-                most = samples;
-                best = Some((support, axis, origin));
-            }
-        }
-    }
-    let (support, axis, origin) = best?;
+    let best_of_pairs = |i: usize| {
+        let pairs = (i + 1..patches.len()).filter_map(|j| candidate(patches, i, j));
+        pairs.reduce(more_shown)
+    };
+    let best: Vec<Option<Candidate>> =
+        (0..patches.len()).into_par_iter().map(best_of_pairs).collect();
+    let Candidate { axis, origin, support, .. } = best.into_iter().flatten().reduce(more_shown)?;
     refined(patches, &support, &axis, &origin)
+}
+
+/// That of more samples; the first of equals.
+fn more_shown(a: Candidate, b: Candidate) -> Candidate {
+    if b.samples > a.samples { b } else { a }
+}
+
+/// The line that one patch may turn about to become another.
+fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
+    let (a, b) = (&patches[i], &patches[j]);
+    if a.frame == b.frame {
+        return None;
+    }
+    let (axis, origin) = line_between(a, b)?;
+    let lie = Lie::of(a, &origin, &axis)?;
+    Lie::of(b, &origin, &axis).filter(|other| lie.alike(other))?;
+    let support = supporters(patches, &axis, &origin, &lie);
+    let samples = support.iter().map(|&k| patches[k].points.len()).sum();
+    Some(Candidate { axis, origin, support, samples })
 }
 
 /// Where two planes meet.
