@@ -3,13 +3,19 @@
 //! Names follow `to_from`: `b_from_a * point_in_a` lies in frame b.
 
 use nalgebra::{
-    Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, UnitVector3, Vector3,
+    Isometry3, IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion,
+    UnitVector3, Vector3,
 };
 use rand::Rng;
 use std::f64::consts::{PI, TAU};
 
 /// A rigid motion or pose.
 pub type Pose = Isometry3<f64>;
+
+/// The same pose, which moves many points sooner.
+pub fn matrix_pose(pose: &Pose) -> IsometryMatrix3<f64> {
+    IsometryMatrix3::from_parts(pose.translation, pose.rotation.to_rotation_matrix())
+}
 
 /// `[x, y, z, qx, qy, qz, qw]`, as poses are written in files and messages.
 pub fn pose_to_array(pose: &Pose) -> [f64; 7] {

@@ -3,7 +3,7 @@
 
 use super::{across_sigma, coarse_sigma, ray_sigma};
 use crate::geometry::Pose;
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 
 /// Share of the coarse noise of a lifted feature that a track's has.
 const TRACKED_SHARE: f64 = 0.7;
@@ -37,9 +37,10 @@ impl Seen {
         Self::new(base_from_camera * in_camera, precision, sigma)
     }
 
-    /// The same in another frame; `rotation` is that of `pose`.
-    pub fn moved(&self, pose: &Pose, rotation: &Matrix3<f64>) -> Self {
-        Self { point: pose * self.point, precision: self.precision.rotated(rotation), ..*self }
+    /// The same in another frame.
+    pub fn moved(&self, other_from_this: &IsometryMatrix3<f64>) -> Self {
+        let precision = self.precision.rotated(other_from_this.rotation.matrix());
+        Self { point: other_from_this * self.point, precision, ..*self }
     }
 
     /// One figure for its noise in all directions, metres.

@@ -2,8 +2,8 @@
 
 use super::grown::Grown;
 use crate::base::{BaseMotion, BaseTrack, Seen, path_moves, rest_length};
-use crate::geometry::{Pose, median_point};
-use nalgebra::{Matrix3, Point3};
+use crate::geometry::{matrix_pose, median_point};
+use nalgebra::{IsometryMatrix3, Point3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -57,15 +57,10 @@ impl View {
     pub fn seen_from(&self, part: &Grown) -> Self {
         let both = self.usable.iter().zip(&part.known).map(|(usable, known)| usable & known);
         let geometry = part.dof.geometry();
-        let part_from_view: Vec<(Pose, Matrix3<f64>)> = part
-            .filled
-            .iter()
-            .map(|&q| geometry.motion(-q))
-            .map(|pose| (pose, pose.rotation.to_rotation_matrix().into_inner()))
-            .collect();
+        let motion = |&q: &f64| matrix_pose(&geometry.motion(-q));
+        let part_from_view: Vec<IsometryMatrix3<f64>> = part.filled.iter().map(motion).collect();
         let from_part = |(seen, frame): (&Option<Seen>, &u32)| {
-            let (pose, rotation) = &part_from_view[*frame as usize];
-            seen.map(|s| s.moved(pose, rotation))
+            seen.map(|s| s.moved(&part_from_view[*frame as usize]))
         };
         Self {
             frames: self.frames,

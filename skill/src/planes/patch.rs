@@ -2,7 +2,7 @@
 
 use crate::articulate::JointGeometry;
 use crate::base::{BaseMotion, coarse_sigma};
-use crate::geometry::{distance_to_line, plane_through};
+use crate::geometry::{distance_to_line, matrix_pose, plane_through};
 use crate::keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::SurfacePatch;
@@ -142,9 +142,7 @@ fn seen_from<'k>(
     pictures
         .iter()
         .map(|&(other, picture)| {
-            let pose = base.camera_from_base[other] * base_from_camera;
-            let rotation = pose.rotation.to_rotation_matrix();
-            let other_from_camera = IsometryMatrix3::from_parts(pose.translation, rotation);
+            let other_from_camera = matrix_pose(&(base.camera_from_base[other] * base_from_camera));
             Other { picture, other_from_camera }
         })
         .collect()

@@ -3,7 +3,7 @@
 
 use crate::articulate::JointGeometry;
 use crate::base::{BaseMotion, coarse_sigma, rest_length};
-use crate::geometry::Pose;
+use crate::geometry::{Pose, matrix_pose};
 use crate::keyframes::Keyframes;
 use crate::pose::PartMotion;
 use linkage_driver::RgbdFrame;
@@ -137,6 +137,7 @@ pub fn probe_points(
     points: &[Point3<f64>],
     camera_from_part: &Pose,
 ) -> Probed {
+    let camera_from_part = matrix_pose(camera_from_part);
     let mut found = Probed::default();
     for p in points {
         match probe_point(picture, &(camera_from_part * p)) {
@@ -153,7 +154,7 @@ fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     if !picture.camera.sees(&pixel, 3.0) {
         return Probe::Unknown;
     }
-    let (u, v) = (pixel.x.round() as usize, pixel.y.round() as usize);
+    let (u, v) = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
     let (mut nearest, mut farthest) = (f64::INFINITY, 0.0_f64);
     for y in [v - 2, v, v + 2] {
         for x in [u - 2, u, u + 2] {
