@@ -28,7 +28,6 @@ pub fn extend(
     set: &TrackSet,
     base: &BaseMotion,
     keyframes: &Keyframes,
-    seed: u64,
 ) {
     let carries: Vec<usize> = joints.iter().map(|l| l.joint.parent).collect();
     for learned in joints.iter_mut() {
@@ -36,7 +35,7 @@ pub fn extend(
         let apt = joint.kind == JointKind::Revolute && joint.parent == 0;
         if apt && !carries.contains(&joint.child) {
             let reach = reach(learned, base, &joint.geometry());
-            extend_to(reach, learned, set, base, keyframes, seed);
+            extend_to(reach, learned, set, base, keyframes);
         }
     }
 }
@@ -48,7 +47,6 @@ pub fn extend_to(
     set: &TrackSet,
     base: &BaseMotion,
     keyframes: &Keyframes,
-    seed: u64,
 ) {
     let radius = reach * (1.0 + MAX_BEYOND) + BEYOND_M;
     let cylinder = Cylinder { line: learned.joint.geometry(), radius };
@@ -59,7 +57,7 @@ pub fn extend_to(
     } else {
         Sampling::Coarse
     };
-    let patches = moving_patches(keyframes, base, sampling, Some(&cylinder), seed);
+    let patches = moving_patches(keyframes, base, sampling, Some(&cylinder));
     let tracks = learned.tracks.clone();
     let linked = |a: usize, b: usize| {
         let lives = |f: usize, id: usize| base.tracks[id].at(f).is_some();

@@ -74,15 +74,15 @@ pub fn complete(
 ) -> Vec<LearnedJoint> {
     let meagre = |j: &LearnedJoint| j.joint.log_likelihood < config.planes.meagre_gain;
     if joints.iter().all(meagre)
-        && let Some(hinge) = search(base, keyframes, &config.planes, config.seed)
+        && let Some(hinge) = search(base, keyframes, &config.planes)
     {
         let mut plain = to_learned(&hinge, set, base);
         if !joints.iter().any(|j| shares_direction(&j.joint, &plain.joint)) {
-            extend_to(hinge.reach(), &mut plain, set, base, keyframes, config.seed);
+            extend_to(hinge.reach(), &mut plain, set, base, keyframes);
             return vec![plain];
         }
     }
-    extend(&mut joints, set, base, keyframes, config.seed);
+    extend(&mut joints, set, base, keyframes);
     joints
 }
 
@@ -92,13 +92,8 @@ fn shares_direction(a: &Joint, b: &Joint) -> bool {
 }
 
 /// Finds the hinge of a plain part; `None` when no plane turns about a line.
-fn search(
-    base: &BaseMotion,
-    keyframes: &Keyframes,
-    config: &PlanesConfig,
-    seed: u64,
-) -> Option<Hinge> {
-    let patches = moving_patches(keyframes, base, Sampling::Coarse, None, seed);
+fn search(base: &BaseMotion, keyframes: &Keyframes, config: &PlanesConfig) -> Option<Hinge> {
+    let patches = moving_patches(keyframes, base, Sampling::Coarse, None);
     let hinge = best_hinge(&patches)?;
     let (through, tells) = witness(&hinge, base, keyframes);
     let [low, high] = hinge.range();

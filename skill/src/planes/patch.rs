@@ -7,8 +7,6 @@ use crate::keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::SurfacePatch;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 /// Pixels between samples.
@@ -24,8 +22,10 @@ pub enum Sampling {
 const MIN_SAMPLES: usize = 40;
 /// Patches in one keyframe, at most.
 const MAX_PATCHES: usize = 4;
-/// Planes that are tried for each.
+/// Planes that are tried for each,
 const TRIES: usize = 40;
+/// and samples that are asked about them.
+const VOTERS: usize = 400;
 /// Cosine of the largest angle between a sample's normal and its patch's.
 const SAME_NORMAL: f64 = 0.97;
 /// Sine of the largest angle between a line and a sample of a plane that could turn about it:
@@ -80,7 +80,6 @@ pub fn moving_patches(
     base: &BaseMotion,
     sampling: Sampling,
     cylinder: Option<&Cylinder>,
-    seed: u64,
 ) -> Vec<PlanePatch> {
     let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
     let stride = pictures.len().div_ceil(MOST_ASKED).max(1);
@@ -94,7 +93,7 @@ pub fn moving_patches(
             };
             let mut samples = samples(picture, base, frame, sampling, is_wanted);
             samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
-            patches(samples, frame, seed)
+            patches(samples, frame)
         })
         .collect()
 }
@@ -171,28 +170,30 @@ fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
 }
 
 /// Takes planes out of the samples, the largest first.
-fn patches(mut samples: Vec<Sample>, frame: usize, seed: u64) -> Vec<PlanePatch> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ ((frame as u64) << 24));
+fn patches(mut samples: Vec<Sample>, frame: usize) -> Vec<PlanePatch> {
     let mut found = Vec::new();
     while found.len() < MAX_PATCHES && samples.len() >= MIN_SAMPLES {
-        let on = |s: &Sample, point: &Point3<f64>, normal: &Vector3<f64>| {
-            normal.dot(&s.normal) > SAME_NORMAL
-                && normal.dot(&(s.point - point)).abs() < 0.01 + coarse_sigma(s.point.coords.norm())
+        let on = |s: &Sample, plane: &Sample| {
+            plane.normal.dot(&s.normal) > SAME_NORMAL
+                && plane.normal.dot(&(s.point - plane.point)).abs()
+                    < 0.01 + coarse_sigma(s.point.coords.norm())
         };
-        let best = (0..TRIES)
-            .map(|_| samples[rng.random_range(0..samples.len())])
-            .map(|s| (samples.iter().filter(|o| on(o, &s.point, &s.normal)).count(), s))
-            .max_by_key(|(count, _)| *count);
-        let Some((count, seed_sample)) = best else { break };
-        if count < MIN_SAMPLES {
+        let votes = |plane: &Sample| some_of(&samples, VOTERS).filter(|s| on(s, plane)).count();
+        let Some(&plane) = some_of(&samples, TRIES).max_by_key(|plane| votes(plane)) else { break };
+        let (of_plane, rest): (Vec<Sample>, Vec<Sample>) =
+            samples.into_iter().partition(|s| on(s, &plane));
+        if of_plane.len() < MIN_SAMPLES {
             break;
         }
-        let (of_plane, rest): (Vec<Sample>, Vec<Sample>) =
-            samples.into_iter().partition(|s| on(s, &seed_sample.point, &seed_sample.normal));
         samples = rest;
         found.push(fitted(frame, &of_plane));
     }
     found
+}
+
+/// At most so many of them, evenly spread.
+fn some_of(samples: &[Sample], most: usize) -> impl Iterator<Item = &Sample> {
+    samples.iter().step_by(samples.len().div_ceil(most).max(1))
 }
 
 fn fitted(frame: usize, samples: &[Sample]) -> PlanePatch {
