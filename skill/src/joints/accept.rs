@@ -11,6 +11,7 @@ use crate::structure::{Probed, probe_points};
 use linkage_driver::RgbdFrame;
 use nalgebra::{DMatrix, DVector, Point3};
 use rayon::prelude::*;
+use std::ops::RangeInclusive;
 
 /// Keyframes and limits.
 pub struct Witness<'w> {
@@ -24,6 +25,8 @@ pub struct Witness<'w> {
 
 /// Largest share of a child's configuration that may be a function of its parent's.
 pub const MAX_COUPLING: f64 = 0.85;
+/// What a coupling may be: below, the parent rests whenever the child is known.
+pub const MAY_FOLLOW: RangeInclusive<f64> = 0.0..=MAX_COUPLING;
 /// Share of points that tells for sure where they are.
 const WELL_TOLD: f64 = 0.6;
 /// Share of points below which the pictures tell nothing of where they are.
@@ -192,8 +195,7 @@ impl Witness<'_> {
             && joint.gain >= self.least_gain(joint)
             && joint.cost <= max_cost
             && known >= 15
-            && joint.coupling >= 0.0
-            && joint.coupling <= MAX_COUPLING
+            && MAY_FOLLOW.contains(&joint.coupling)
             && travels_enough(joint)
             && joint.through <= config.max_through
             && joint.hidden <= config.max_hidden

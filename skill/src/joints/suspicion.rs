@@ -136,8 +136,9 @@ impl Search<'_> {
             return None;
         }
         let Suspicions { parent, view, candidates, .. } = suspicions;
-        let is_hopeless =
-            |j: &Grown| self.is_cancelled() || self.coupling(j, *parent) > accept::MAX_COUPLING;
+        let is_hopeless = |j: &Grown| {
+            self.is_cancelled() || !accept::MAY_FOLLOW.contains(&self.coupling(j, *parent))
+        };
         let config = &self.config.joints;
         let mut joint = grow::grow_hypothesis(view, h, candidates, config, is_hopeless)?;
         joint.parent = *parent;
