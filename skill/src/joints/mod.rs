@@ -35,7 +35,7 @@ pub use config::JointsConfig;
 pub use memory::Memory;
 use search::Search;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use view::View;
 
 /// The frames of a demonstration, or those of it that there are by now.
@@ -78,7 +78,7 @@ impl Watched<'_> {
         let view = self.view();
         let mut search = Search::new(*self, &view, earlier, Some(cancelled));
         search.run();
-        if cancelled.load(Ordering::Relaxed) {
+        if search.is_cancelled() {
             return Memory::default();
         }
         if let Some(tell) = tell {
