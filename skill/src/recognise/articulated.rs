@@ -1,9 +1,9 @@
 //! An object's pose with the configuration of its joints.
 
 use crate::articulate::JointGeometry;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, matrix_pose};
 use crate::model::ObjectModel;
-use nalgebra::{DVector, Point3, UnitQuaternion, Vector3};
+use nalgebra::{DVector, IsometryMatrix3, Point3, UnitQuaternion, Vector3};
 
 /// Where the object is and how it stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,6 +73,11 @@ impl Articulated {
     /// `camera_from_part` by part.
     pub fn poses(&self, state: &State) -> Vec<Pose> {
         self.motions(&state.q).iter().map(|m| state.camera_from_object * m).collect()
+    }
+
+    /// The same, for moving many points.
+    pub fn matrices(&self, state: &State) -> Vec<IsometryMatrix3<f64>> {
+        self.poses(state).iter().map(matrix_pose).collect()
     }
 
     /// Parts that a joint moves, through its descendants.

@@ -4,8 +4,8 @@
 use super::articulated::{Articulated, State};
 use super::matching::Match;
 use crate::articulate::JointKind;
-use crate::geometry::{Pose, median, rigid_fit};
-use nalgebra::Point3;
+use crate::geometry::{Pose, matrix_pose, median, rigid_fit};
+use nalgebra::{IsometryMatrix3, Point3};
 use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -75,7 +75,7 @@ pub fn within_reach<'m>(
     if matches.len() <= FEW {
         return Cow::Borrowed(matches);
     }
-    let poses = articulated.poses(state);
+    let poses = articulated.matrices(state);
     matches.iter().filter(|m| agrees(m, &poses[m.part], REACH)).cloned().collect()
 }
 
@@ -87,7 +87,7 @@ pub fn unique_inliers(
     state: &State,
     part: Option<usize>,
 ) -> usize {
-    let poses = articulated.poses(state);
+    let poses = articulated.matrices(state);
     let own = matches.iter().filter(|m| part.is_none_or(|p| p == m.part));
     places(own.filter(|m| agrees(m, &poses[m.part], 1.0)))
 }
@@ -103,7 +103,7 @@ pub fn places<'m>(matches: impl Iterator<Item = &'m Match>) -> usize {
 }
 
 /// A match agrees with its part's pose in place and normal.
-pub fn agrees(m: &Match, camera_from_part: &Pose, slack: f64) -> bool {
+pub fn agrees(m: &Match, camera_from_part: &IsometryMatrix3<f64>, slack: f64) -> bool {
     let Some(seen) = m.seen_point else { return false };
     (camera_from_part * m.model_point - seen).norm() < slack * m.tolerance
         && (!has_normals(m) || (camera_from_part * m.model_normal).dot(&m.seen_normal) > MIN_COSINE)
@@ -213,6 +213,7 @@ fn fit(pairs: &[Pair], of: &[usize]) -> Option<Pose> {
 }
 
 fn score(pairs: &[Pair], pose: &Pose) -> f64 {
+    let pose = &matrix_pose(pose);
     pairs
         .iter()
         .filter(|p| agrees(p.source, pose, 1.0))
@@ -226,6 +227,7 @@ fn score(pairs: &[Pair], pose: &Pose) -> f64 {
 /// The best poses that do not share most of their inliers, refitted on them.
 fn distinct(pairs: &[Pair], scored: &[(f64, Pose)]) -> Vec<Pose> {
     let inliers = |pose: &Pose| -> Vec<usize> {
+        let pose = &matrix_pose(pose);
         (0..pairs.len()).filter(|&i| agrees(pairs[i].source, pose, 1.0)).collect()
     };
     let mut kept = Vec::new();

@@ -19,6 +19,7 @@ mod rivals;
 mod scene;
 #[cfg(test)]
 mod specimen;
+mod surfaces;
 mod system;
 mod taken;
 mod verify;

@@ -8,6 +8,7 @@ use super::matching::Match;
 use super::scene::Scene;
 use super::system::{System, add_surface};
 use super::verify::{Cloud, Verdict, verify};
+use crate::geometry::matrix_pose;
 use rayon::prelude::*;
 
 /// Inliers on either side of a joint below which its configuration is scanned.
@@ -178,6 +179,7 @@ impl Refiner<'_> {
     fn add_features(&self, system: &mut System, state: &State, slack: f64, share: f64) -> usize {
         let poses = self.articulated.poses(state);
         let velocities = self.articulated.velocities(&poses);
+        let poses: Vec<_> = poses.iter().map(matrix_pose).collect();
         let mut used = 0;
         for m in self.matches {
             let Some(seen) = m.seen_point else { continue };

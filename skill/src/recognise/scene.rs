@@ -1,5 +1,6 @@
 //! An encounter's frame, prepared once for all objects.
 
+use super::surfaces::Surfaces;
 use crate::appearance::{DescribedFeature, FeatureSpread, Keypoints};
 use crate::lab::LabPicture;
 use linkage_driver::RgbdFrame;
@@ -14,7 +15,7 @@ pub struct Scene {
     pub features: Vec<DescribedFeature>,
     /// Its colour.
     pub lab: LabPicture,
-    normals: NormalMap,
+    surfaces: Surfaces,
 }
 
 /// Share of pixels without depth above which depth counts as missing.
@@ -31,7 +32,7 @@ impl Scene {
             || (NormalMap::new(&frame.depth, &frame.camera), LabPicture::new(&frame.color)),
         );
         let features = keypoints?.describe(frame, &normals)?;
-        Ok(Self { features, lab: lab?, normals, frame: frame.clone() })
+        Ok(Self::of(frame, features, normals, lab?))
     }
 
     /// A frame without features, for what is followed by its surface.
@@ -43,7 +44,17 @@ impl Scene {
             || NormalMap::new(&frame.depth, &frame.camera),
             || LabPicture::new(&frame.color),
         );
-        Ok(Self { features: Vec::new(), lab: lab?, normals, frame: frame.clone() })
+        Ok(Self::of(frame, Vec::new(), normals, lab?))
+    }
+
+    fn of(
+        frame: &RgbdFrame,
+        features: Vec<DescribedFeature>,
+        normals: NormalMap,
+        lab: LabPicture,
+    ) -> Self {
+        let surfaces = Surfaces::new(normals, frame.depth.width(), frame.depth.height());
+        Self { frame: frame.clone(), features, lab, surfaces }
     }
 
     /// True when depth is there at all.
@@ -53,7 +64,7 @@ impl Scene {
 
     /// The surface at a pixel.
     pub fn surface(&self, u: usize, v: usize) -> Option<SurfacePatch> {
-        self.normals.at(u, v)
+        self.surfaces.at(u, v)
     }
 
     /// The normal at a pixel; zero where there is none.

@@ -5,9 +5,9 @@ use super::articulated::{Articulated, State};
 use super::ends::{Ends, KnownEdge, edges_of, ends};
 use super::scene::Scene;
 use crate::appearance::Appearance;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, matrix_pose};
 use linkage_driver::depth::depth_tolerance;
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// An object's surface.
@@ -171,20 +171,17 @@ fn cell_of(pixel: (usize, usize)) -> (usize, usize) {
 /// nearer one counts: what is seen there is no evidence for the other.
 pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     let camera = &scene.frame.camera;
-    let motions: Vec<(Matrix3<f64>, Vector3<f64>)> = poses
-        .iter()
-        .map(|p| (p.rotation.to_rotation_matrix().into_inner(), p.translation.vector))
-        .collect();
+    let poses: Vec<_> = poses.iter().map(matrix_pose).collect();
     let mut placed = Vec::with_capacity(cloud.surfels.len());
     for (index, s) in cloud.surfels.iter().enumerate() {
-        let (rotation, shift) = &motions[s.part];
-        let point = Point3::from(rotation * s.point.coords + shift);
+        let pose = &poses[s.part];
+        let point = pose * s.point;
         if point.z < NEAREST_M {
             continue;
         }
         let Some(pixel) = camera.project(&point).filter(|p| camera.sees(p, 2.0)) else { continue };
         let pixel = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
-        let normal = rotation * s.normal;
+        let normal = pose * s.normal;
         let cosine = -normal.dot(&point.coords) / point.coords.norm();
         placed.push(Placed { index, part: s.part, point, normal, pixel, cosine });
     }
