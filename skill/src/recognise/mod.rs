@@ -77,6 +77,8 @@ pub struct RecogniseConfig {
     pub check_ends: bool,
     /// States are aligned by their surface too, not by matches alone.
     pub align_surface: bool,
+    /// Hypotheses of a part in whose place another thing is seen are not followed.
+    pub dismiss_early: bool,
     /// Configurations that few matches tell are searched for by surface.
     pub search_configurations: bool,
     /// Configurations are told only where no other one explains the picture about as well.
@@ -102,6 +104,7 @@ impl Default for RecogniseConfig {
             check_free_space: true,
             check_ends: true,
             align_surface: true,
+            dismiss_early: true,
             search_configurations: true,
             check_rivals: true,
             eliminate: true,
@@ -419,7 +422,7 @@ fn best_settled(
         }
         tried.push((h.part, h.camera_from_part));
         let matches = &hypothesis::within_reach(articulated, matches, &h.state)[..];
-        let state = Refiner { matches, ..*refiner }.settle(h);
+        let Some(state) = (Refiner { matches, ..*refiner }).settle(h) else { continue };
         let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
         let verdict = verify::verify(scene, articulated, cloud, &state);
         let score = score_of(&verdict, inliers, config);

@@ -50,11 +50,15 @@ pub struct Refiner<'r> {
 impl Refiner<'_> {
     /// From a hypothesis to the state that fits best. Depth alone may hold for several states, and
     /// plain boards slide as they are aligned: what the matches say by themselves competes too.
-    pub fn settle(&self, hypothesis: &Hypothesis) -> State {
+    /// `None` where another thing is seen in the place of the hypothesis' part.
+    pub fn settle(&self, hypothesis: &Hypothesis) -> Option<State> {
         let part = hypothesis.part;
         let matched = self.fit_features(hypothesis.state.clone());
         let aligned = self.align(matched.clone());
         let mut states = vec![matched, aligned];
+        if self.config.dismiss_early && states.iter().all(|s| self.shows_another(part, s)) {
+            return None;
+        }
         let weak = self.weak_joints(&hypothesis.state);
         if self.config.search_configurations && !weak.is_empty() {
             let scanned = self.scan(part, &hypothesis.state, &weak, COARSE_STEPS, FOLLOWED);
@@ -63,9 +67,16 @@ impl Refiner<'_> {
         let settled = self.best_of(states.into_par_iter());
         let settled = settled.unwrap_or_else(|| hypothesis.state.clone());
         if !self.config.search_configurations {
-            return settled;
+            return Some(settled);
         }
-        weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint))
+        Some(weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint)))
+    }
+
+    /// Another thing is seen where a state puts a part.
+    fn shows_another(&self, part: usize, state: &State) -> bool {
+        let seen = verify(self.scene, self.articulated, self.cloud, state).parts[part];
+        (self.config.check_free_space && seen.is_gone())
+            || (self.config.compare_looks && seen.looks_other())
     }
 
     /// A scanned state, followed to its end. Alignment may pull a small part into the surface

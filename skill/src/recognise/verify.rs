@@ -232,6 +232,16 @@ impl PartVerdict {
         self.agree >= 25 && self.looks_alike()
     }
 
+    /// Most of what should be seen of it is seen through.
+    pub fn is_gone(&self) -> bool {
+        self.through.saturating_sub(AT_EDGES) > self.agree
+    }
+
+    /// Its texture is more likely another one.
+    pub fn looks_other(&self) -> bool {
+        self.otherness() > 0.5
+    }
+
     /// 0 to 1: much of it is where it should be, and has texture, but another than was learned.
     fn otherness(&self) -> f64 {
         let ramp = |x: f64, (from, to): (f64, f64)| ((x - from) / (to - from)).clamp(0.0, 1.0);
@@ -615,6 +625,15 @@ mod tests {
         assert_eq!(painted(600, Some(0.0), 0.0), 0.8);
         assert_eq!(painted(80, Some(0.0), 0.9), 0.8);
         assert_eq!(painted(600, None, 0.0), 0.8);
+    }
+
+    #[test]
+    fn what_is_seen_in_place_of_a_part_may_be_another_thing() {
+        let looks = |correlation| PartVerdict { correlation, texture: 0.9, ..part(400, 0) };
+        assert!(looks(Some(0.05)).looks_other() && !looks(Some(0.2)).looks_other());
+        assert!(!looks(None).looks_other());
+        assert!(part(40, 60).is_gone() && !part(60, 40).is_gone());
+        assert!(!part(0, AT_EDGES).is_gone());
     }
 
     #[test]

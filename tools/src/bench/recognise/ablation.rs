@@ -36,6 +36,7 @@ const CHOICES: &[Choice] = &[
     Choice::of_search("free space not checked", |c| c.check_free_space = false),
     Choice::of_search("ends not looked at", |c| c.check_ends = false),
     Choice::of_search("matches alone align", |c| c.align_surface = false),
+    Choice::of_search("all hypotheses followed", |c| c.dismiss_early = false),
     Choice::of_search("configurations by votes alone", |c| c.search_configurations = false),
     Choice::of_search("rivals not looked for", |c| c.check_rivals = false),
     Choice::of_search("nothing ruled out", |c| c.eliminate = false),
