@@ -252,8 +252,9 @@ fn posed_frames<'d>(demonstration: &'d Demonstration, wanted: usize) -> Vec<Pose
         .collect()
 }
 
-/// Places of a part's tracks at configuration 0, from their first posed observation. The
-/// hand that moves the part moves with it: what the keyframes contradict is left out.
+/// Places of a part's tracks at configuration 0, from their first posed observation; of a plain
+/// part those of its plane. The hand that moves the part moves with it: what the keyframes
+/// contradict is left out.
 fn tracked_points(
     demonstration: &Demonstration,
     posed: &[PosedFrame],
@@ -274,13 +275,19 @@ fn tracked_points(
         })
         .filter(|(at_rest, in_base)| belongs(posed, part, at_rest, in_base))
         .map(|(at_rest, _)| at_rest)
+        .chain(demonstration.plain_surface[part].iter().copied())
         .collect::<Vec<_>>();
     // One stray would make an object of the room round it.
     without_strays(&points, STRAY_M, STRAY_NEIGHBOURS)
 }
 
-/// Median depth of the moving parts' features, metres.
+/// Median depth of the moving parts' features and plain surfaces, metres.
 fn object_distance(demonstration: &Demonstration) -> f64 {
+    let plain = demonstration.camera_from_part.iter().zip(&demonstration.plain_surface);
+    let of_plain = plain.filter_map(|(poses, places)| {
+        let pose = poses.iter().flatten().next()?;
+        Some(places.iter().map(move |p| (pose * p).z))
+    });
     let mut depths: Vec<f64> = demonstration
         .tracks
         .tracks
@@ -288,6 +295,7 @@ fn object_distance(demonstration: &Demonstration) -> f64 {
         .zip(&demonstration.track_parts)
         .filter(|(_, p)| p.is_some_and(|p| p > 0))
         .filter_map(|(track, _)| track.lifted().next().map(|(_, p)| p.z))
+        .chain(of_plain.flatten())
         .collect();
     crate::geometry::median(&mut depths).unwrap_or(1.0)
 }

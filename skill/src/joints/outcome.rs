@@ -53,6 +53,7 @@ pub fn to_learned(
                 joint,
                 base_from_part,
                 tracks: joints[i].members.iter().map(|&t| view.track_ids[t]).collect(),
+                plain_surface: Vec::new(),
             }
         })
         .collect()

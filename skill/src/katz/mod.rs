@@ -103,6 +103,7 @@ fn to_learned(set: &TrackSet, number: usize, parent: usize, body: &Body, fit: Fi
         },
         base_from_part: body.base_from_body.clone(),
         tracks: body.tracks.clone(),
+        plain_surface: Vec::new(),
     }
 }
 

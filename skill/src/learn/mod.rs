@@ -73,6 +73,8 @@ pub struct Demonstration {
     pub tracks: TrackSet,
     /// The part of each track; `None`: not known.
     pub track_parts: Vec<Option<usize>>,
+    /// By part: places on a plain one, which no track tells of, in its coordinates.
+    pub plain_surface: Vec<Vec<Point3<f64>>>,
     /// Frames kept for appearance.
     pub keyframes: Keyframes,
     /// Where the time went.
@@ -250,7 +252,7 @@ fn assemble(
             let held = Held {
                 camera_from_part: &camera_from_part[child],
                 camera_from_parent: &camera_from_part[parent],
-                surface: surface_of(&set, &learned.tracks, &camera_from_part[child]),
+                surface: surface_of(&set, learned, &camera_from_part[child]),
             };
             (child, held.grasp(&keyframes))
         };
@@ -259,6 +261,8 @@ fn assemble(
             parts[child].grasp = held.map(Into::into);
         }
     });
+    let surfaces = joints.iter().map(|learned| learned.plain_surface.clone());
+    let plain_surface = std::iter::once(Vec::new()).chain(surfaces).collect();
     let model = ObjectModel {
         schema: MODEL_SCHEMA.to_owned(),
         object: object.to_owned(),
@@ -276,18 +280,24 @@ fn assemble(
         frame_utimes: set.frame_utimes.clone(),
         tracks: set,
         track_parts,
+        plain_surface,
         keyframes,
         times,
     }
 }
 
 /// Places of tracks on their part, in its coordinates: where each was first seen while the part's
-/// pose is known.
-fn surface_of(set: &TrackSet, tracks: &[usize], camera_from_part: &Trajectory) -> Vec<Point3<f64>> {
+/// pose is known. Of a plain part, places on its plane.
+fn surface_of(
+    set: &TrackSet,
+    learned: &LearnedJoint,
+    camera_from_part: &Trajectory,
+) -> Vec<Point3<f64>> {
     let place = |&track: &usize| {
         set.tracks[track]
             .lifted()
             .find_map(|(f, p)| Some(camera_from_part[f]?.inverse_transform_point(&p)))
     };
-    tracks.iter().filter_map(place).collect()
+    let tracked = learned.tracks.iter().filter_map(place);
+    tracked.chain(learned.plain_surface.iter().copied()).collect()
 }

@@ -96,7 +96,12 @@ mod tests {
             covariance: covariance_rows(&covariance),
             ..Joint::of(&JointGeometry::hinge(axis, Point3::origin()))
         };
-        LearnedJoint { joint, base_from_part: Vec::new(), tracks: Vec::new() }
+        LearnedJoint {
+            joint,
+            base_from_part: Vec::new(),
+            tracks: Vec::new(),
+            plain_surface: Vec::new(),
+        }
     }
 
     fn off(learned: &LearnedJoint) -> f64 {

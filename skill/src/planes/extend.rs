@@ -188,6 +188,7 @@ mod tests {
             joint: Joint::of(&line()),
             base_from_part: (0..=LAST).map(|f| Some(line().motion(tracks(f)?))).collect(),
             tracks: Vec::new(),
+            plain_surface: Vec::new(),
         };
         shown_by_plane(&learned, patches, &keyframes(), &|_, _| links)
     }

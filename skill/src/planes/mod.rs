@@ -153,5 +153,5 @@ fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint 
         type_probabilities: [(JointKind::Revolute, 1.0)].into(),
         ..Joint::of(&geometry)
     };
-    LearnedJoint { joint, base_from_part, tracks: Vec::new() }
+    LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface: hinge.points.clone() }
 }

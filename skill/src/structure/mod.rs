@@ -82,6 +82,8 @@ pub struct LearnedJoint {
     pub base_from_part: Trajectory,
     /// Tracks on the part.
     pub tracks: Vec<usize>,
+    /// Places on a plain part, which no track tells of, in its coordinates.
+    pub plain_surface: Vec<Point3<f64>>,
 }
 
 /// A part while the tree is built.
@@ -548,6 +550,7 @@ fn to_learned(
         },
         base_from_part,
         tracks: part.motion.tracks.clone(),
+        plain_surface: Vec::new(),
     }
 }
 
