@@ -1,17 +1,20 @@
 //! What a frame of 640 x 480 costs in each of the skill's stages that see every one: followed by
 //! the tracker, described for recognition, prepared for an object that is followed. At 30 Hz a core
-//! has 33.3 ms for each. And sparse flow, ours against OpenCV's.
+//! has 33.3 ms for each. And sparse flow and keypoints, ours against OpenCV's.
 
 #![allow(missing_docs)]
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
+use linkage_skill::appearance::{FeatureSpread, Keypoints};
 use linkage_skill::recognise::Scene;
 use linkage_skill::track::{FlowMethod, Picture, Tracker};
 use linkage_skill::vision::Gray;
 use nalgebra::Point2;
-use opencv::core::{Mat, Point2f, Size, TermCriteria, Vector};
+use opencv::core::{KeyPoint, Mat, Point2f, Size, TermCriteria, Vector, no_array};
+use opencv::features2d::SIFT;
+use opencv::prelude::*;
 use opencv::video;
 use std::hint::black_box;
 use std::sync::Arc;
@@ -118,5 +121,23 @@ fn opencvs(from: &Vector<Mat>, to: &Vector<Mat>, start: &Vector<Point2f>) -> Vec
     end
 }
 
-criterion_group!(benches, stages, flow);
+fn keypoints(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("keypoints");
+    group.sample_size(20);
+    let frame = frame(0, 0.0);
+    group.bench_function("ours", |b| {
+        b.iter(|| Keypoints::new(black_box(&frame), FeatureSpread::Query, |_, _| true));
+    });
+    group.bench_function("OpenCV's", |b| {
+        b.iter(|| {
+            let gray = Gray::from_color(black_box(&frame.color)).expect("a picture");
+            let mut found: Vector<KeyPoint> = Vector::new();
+            let mut sift = SIFT::create(0, 3, 0.008, 12.0, 1.6).expect("a detector");
+            sift.detect(gray.mat(), &mut found, &no_array()).expect("keypoints");
+            found
+        });
+    });
+}
+
+criterion_group!(benches, stages, flow, keypoints);
 criterion_main!(benches);

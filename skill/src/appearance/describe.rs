@@ -2,13 +2,11 @@
 //! the picture, and by an upright one of metric size on the surface's tangent plane. Depth makes viewpoint and scale known, so they are used.
 
 use super::gradients::{Patch, Pyramid, gradients};
+use super::keypoints::{Keypoint, ScaleSpace};
 use crate::vision::Gray;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::NormalMap;
 use nalgebra::{Point3, Vector3};
-use opencv::core::{KeyPoint, KeyPointTraitConst, Vector};
-use opencv::features2d::SIFT;
-use opencv::prelude::*;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashSet};
@@ -53,8 +51,8 @@ pub struct DescribedFeature {
 
 /// Side of a cell, pixels.
 const CELL_PX: f32 = 40.0;
-/// Lowest SIFT contrast: weak features where nothing else is.
-const CONTRAST: f64 = 0.008;
+/// Lowest contrast, grey levels: weak features where nothing else is.
+const CONTRAST: f32 = 0.68;
 /// Half width of a patch in sigmas of its feature.
 const PATCH_SIGMAS: f64 = 3.2;
 /// Levels of the picture from which patches are sampled, each half as large as the last.
@@ -66,22 +64,14 @@ pub struct Keypoints {
     found: Vec<Spot>,
 }
 
-/// A keypoint as threads may share it.
+/// A keypoint with one of its directions.
 #[derive(Clone, Copy)]
 struct Spot {
     pixel: [f32; 2],
     /// Diameter, pixels.
     size: f32,
-    /// Degrees.
+    /// Degrees from right to down.
     angle: f32,
-    response: f32,
-}
-
-impl Spot {
-    fn new(k: &KeyPoint) -> Self {
-        let p = k.pt();
-        Self { pixel: [p.x, p.y], size: k.size(), angle: k.angle(), response: k.response() }
-    }
 }
 
 impl Keypoints {
@@ -141,29 +131,27 @@ fn detect(
         FeatureSpread::Query => 22,
         FeatureSpread::Model => 50,
     };
-    let mut keypoints: Vector<KeyPoint> = Vector::new();
-    SIFT::create(0, 3, CONTRAST, 12.0, 1.6)?.detect(
-        gray.mat(),
-        &mut keypoints,
-        &opencv::core::no_array(),
-    )?;
-    let mut cells: BTreeMap<(i32, i32), Vec<Spot>> = BTreeMap::new();
-    for spot in keypoints.iter().map(|k| Spot::new(&k)) {
-        let [x, y] = spot.pixel;
+    let space = ScaleSpace::new(gray)?;
+    let mut cells: BTreeMap<(i32, i32), Vec<Keypoint>> = BTreeMap::new();
+    for keypoint in space.keypoints(CONTRAST) {
+        let [x, y] = keypoint.pixel;
         let (u, v) = (x.round() as usize, y.round() as usize);
         if wanted(u.min(gray.width() - 1), v.min(gray.height() - 1)) {
             let cell = ((y / CELL_PX) as i32, (x / CELL_PX) as i32);
-            cells.entry(cell).or_default().push(spot);
+            cells.entry(cell).or_default().push(keypoint);
         }
     }
-    Ok(cells
-        .into_values()
-        .flat_map(|mut cell| {
-            cell.sort_by(|a, b| b.response.total_cmp(&a.response));
-            cell.truncate(per_cell);
-            cell
-        })
-        .collect())
+    let cells: Vec<Vec<Keypoint>> = cells.into_values().collect();
+    let spots_of = |mut cell: Vec<Keypoint>| -> Vec<Spot> {
+        cell.sort_by(|a, b| b.response.total_cmp(&a.response));
+        cell.truncate(per_cell);
+        let spots = cell.iter().flat_map(|k| {
+            let Keypoint { pixel, size, .. } = *k;
+            space.directions(k).into_iter().map(move |angle| Spot { pixel, size, angle })
+        });
+        spots.take(per_cell).collect()
+    };
+    Ok(cells.into_par_iter().map(spots_of).collect::<Vec<_>>().concat())
 }
 
 /// A feature but for its descriptor, and the patch of the picture that this is of.

@@ -177,7 +177,7 @@ fn row_of_gradients(samples: &Samples, row: usize) -> ([f32; SIDE], [f32; SIDE])
 
 /// Direction of a vector in eighths of a turn, from 0 to 8, to 1e-4 of one; without a branch.
 #[inline(always)]
-fn eighths(dx: f32, dy: f32) -> f32 {
+pub(super) fn eighths(dx: f32, dy: f32) -> f32 {
     let (across, down) = (dx.abs(), dy.abs());
     let (least, most) = (across.min(down), across.max(down));
     let r = least / most.max(f32::MIN_POSITIVE);

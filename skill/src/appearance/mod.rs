@@ -8,6 +8,7 @@ mod describe;
 mod descriptor;
 mod edges;
 mod gradients;
+mod keypoints;
 mod labels;
 
 pub use builder::build;
