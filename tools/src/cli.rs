@@ -439,6 +439,10 @@ pub struct BenchArgs {
     /// recognise: without ablation and without large libraries
     #[arg(long)]
     pub brief: bool,
+    /// recognise: keep what is learned in this store, and take from it what is there already, so
+    /// that recognition is compared on the same models
+    #[arg(long, value_name = "FILE")]
+    pub store: Option<PathBuf>,
     /// soak: so long, 30 frames a second
     #[arg(long, default_value_t = 60.0)]
     pub minutes: f64,

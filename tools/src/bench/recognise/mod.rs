@@ -5,6 +5,7 @@
 mod ablation;
 mod scale;
 mod stills;
+mod times;
 
 use super::dir::{ConfigurationScore, configuration_scores};
 use super::truth::Truth;
@@ -15,7 +16,7 @@ use linkage_skill::SkillConfig;
 use linkage_skill::appearance::{Appearance, DescribedFeature};
 use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
 use linkage_skill::recognise::{Recognised, Scene, find};
-use linkage_skill::store::{Library, StoreError, StoredObject};
+use linkage_skill::store::{Library, Store, StoreError, StoredObject};
 use linkage_skill::timing::StageTimes;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -86,6 +87,7 @@ struct Report {
     threshold: f64,
     rows: Vec<Row>,
     wrong_scores: Vec<f64>,
+    times: Vec<times::Row>,
     ablation: Vec<ablation::Row>,
     scale: Vec<scale::Row>,
 }
@@ -109,9 +111,10 @@ struct Learned {
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
     let dir = folder(args, config.seed);
+    let mut store = args.store.as_deref().map(Store::open_or_create).transpose()?;
     let learned: Vec<Learned> = THINGS
         .iter()
-        .map(|thing| learn(thing, &dir.join(thing), &config, common.quiet))
+        .map(|thing| known_or_learned(store.as_mut(), thing, &dir.join(thing), &config, common))
         .collect::<Outcome<Vec<Option<Learned>>>>()?
         .into_iter()
         .flatten()
@@ -123,6 +126,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         threshold: config.recognise.min_score,
         rows: Vec::new(),
         wrong_scores: Vec::new(),
+        times: Vec::new(),
         ablation: Vec::new(),
         scale: Vec::new(),
     };
@@ -148,6 +152,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     print_bands(&report);
     print_wrong(&report);
     print_precision(&report);
+    report.times = times::run(&learned, &questions, &config)?;
     if !args.brief {
         report.ablation = ablation::run(&learned, &questions, &config)?;
         let appearances: Vec<Appearance> =
@@ -166,21 +171,44 @@ fn folder(args: &BenchArgs, draw: u64) -> PathBuf {
     if draw == SkillConfig::default().seed { dir } else { dir.join(format!("draw_{draw}")) }
 }
 
+/// What a store knows already, or else what is learned now and kept there.
+fn known_or_learned(
+    store: Option<&mut Store>,
+    thing: &str,
+    recording: &Path,
+    config: &SkillConfig,
+    common: &Common,
+) -> Outcome<Option<Learned>> {
+    stills::demonstration(thing, config.seed, recording, common.quiet)?;
+    let known = store.as_ref().map(|store| store.find(thing)).transpose()?.flatten();
+    let stored = match known {
+        Some(known) => known,
+        None => {
+            let Some(stored) = learn(thing, recording, config, common.quiet)? else {
+                println!("{thing}: nothing learned");
+                return Ok(None);
+            };
+            if let Some(store) = store {
+                store.put(&stored)?;
+            }
+            stored
+        }
+    };
+    Ok(Some(Learned { stored, truth: Truth::read(recording)? }))
+}
+
 fn learn(
     thing: &str,
     recording: &Path,
     config: &SkillConfig,
     quiet: bool,
-) -> Outcome<Option<Learned>> {
-    stills::demonstration(thing, config.seed, recording, quiet)?;
+) -> Outcome<Option<StoredObject>> {
     let source = recording.display().to_string();
     let demonstration = demonstrate(&source, thing, config, quiet)?;
     if demonstration.model.joints.is_empty() {
-        println!("{thing}: nothing learned");
         return Ok(None);
     }
-    let stored = remember(None, &demonstration, &source, config)?;
-    Ok(Some(Learned { stored, truth: Truth::read(recording)? }))
+    Ok(Some(remember(None, &demonstration, &source, config)?))
 }
 
 /// The stage in which further shortlists are gone through.
