@@ -165,9 +165,16 @@ fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
 
 /// Pairs of matches whose distance and normals' angles are those of the model.
 fn compatibility(pairs: &[Pair]) -> Vec<Vec<usize>> {
-    (0..pairs.len())
-        .map(|i| (0..pairs.len()).filter(|&j| j != i && compatible(&pairs[i], &pairs[j])).collect())
-        .collect()
+    let mut compatible_with = vec![Vec::new(); pairs.len()];
+    for i in 0..pairs.len() {
+        for j in i + 1..pairs.len() {
+            if compatible(&pairs[i], &pairs[j]) {
+                compatible_with[i].push(j);
+                compatible_with[j].push(i);
+            }
+        }
+    }
+    compatible_with
 }
 
 fn compatible(a: &Pair, b: &Pair) -> bool {
@@ -178,21 +185,24 @@ fn compatible(a: &Pair, b: &Pair) -> bool {
     {
         return false;
     }
+    let between_normals = || {
+        let model = a.source.model_normal.dot(&b.source.model_normal);
+        is_same_angle(model, a.source.seen_normal.dot(&b.source.seen_normal))
+    };
+    let to_the_other = |p: &Pair, sign: f64| {
+        let model = sign * p.source.model_normal.dot(&on_model) / dm;
+        is_same_angle(model, sign * p.source.seen_normal.dot(&in_scene) / ds)
+    };
+    (!(a.normals && b.normals) || between_normals())
+        && (!a.normals || to_the_other(a, 1.0))
+        && (!b.normals || to_the_other(b, -1.0))
+}
+
+/// Two angles, by their cosines, differ by less than [`MAX_ANGLE`]. Cosines differ by no more than
+/// their angles, so that most pairs are told without an arc cosine.
+fn is_same_angle(cosine: f64, other: f64) -> bool {
     let angle = |x: f64| x.clamp(-1.0, 1.0).acos();
-    if a.normals && b.normals {
-        let model = angle(a.source.model_normal.dot(&b.source.model_normal));
-        let scene = angle(a.source.seen_normal.dot(&b.source.seen_normal));
-        if (model - scene).abs() > MAX_ANGLE {
-            return false;
-        }
-    }
-    [(a, 1.0), (b, -1.0)].iter().all(|(p, sign)| {
-        !p.normals || {
-            let model = angle(sign * p.source.model_normal.dot(&on_model) / dm);
-            let scene = angle(sign * p.source.seen_normal.dot(&in_scene) / ds);
-            (model - scene).abs() < MAX_ANGLE
-        }
-    })
+    (cosine - other).abs() < MAX_ANGLE && (angle(cosine) - angle(other)).abs() < MAX_ANGLE
 }
 
 /// Rigid fit of places and of the tips of their normals.

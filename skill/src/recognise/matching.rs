@@ -142,6 +142,11 @@ fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
     let first = gated.start;
     let products = products(&quantise(&query.descriptor), &table.descriptors[gated]);
     let best = products.iter().copied().max()?;
+    let distance = |product: u32| (2.0 - 2.0 * similarity(product)).max(0.0).sqrt();
+    let d = distance(best);
+    if d >= MAX_DISTANCE {
+        return None;
+    }
     let j = first + products.iter().position(|p| *p == best)?;
     let is_elsewhere = |k: usize| {
         table.parts[k] != table.parts[j]
@@ -150,9 +155,7 @@ fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
     let elsewhere = products.iter().enumerate().fold(0, |most, (i, product)| {
         if *product > most && is_elsewhere(first + i) { *product } else { most }
     });
-    let distance = |product: u32| (2.0 - 2.0 * similarity(product)).max(0.0).sqrt();
-    let (d, second) = (distance(best), distance(elsewhere));
-    (d < MAX_DISTANCE).then(|| Match {
+    Some(Match {
         part: table.parts[j],
         model_point: table.points[j],
         model_normal: table.normals[j],
@@ -160,7 +163,7 @@ fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
         seen_normal: query.normal,
         pixel: query.pixel,
         distance: d,
-        ratio: d.max(1e-6) / second.max(1e-6),
+        ratio: d.max(1e-6) / distance(elsewhere).max(1e-6),
         tolerance: query.point.map_or(0.0, |p| tolerance(p.z)),
     })
 }

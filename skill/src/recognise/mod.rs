@@ -225,59 +225,25 @@ impl Recognition {
 }
 
 /// Looks for every object in the scene; those above the threshold, best first.
+///
+/// Where distinct matches lead to no object at all, all matches are tried, of each. That costs as
+/// much again, and more: where something is known to be seen it is not asked for.
 pub fn recognise(
     scene: &Scene,
     objects: &[Arc<KnownObject>],
     config: &RecogniseConfig,
     seed: u64,
 ) -> Recognition {
-    let looked: Vec<(Vec<Recognised>, f64)> =
-        objects.par_iter().map(|object| find_all(scene, object, config, seed)).collect();
-    let best_refused = looked.iter().map(|(_, refused)| *refused).fold(0.0, f64::max);
-    let matches = looked.into_iter().flat_map(|(matches, _)| matches).collect();
-    Recognition { best_refused, ..Recognition::new(matches) }
-}
-
-/// All that the scene shows of one make, above the threshold, and the best score below it: each
-/// next one is looked for where none of those before it stands. As pieces of room may look alike,
-/// a further one must show both sides of a joint and half as much as the first.
-fn find_all(
-    scene: &Scene,
-    object: &KnownObject,
-    config: &RecogniseConfig,
-    seed: u64,
-) -> (Vec<Recognised>, f64) {
-    let articulated = Articulated::new(&object.model);
-    let compared = Compared::new(&scene.features, &object.table);
-    let mut config = config.clone();
-    let mut taken = Taken::default();
-    let mut all = Vec::new();
-    let mut refused = 0.0;
-    while all.len() < config.max_of_a_make {
-        let matches = compared.matches(|place| !taken.holds(place), &config);
-        let Some(found) = find_among(&matches, scene, object, &articulated, &config, seed) else {
-            break;
-        };
-        let recognised = report(object, &articulated, &found);
-        if recognised.score < config.min_score {
-            refused = recognised.score;
-            break;
-        }
-        let places = taken::places_of(&object.cloud, &articulated, &found.state);
-        let is_further = found.evident.contains(&true) && taken.share(&places) <= MAX_SHARED;
-        if all.is_empty() {
-            config.min_inliers = config.min_inliers.max(found.inliers.div_ceil(2));
-            config.try_all_matches = false;
-        } else if !is_further {
-            break;
-        }
-        taken.add(&places);
-        all.push(recognised);
-        if !scene.has_depth() {
-            break;
-        }
+    let mut looks: Vec<Look> =
+        objects.par_iter().map(|object| Look::new(scene, object, config, seed)).collect();
+    if !looks.iter().any(Look::is_recognised) {
+        looks.par_iter_mut().for_each(Look::try_all_matches);
     }
-    (all, refused)
+    let found: Vec<(Vec<Recognised>, f64)> =
+        looks.into_par_iter().map(Look::all_of_its_make).collect();
+    let best_refused = found.iter().map(|(_, refused)| *refused).fold(0.0, f64::max);
+    let matches = found.into_iter().flat_map(|(matches, _)| matches).collect();
+    Recognition { best_refused, ..Recognition::new(matches) }
 }
 
 /// The best explanation of the scene by one object, whatever its score; `None` when too few
@@ -288,34 +254,135 @@ pub fn find(
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Recognised> {
-    let articulated = Articulated::new(&object.model);
-    let matches = Compared::new(&scene.features, &object.table).matches(|_| true, config);
-    let found = find_among(&matches, scene, object, &articulated, config, seed)?;
-    Some(report(object, &articulated, &found))
+    let mut look = Look::new(scene, object, config, seed);
+    if !look.is_recognised() {
+        look.try_all_matches();
+    }
+    look.found.as_ref().map(|found| report(object, &look.articulated, found))
 }
 
-/// The same from some matches.
-fn find_among(
-    matches: &Matches,
+/// One object looked for in a scene.
+struct Look<'l> {
+    scene: &'l Scene,
+    object: &'l KnownObject,
+    config: &'l RecogniseConfig,
+    seed: u64,
+    articulated: Articulated,
+    compared: Compared,
+    matches: Matches,
+    /// Hypotheses that were followed.
+    tried: Vec<(usize, Pose)>,
+    /// The best of them.
+    found: Option<Found>,
+}
+
+impl<'l> Look<'l> {
+    /// By distinct matches.
+    fn new(
+        scene: &'l Scene,
+        object: &'l KnownObject,
+        config: &'l RecogniseConfig,
+        seed: u64,
+    ) -> Self {
+        let articulated = Articulated::new(&object.model);
+        let compared = Compared::new(&scene.features, &object.table);
+        let matches = compared.matches(|_| true, config);
+        tracing::debug!(
+            object = object.model.object,
+            features = scene.features.len(),
+            matches = matches.all.len(),
+            distinct = matches.distinct.len(),
+            of_base = matches.distinct.iter().filter(|m| m.part == 0).count(),
+            "matched"
+        );
+        let mut tried = Vec::new();
+        let found = by_distinct(scene, object, &articulated, &matches, config, &mut tried, seed);
+        Self { scene, object, config, seed, articulated, compared, matches, tried, found }
+    }
+
+    fn is_recognised(&self) -> bool {
+        self.found.as_ref().is_some_and(|f| is_believed(f.score, self.config))
+    }
+
+    /// Paint that repeats has its like elsewhere: of 40 matches that are right two may be
+    /// distinct. As more agree by chance, nothing is forgiven for being hidden, and a joint has to
+    /// show.
+    fn try_all_matches(&mut self) {
+        let Self { config, .. } = *self;
+        if !config.try_all_matches || !self.scene.has_depth() {
+            return;
+        }
+        let KnownObject { cloud, coarse, .. } = self.object;
+        let refiner = Refiner {
+            scene: self.scene,
+            articulated: &self.articulated,
+            cloud,
+            coarse,
+            matches: &self.matches.distinct,
+            config,
+        };
+        let of_all = Refiner { matches: &self.matches.all, ..refiner };
+        let settled = best_settled(&of_all, config.min_inliers + 1, &mut self.tried, self.seed);
+        let found = settled.map(|settled| {
+            let score = settled.score * settled.verdict.unhidden();
+            concluded(&refiner, Settled { score, ..settled })
+        });
+        let is_certain = |f: &Found| is_believed(f.score, config) && f.evident.contains(&true);
+        if let Some(found) = found.filter(is_certain) {
+            self.found = Some(found);
+        }
+    }
+
+    /// What was recognised, and further ones of its make, and the best score below the threshold.
+    /// Each next one is looked for where none of those before it stands. As pieces of room may
+    /// look alike, a further one must show both sides of a joint and half as much as the first.
+    fn all_of_its_make(self) -> (Vec<Recognised>, f64) {
+        let Self { scene, object, articulated, compared, seed, .. } = self;
+        let Some(first) = self.found else { return (Vec::new(), 0.0) };
+        let mut config = self.config.clone();
+        config.min_inliers = config.min_inliers.max(first.inliers.div_ceil(2));
+        let (mut taken, mut all, mut next) = (Taken::default(), Vec::new(), Some(first));
+        while let Some(found) = next.take() {
+            let recognised = report(object, &articulated, &found);
+            if recognised.score < config.min_score {
+                return (all, recognised.score);
+            }
+            let places = taken::places_of(&object.cloud, &articulated, &found.state);
+            let is_further = found.evident.contains(&true) && taken.share(&places) <= MAX_SHARED;
+            if !all.is_empty() && !is_further {
+                break;
+            }
+            taken.add(&places);
+            all.push(recognised);
+            if all.len() < config.max_of_a_make && scene.has_depth() {
+                let left = compared.matches(|place| !taken.holds(place), &config);
+                let tried = &mut Vec::new();
+                next = by_distinct(scene, object, &articulated, &left, &config, tried, seed);
+            }
+        }
+        (all, 0.0)
+    }
+}
+
+/// The best explanation of the scene by distinct matches; where there is no depth, by where they
+/// lie in the picture.
+fn by_distinct(
     scene: &Scene,
     object: &KnownObject,
     articulated: &Articulated,
+    matches: &Matches,
     config: &RecogniseConfig,
+    tried: &mut Vec<(usize, Pose)>,
     seed: u64,
 ) -> Option<Found> {
-    let distinct = &matches.distinct;
-    tracing::debug!(
-        object = object.model.object,
-        features = scene.features.len(),
-        matches = matches.all.len(),
-        distinct = distinct.len(),
-        of_base = distinct.iter().filter(|m| m.part == 0).count(),
-        "matched"
-    );
+    let KnownObject { cloud, coarse, .. } = object;
+    let distinct = &matches.distinct[..];
     let found = if scene.has_depth() {
-        with_depth(scene, object, articulated, matches, config, seed)
+        let refiner = Refiner { scene, articulated, cloud, coarse, matches: distinct, config };
+        best_settled(&refiner, config.min_inliers.saturating_sub(1), tried, seed)
+            .map(|settled| concluded(&refiner, settled))
     } else {
-        pnp::find(scene, articulated, &object.cloud, distinct)
+        pnp::find(scene, articulated, cloud, distinct)
     }?;
     tracing::debug!(
         object = object.model.object,
@@ -352,36 +419,6 @@ struct Found {
     evident: Vec<bool>,
 }
 
-fn with_depth(
-    scene: &Scene,
-    object: &KnownObject,
-    articulated: &Articulated,
-    matches: &Matches,
-    config: &RecogniseConfig,
-    seed: u64,
-) -> Option<Found> {
-    let KnownObject { cloud, coarse, .. } = object;
-    let distinct = &matches.distinct[..];
-    let refiner = Refiner { scene, articulated, cloud, coarse, matches: distinct, config };
-    let mut tried = Vec::new();
-    let found = best_settled(&refiner, config.min_inliers.saturating_sub(1), &mut tried, seed)
-        .map(|settled| concluded(&refiner, settled));
-    if !config.try_all_matches || found.as_ref().is_some_and(|f| is_believed(f.score, config)) {
-        return found;
-    }
-    // Paint that repeats has its like elsewhere: of 40 matches that are right two may be
-    // distinct. As more agree by chance, nothing is forgiven for being hidden, and a joint has to
-    // show.
-    let of_all = Refiner { matches: &matches.all, ..refiner };
-    best_settled(&of_all, config.min_inliers + 1, &mut tried, seed)
-        .map(|settled| {
-            let score = settled.score * settled.verdict.unhidden();
-            concluded(&refiner, Settled { score, ..settled })
-        })
-        .filter(|f| is_believed(f.score, config) && f.evident.contains(&true))
-        .or(found)
-}
-
 fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
     probability(score) >= config.min_score
 }
@@ -389,6 +426,10 @@ fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
 /// Hypotheses of one part that are no farther apart lead to one state, metres and radians.
 const SAME_PLACE_M: f64 = 0.05;
 const SAME_TURN: f64 = 0.2;
+
+/// Share of the matches that agree with a believed state from which another hypothesis may lead to
+/// a better one.
+const SHARE_OF_BELIEVED: f64 = 0.4;
 
 /// The best state that hypotheses lead to, of those that were not tried before.
 fn best_settled(
@@ -398,17 +439,17 @@ fn best_settled(
     seed: u64,
 ) -> Option<Settled> {
     let Refiner { scene, articulated, cloud, matches, config, .. } = *refiner;
-    let mut hypotheses = hypothesis::all(articulated, matches, seed);
+    let hypotheses = hypothesis::all(articulated, matches, seed);
     tracing::debug!(
         hypotheses = hypotheses.len(),
         best = hypotheses.first().map_or(0, |h| h.support),
         "hypotheses"
     );
-    hypotheses.retain(|h| h.support >= least_support);
-    let most = tried.len() + config.hypotheses;
+    let mut followed = 0;
+    let mut least_support = least_support;
     let mut best: Option<(f64, Settled)> = None;
     for h in &hypotheses {
-        if tried.len() >= most {
+        if followed == config.hypotheses || h.support < least_support {
             break;
         }
         let is_tried = |(part, pose): &(usize, Pose)| {
@@ -421,12 +462,17 @@ fn best_settled(
             continue;
         }
         tried.push((h.part, h.camera_from_part));
+        followed += 1;
         let matches = &hypothesis::within_reach(articulated, matches, &h.state)[..];
         let Some(state) = (Refiner { matches, ..*refiner }).settle(h) else { continue };
         let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
         let verdict = verify::verify(scene, articulated, cloud, &state);
         let score = score_of(&verdict, inliers, config);
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
+        if is_believed(score, config) {
+            tried.extend(articulated.poses(&state).into_iter().enumerate());
+            least_support = least_support.max((SHARE_OF_BELIEVED * inliers as f64) as usize);
+        }
         // A small piece of the room may look better than all of the object does in poor light:
         // what counts is how much is explained, and how well.
         let explained = score * refine::explained(&verdict, inliers);
