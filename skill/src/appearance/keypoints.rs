@@ -6,6 +6,7 @@ use super::gradients::eighths;
 use crate::vision::Gray;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A place in the picture that looks like no other near it, at one scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,7 +65,7 @@ impl ScaleSpace {
     /// Extrema of at least some contrast, grey levels.
     pub fn keypoints(&self, contrast: f32) -> Vec<Keypoint> {
         let of_octave = |(number, octave): (usize, &Octave)| {
-            let rows: Vec<usize> = (BORDER..octave[0].height - BORDER).step_by(ROWS).collect();
+            let rows: Vec<usize> = inner(octave[0].height).step_by(ROWS).collect();
             let found: Vec<Vec<Keypoint>> = rows
                 .into_par_iter()
                 .map(|first| extrema(octave, number, first, contrast))
@@ -79,6 +80,11 @@ impl ScaleSpace {
     pub fn directions(&self, keypoint: &Keypoint) -> Vec<f32> {
         directions(&self.0[keypoint.octave][keypoint.level], keypoint)
     }
+}
+
+/// Columns or rows that are not at the border; none of a tiny picture.
+fn inner(length: usize) -> Range<usize> {
+    BORDER..length.saturating_sub(BORDER)
 }
 
 /// An octave from its first picture; each next one is blurred some more.
@@ -322,7 +328,7 @@ fn extrema(octave: &Octave, number: usize, first: usize, contrast: f32) -> Vec<K
     let mut is_extreme = vec![0_u8; octave[0].stride];
     let mut found = Vec::new();
     let least = AT_PIXEL * contrast;
-    for y in first - 1..(first + ROWS).min(height - BORDER) + 1 {
+    for y in first - 1..(first + ROWS).min(inner(height).end) + 1 {
         for (d, rows) in rows.iter_mut().enumerate() {
             rows[y % 3].fill(octave[d].row(y), octave[d + 1].row(y));
         }
@@ -335,7 +341,7 @@ fn extrema(octave: &Octave, number: usize, first: usize, contrast: f32) -> Vec<K
             let values = &rows[level][middle % 3].values;
             mark(&mut is_extreme, values, &around[level - 1..=level + 1], least);
             for (x, _) in is_extreme.iter().enumerate().filter(|(_, is)| **is != 0) {
-                if (BORDER..width - BORDER).contains(&x)
+                if inner(width).contains(&x)
                     && let Some(keypoint) = refined(octave, number, [x, middle, level], contrast)
                 {
                     found.push(keypoint);
@@ -396,14 +402,14 @@ fn refined(
                 sigma,
             });
         }
-        let moved = |i: usize, by: f32, range: std::ops::Range<usize>| {
+        let moved = |i: usize, by: f32, range: Range<usize>| {
             if by.abs() > 1e3 {
                 return None;
             }
             i.checked_add_signed(by.round() as isize).filter(|i| range.contains(i))
         };
-        x = moved(x, offset.x, BORDER..width - BORDER)?;
-        y = moved(y, offset.y, BORDER..height - BORDER)?;
+        x = moved(x, offset.x, inner(width))?;
+        y = moved(y, offset.y, inner(height))?;
         level = moved(level, offset.z, 1..INTERVALS + 1)?;
     }
     None
@@ -562,25 +568,41 @@ mod tests {
     }
 
     #[test]
+    fn a_picture_of_a_few_pixels_has_none() {
+        for (width, height) in [(1, 1), (2, 90), (90, 2), (5, 5), (40, 7)] {
+            let bytes: Vec<u8> = (0..width * height).map(|i| (i * 97) as u8).collect();
+            let gray = Gray::new(width, height, &bytes).unwrap();
+            let found = ScaleSpace::new(&gray).unwrap().keypoints(1.0);
+            let narrow = width.min(height) <= BORDER;
+            assert!(!narrow || found.is_empty(), "{width} x {height}: {found:?}");
+        }
+    }
+
+    #[test]
     fn directions_turn_with_the_picture() {
-        // A slope on a blob points to where it gets brighter, told to one of 36 directions.
-        for degrees in [0.0_f32, 50.0, 170.0, 290.0] {
-            let (sin, cos) = degrees.to_radians().sin_cos();
-            let space = space(|x, y| {
-                let along = (x - 100.0) * cos + (y - 80.0) * sin;
-                blob(x, y, [100.0, 80.0], 5.0) + 4.0 * along.clamp(-14.0, 14.0)
-            });
+        // A small blob beside a large one: it gets brighter towards the large one.
+        let (middle, large) = ([90.0, 70.0], [78.0, 76.0]);
+        let picture = |x: f32, y: f32| blob(x, y, middle, 2.0) + 0.5 * blob(x, y, large, 9.0);
+        let direction = |space: &ScaleSpace, at: [f32; 2]| {
+            let near = |k: &&Keypoint| (k.pixel[0] - at[0]).hypot(k.pixel[1] - at[1]) < 1.5;
             let found = space.keypoints(2.0);
-            let near = |k: &&Keypoint| (k.pixel[0] - 100.0).hypot(k.pixel[1] - 80.0) < 4.0;
-            let best = found
+            let keypoint = found
                 .iter()
                 .filter(near)
                 .max_by(|a, b| a.response.total_cmp(&b.response))
-                .expect("the blob is found");
-            let told = space.directions(best);
-            let off = |a: &f32| (a - degrees + 180.0).rem_euclid(360.0) - 180.0;
-            assert!(told.iter().any(|a| off(a).abs() < 10.0), "{degrees}: {told:?}");
-        }
+                .expect("the small blob is found");
+            space.directions(keypoint)
+        };
+        let upright = direction(&space(picture), middle);
+        // What lies to the right lies below when all is turned by a quarter.
+        let side = HEIGHT as f32 - 1.0;
+        let turned = direction(&space(|x, y| picture(y, side - x)), [side - middle[1], middle[0]]);
+        let towards = (large[1] - middle[1]).atan2(large[0] - middle[0]).to_degrees();
+        let apart = |a: f32, b: f32| ((a - b + 180.0).rem_euclid(360.0) - 180.0).abs();
+        assert!(upright.iter().any(|a| apart(*a, towards) < 25.0), "{upright:?} {towards}");
+        assert_eq!(upright.len(), turned.len());
+        let is_found = |a: f32| turned.iter().any(|b| apart(a, *b) < 2.0);
+        assert!(upright.iter().all(|a| is_found(a + 90.0)), "{upright:?} {turned:?}");
     }
 
     #[test]
