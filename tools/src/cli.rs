@@ -439,8 +439,8 @@ pub struct BenchArgs {
     /// recognise: without ablation and without large libraries
     #[arg(long)]
     pub brief: bool,
-    /// recognise: keep what is learned in this store, and take from it what is there already, so
-    /// that recognition is compared on the same models
+    /// recognise: keep what is learned in this store, one for each --seed, and take from it what
+    /// is there already, so that recognition is compared on the same models
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
     /// soak: so long, 30 frames a second

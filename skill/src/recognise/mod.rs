@@ -63,7 +63,8 @@ pub struct RecogniseConfig {
     pub min_inliers: usize,
     /// Pose hypotheses that are refined and verified.
     pub hypotheses: usize,
-    /// Where distinct matches lead to nothing, all are tried, for what is not hidden.
+    /// Where distinct matches lead to no object of a shortlist, all are tried, for what is not
+    /// hidden.
     pub try_all_matches: bool,
     /// Objects compared in full at a time; of more, the likeliest by their words come first.
     pub shortlist: usize,
