@@ -1,6 +1,6 @@
 //! Builds an object's appearance from its demonstration.
 
-use super::describe::{FeatureSpread, Keypoints};
+use super::describe::{FeatureKind, FeatureSpread, Keypoints};
 use super::descriptor::{product, quantise, similarity};
 use super::edges::edges;
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
@@ -581,12 +581,11 @@ fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<ModelFea
         }
     }
     kept.sort_by_key(|&(i, support)| (std::cmp::Reverse(support), i));
-    let mut taken: HashMap<(u16, bool), usize> = HashMap::new();
+    let mut taken: HashMap<(u16, FeatureKind), usize> = HashMap::new();
     let mut result: Vec<ModelFeature> = Vec::new();
     for (i, _) in kept {
         let feature = &features[i].0;
-        let rectified = feature.kind == super::FeatureKind::Rectified;
-        let count = taken.entry((feature.part, rectified)).or_default();
+        let count = taken.entry((feature.part, feature.kind)).or_default();
         if *count < per_part / 2 {
             *count += 1;
             result.push(feature.clone());

@@ -1,7 +1,9 @@
-//! Features of one frame, spread over the picture, described twice: by an oriented patch of
-//! the picture, and by an upright one of metric size on the surface's tangent plane. Depth makes viewpoint and scale known, so they are used.
+//! Features of one frame, spread over the picture, described twice: by a patch of the picture, and
+//! by one of metric size on the surface's tangent plane, each turned to its own direction. Depth
+//! makes viewpoint and scale known, so they are used. What is up is not: on what lies level no
+//! direction is, and a camera rolls.
 
-use super::gradients::{Patch, Pyramid, gradients};
+use super::gradients::{Patch, Pyramid, directions, gradients};
 use super::keypoints::{Keypoint, ScaleSpace};
 use crate::vision::Gray;
 use linkage_driver::RgbdFrame;
@@ -19,7 +21,10 @@ pub const DESCRIPTOR_LENGTH: usize = 128;
 pub enum FeatureKind {
     /// Oriented RootSIFT in the picture.
     Picture,
-    /// Upright RootSIFT of the patch rectified to the surface.
+    /// Upright RootSIFT of the patch rectified to the surface: in stores of earlier versions, no
+    /// longer compared.
+    Upright,
+    /// Oriented RootSIFT of the patch rectified to the surface.
     Rectified,
 }
 
@@ -102,23 +107,26 @@ impl Keypoints {
         let surfaces: Vec<(&Spot, Surface)> =
             self.found.iter().map(|s| (s, Surface::at(frame, normals, s.pixel))).collect();
         let focal = frame.camera.fx;
-        let in_picture = surfaces.iter().map(|(spot, surface)| in_picture(spot, surface, focal));
+        let in_picture: Vec<Asked> =
+            surfaces.iter().map(|(spot, surface)| in_picture(spot, surface, focal)).collect();
         let mut seen = HashSet::new();
-        let rectified = surfaces
+        let upright: Vec<Asked> = surfaces
             .iter()
             // One place and size may carry several orientations: once is enough here.
             .filter(|(s, _)| {
                 seen.insert([s.pixel[0], s.pixel[1], s.size].map(|x| (x * 4.0) as i32))
             })
-            .filter_map(|(spot, surface)| rectified(spot, surface, frame));
-        let asked: Vec<Asked> = in_picture.chain(rectified).collect();
-        Ok(asked
-            .par_iter()
-            .map(|asked| DescribedFeature {
-                descriptor: gradients(&pyramid, &asked.patch),
-                ..asked.feature.clone()
-            })
-            .collect())
+            .filter_map(|(spot, surface)| upright(spot, surface, frame))
+            .collect();
+        let rectified = upright.par_iter().flat_map_iter(|asked| {
+            let angles = directions(&pyramid, &asked.patch);
+            angles.map(|angle| Asked { patch: asked.patch.turned(angle), ..asked.clone() })
+        });
+        let described = |asked: Asked| DescribedFeature {
+            descriptor: gradients(&pyramid, &asked.patch),
+            ..asked.feature
+        };
+        Ok(in_picture.into_par_iter().chain(rectified).map(described).collect())
     }
 }
 
@@ -155,6 +163,7 @@ fn detect(
 }
 
 /// A feature but for its descriptor, and the patch of the picture that this is of.
+#[derive(Clone)]
 struct Asked {
     feature: DescribedFeature,
     patch: Patch,
@@ -202,7 +211,7 @@ impl Surface {
 
 /// The patch about a feature on the tangent plane of its surface, upright; `None` without a
 /// surface, or where it is seen from the side.
-fn rectified(spot: &Spot, surface: &Surface, frame: &RgbdFrame) -> Option<Asked> {
+fn upright(spot: &Spot, surface: &Surface, frame: &RgbdFrame) -> Option<Asked> {
     let (point, normal) = (surface.point?, surface.normal?);
     let slant = -normal.dot(&point.coords.normalize());
     if slant < 0.2 {

@@ -77,7 +77,7 @@ impl Table {
         let log_size = (query.size as f32).max(1e-6).ln();
         let gate = match self.kind {
             FeatureKind::Picture => 1.6_f32.ln(),
-            FeatureKind::Rectified => 1.1_f32.ln(),
+            FeatureKind::Rectified | FeatureKind::Upright => 1.1_f32.ln(),
         };
         self.log_sizes.partition_point(|s| *s <= log_size - gate)
             ..self.log_sizes.partition_point(|s| *s < log_size + gate)

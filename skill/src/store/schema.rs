@@ -5,7 +5,7 @@ use rusqlite::{Connection, Transaction, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this version knows.
-pub const SCHEMA_VERSION: i64 = 3;
+pub const SCHEMA_VERSION: i64 = 4;
 
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
@@ -29,12 +29,13 @@ CREATE TABLE words (
     words BLOB NOT NULL
 );
 PRAGMA application_id = 1280199495;
-PRAGMA user_version = 3;
+PRAGMA user_version = 4;
 ";
 
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
-/// store; objects of the second know no edges: an empty list is written as one zero.
-const UPGRADES: [&str; 2] = [
+/// store; objects of the second know no edges: an empty list is written as one zero; rectified
+/// features of the third are upright, and are told apart from those that are compared now.
+const UPGRADES: [&str; 3] = [
     "
 DROP TABLE IF EXISTS vocabulary;
 CREATE TABLE IF NOT EXISTS words (
@@ -47,6 +48,7 @@ PRAGMA user_version = 2;
 ALTER TABLE object ADD COLUMN edges BLOB NOT NULL DEFAULT x'00';
 PRAGMA user_version = 3;
 ",
+    "PRAGMA user_version = 4;",
 ];
 
 /// Makes the tables of an empty file, or brings those of an old one up to date.

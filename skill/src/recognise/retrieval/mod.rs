@@ -60,12 +60,12 @@ impl Words {
     }
 }
 
-/// Features of an object that are indexed: upright ones tell more, the others serve where the
-/// camera rolls.
+/// Features of an object that are indexed: rectified ones tell more.
 fn most_of(kind: FeatureKind) -> usize {
     match kind {
         FeatureKind::Rectified => 320,
         FeatureKind::Picture => 160,
+        FeatureKind::Upright => 0,
     }
 }
 
@@ -89,14 +89,11 @@ const SIZES: i32 = 32;
 /// The smallest of them: 1 mm.
 const SMALLEST: i32 = -8;
 /// Lists of a word: for each kind and size.
-const LISTS: usize = 2 * SIZES as usize;
+const LISTS: usize = 3 * SIZES as usize;
 
 /// The list of a word, kind and size. A damaged word falls under another.
 fn list_of(word: u16, kind: FeatureKind, size: i32) -> usize {
-    let kind = match kind {
-        FeatureKind::Picture => 0,
-        FeatureKind::Rectified => 1,
-    };
+    let kind = kind as usize;
     let size = (size - SMALLEST).clamp(0, SIZES - 1) as usize;
     (usize::from(word) % WORDS) * LISTS + kind * SIZES as usize + size
 }
@@ -204,7 +201,7 @@ impl Index {
         let size = i32::from(size_step(feature.size as f32));
         let sizes = match (feature.point, feature.kind) {
             (None, _) => SMALLEST..=SMALLEST + SIZES - 1,
-            (_, FeatureKind::Rectified) => size..=size,
+            (_, FeatureKind::Rectified | FeatureKind::Upright) => size..=size,
             (_, FeatureKind::Picture) => size - 2..=size + 2,
         };
         let mut fitting: Vec<(u32, u32)> = Vec::new();
