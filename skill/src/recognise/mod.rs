@@ -70,7 +70,7 @@ pub struct RecogniseConfig {
     pub shortlist: usize,
     /// Shortlists gone through, one after the other, until something is recognised.
     pub shortlists: usize,
-    /// Surfaces are compared in lightness too, not in depth alone.
+    /// Surfaces are compared in colour too, not in depth alone.
     pub compare_looks: bool,
     /// Surface that is seen through counts against a state.
     pub check_free_space: bool,
@@ -428,11 +428,11 @@ fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
 const SAME_PLACE_M: f64 = 0.05;
 const SAME_TURN: f64 = 0.2;
 
-/// Share of the matches that agree with a believed state from which another hypothesis may lead to
-/// a better one.
-const SHARE_OF_BELIEVED: f64 = 0.4;
+/// Share of the matches that agree with one state from which another may be the better one.
+const SHARE_OF_MOST: f64 = 0.4;
 
-/// The best state that hypotheses lead to, of those that were not tried before.
+/// The best state that hypotheses lead to, of those that were not tried before. Where far more
+/// matches agree on another, the picture shows something else that has the learned paint.
 fn best_settled(
     refiner: &Refiner,
     least_support: usize,
@@ -446,6 +446,7 @@ fn best_settled(
         best = hypotheses.first().map_or(0, |h| h.support),
         "hypotheses"
     );
+    let most_support = hypotheses.first().map_or(0, |h| h.support);
     let mut followed = 0;
     let mut least_support = least_support;
     let mut best: Option<(f64, Settled)> = None;
@@ -472,7 +473,7 @@ fn best_settled(
         tracing::debug!(part = h.part, support = h.support, inliers, score, q = ?state.q, ?verdict, "settled");
         if is_believed(score, config) {
             tried.extend(articulated.poses(&state).into_iter().enumerate());
-            least_support = least_support.max((SHARE_OF_BELIEVED * inliers as f64) as usize);
+            least_support = least_support.max((SHARE_OF_MOST * inliers as f64) as usize);
         }
         // A small piece of the room may look better than all of the object does in poor light:
         // what counts is how much is explained, and how well.
@@ -481,7 +482,8 @@ fn best_settled(
             best = Some((explained, Settled { state, score, inliers, verdict }));
         }
     }
-    best.map(|(_, best)| best).filter(|b| b.inliers >= config.min_inliers)
+    let least = config.min_inliers.max((SHARE_OF_MOST * most_support as f64) as usize);
+    best.map(|(_, best)| best).filter(|b| b.inliers >= least)
 }
 
 /// What of a state can be told.
@@ -570,7 +572,7 @@ fn eliminate(scene: &Scene, articulated: &Articulated, cloud: &Cloud, found: &mu
 /// What part of the reports that look perfect are right.
 const CEILING: f64 = 0.97;
 /// Verdict at which half of that part are, and how fast it changes there.
-const EVEN: f64 = 0.53;
+const EVEN: f64 = 0.42;
 const STEEPNESS: f64 = 16.0;
 
 /// How often a state with this verdict's score is right: a logistic curve through the pairs of
@@ -643,7 +645,7 @@ mod tests {
     #[test]
     fn a_better_verdict_is_more_probable_and_none_is_certain() {
         let at = |score| probability(score);
-        assert!(at(0.0) < 0.001 && at(0.3) < 0.05);
+        assert!(at(0.0) < 0.002 && at(0.2) < 0.05);
         assert!((1..=100).all(|i| at(f64::from(i) / 100.0) > at(f64::from(i - 1) / 100.0)));
         assert!(at(1.0) < 0.98);
     }

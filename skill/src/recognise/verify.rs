@@ -8,7 +8,7 @@ use crate::appearance::Appearance;
 use crate::geometry::{Pose, matrix_pose};
 use linkage_driver::depth::depth_tolerance;
 use nalgebra::{Point3, Vector3};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::HashMap;
 
 /// An object's surface.
 pub struct Cloud {
@@ -53,15 +53,21 @@ impl Cloud {
 
     /// Of surfels.
     pub fn of(surfels: Vec<CloudPoint>) -> Self {
-        let of_surfels: Vec<Patch> = surfels.iter().map(patch_of).collect();
-        let all: BTreeSet<Patch> = of_surfels.iter().copied().collect();
-        let number: BTreeMap<Patch, usize> = all.iter().copied().zip(0..).collect();
-        Self {
-            patches: of_surfels.iter().map(|patch| number[patch]).collect(),
-            part_of_patch: all.iter().map(|patch| patch.part).collect(),
-            surfels,
-            edges: Vec::new(),
-        }
+        let mut part_of_patch = Vec::new();
+        let mut in_cells: HashMap<_, Vec<Side>> = HashMap::new();
+        let patch_of = |s: &CloudPoint| {
+            let cell = [s.point.x, s.point.y, s.point.z].map(|x| (x / PATCH_M).floor() as i32);
+            let sides = in_cells.entry((s.part, cell)).or_default();
+            if let Some(side) = sides.iter().find(|side| side.normal.dot(&s.normal) > SAME_SIDE) {
+                return side.patch;
+            }
+            let patch = part_of_patch.len();
+            sides.push(Side { normal: s.normal, patch });
+            part_of_patch.push(s.part);
+            patch
+        };
+        let patches = surfels.iter().map(patch_of).collect();
+        Self { patches, part_of_patch, surfels, edges: Vec::new() }
     }
 
     /// Every few surfels of each part: enough to compare configurations by.
@@ -201,9 +207,9 @@ pub struct PartVerdict {
     pub agree: usize,
     /// Surfels that are seen through.
     pub through: usize,
-    /// Correlation of lightness, -1 to 1; `None` with too little surface to tell.
+    /// Correlation of colour, -1 to 1; `None` with too little surface to tell.
     pub correlation: Option<f64>,
-    /// How much the learned lightness varies within patches, 0 to 1: how much a correlation says.
+    /// How much the learned colour varies within patches, 0 to 1: how much a correlation says.
     pub texture: f64,
     /// What is beyond its edges.
     pub ends: Ends,
@@ -249,7 +255,7 @@ impl PartVerdict {
         ramp(self.agree as f64, MUCH) * self.texture * unlike
     }
 
-    /// Its lightness varies as it should.
+    /// Its colour varies as it should.
     pub fn looks_alike(&self) -> bool {
         self.correlation.is_some_and(|c| c > 0.4)
     }
@@ -268,7 +274,7 @@ pub struct Verdict {
     pub through: usize,
     /// Surfels behind something else.
     pub hidden: usize,
-    /// Correlation of lightness, -1 to 1.
+    /// Correlation of colour, -1 to 1.
     pub correlation: f64,
     /// By part.
     pub parts: Vec<PartVerdict>,
@@ -337,10 +343,9 @@ impl Verdict {
     /// Correlations of all and of each part, from what was compared of each patch.
     fn tell_looks(&mut self, cloud: &Cloud, looks: &[Looks]) {
         self.correlation = correlation(looks).unwrap_or(0.0);
-        let of_parts: Vec<(&usize, &Looks)> = cloud.part_of_patch.iter().zip(looks).collect();
-        for group in of_parts.chunk_by(|a, b| a.0 == b.0) {
-            let own: Vec<Looks> = group.iter().map(|g| *g.1).collect();
-            let part = &mut self.parts[*group[0].0];
+        let of_parts = || cloud.part_of_patch.iter().zip(looks);
+        for (number, part) in self.parts.iter_mut().enumerate() {
+            let own: Vec<Looks> = of_parts().filter(|p| *p.0 == number).map(|p| *p.1).collect();
             part.correlation = correlation(&own);
             part.texture = texture(&own);
         }
@@ -412,8 +417,8 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
                 verdict.parts[p.part].agree += 1;
             }
             if cosine > 0.7 {
-                let learned = cloud.surfels[p.index].lab[0];
-                looks[cloud.patches[p.index]].add(learned, scene.lab.at(u, v)[0]);
+                let learned = cloud.surfels[p.index].lab;
+                looks[cloud.patches[p.index]].add(learned, scene.lab.at(u, v));
             }
         }
     }
@@ -452,79 +457,70 @@ pub fn verify_looks(
     let mut verdict = Verdict::nothing_yet(articulated.parts);
     let mut looks = vec![Looks::default(); cloud.part_of_patch.len()];
     for p in visible(scene, cloud, &articulated.poses(state)) {
-        let learned = cloud.surfels[p.index].lab[0];
-        looks[cloud.patches[p.index]].add(learned, scene.lab.at(p.pixel.0, p.pixel.1)[0]);
+        let learned = cloud.surfels[p.index].lab;
+        looks[cloud.patches[p.index]].add(learned, scene.lab.at(p.pixel.0, p.pixel.1));
     }
     verdict.tell_looks(cloud, &looks);
     verdict
 }
 
-/// A piece of a part's surface on which light falls evenly.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Patch {
-    part: usize,
-    /// Axis that its normal is nearest to, and which way.
-    side: usize,
-    cell: [i32; 3],
-}
-
-/// Side of a patch, metres. Two planks of different paint are two levels of lightness, and any
-/// two levels correlate: only what varies within a patch tells surfaces apart.
+/// Side of a patch, a piece of a part's surface on which light falls evenly, metres. Two planks of
+/// different paint are two levels of light, and any two levels correlate: only what varies
+/// within a patch tells surfaces apart.
 const PATCH_M: f64 = 0.1;
+/// Least cosine between normals of one patch: around a corner light falls otherwise.
+const SAME_SIDE: f64 = 0.7;
 
-fn patch_of(surfel: &CloudPoint) -> Patch {
-    let (p, normal) = (surfel.point, surfel.normal);
-    Patch {
-        part: surfel.part,
-        side: normal.iamax() * 2 + usize::from(normal[normal.iamax()] > 0.0),
-        cell: [p.x, p.y, p.z].map(|x| (x / PATCH_M).floor() as i32),
-    }
+/// A patch and the normal of its first surfel.
+struct Side {
+    normal: Vector3<f64>,
+    patch: usize,
 }
 
-/// Lightness that varies so much tells a patch from others: any more counts no more.
+/// Colour that varies so much, L*a*b*, tells a patch from others: any more counts no more.
 const TELLING: f64 = 3.0;
-/// Variation of lightness that noise makes.
+/// Variation of colour that noise makes.
 const NOISE: f64 = 1.0;
 /// Fewest surfels of a patch that are compared.
 const LEAST_IN_PATCH: f64 = 12.0;
 /// Fewest surfels that tell anything.
 const LEAST_IN_ALL: f64 = 25.0;
 
-/// Learned and seen lightness of a patch.
+/// Learned and seen colours of a patch: sums over its surfels.
 #[derive(Clone, Copy, Default)]
 struct Looks {
     n: f64,
-    learned: f64,
-    seen: f64,
+    learned: Vector3<f64>,
+    seen: Vector3<f64>,
     learned_squared: f64,
     seen_squared: f64,
     common: f64,
 }
 
 impl Looks {
-    fn add(&mut self, learned: f32, seen: f32) {
-        let (x, y) = (f64::from(learned), f64::from(seen));
+    fn add(&mut self, learned: [f32; 3], seen: [f32; 3]) {
+        let [x, y] = [learned, seen].map(|lab| Vector3::from(lab).map(f64::from));
         self.n += 1.0;
         self.learned += x;
         self.seen += y;
-        self.learned_squared += x * x;
-        self.seen_squared += y * y;
-        self.common += x * y;
+        self.learned_squared += x.norm_squared();
+        self.seen_squared += y.norm_squared();
+        self.common += x.dot(&y);
     }
 
     /// Correlation, and how much it tells. The noise keeps plain surfaces from correlating by
     /// chance.
     fn alike(&self) -> (f64, f64) {
         let (mx, my) = (self.learned / self.n, self.seen / self.n);
-        let xx = (self.learned_squared / self.n - mx * mx).max(0.0);
-        let yy = (self.seen_squared / self.n - my * my).max(0.0);
-        let xy = self.common / self.n - mx * my;
-        let weight = self.n * xx.sqrt().min(TELLING);
+        let xx = (self.learned_squared / self.n - mx.norm_squared()).max(0.0);
+        let yy = (self.seen_squared / self.n - my.norm_squared()).max(0.0);
+        let xy = self.common / self.n - mx.dot(&my);
+        let weight = self.n * xx.min(TELLING * TELLING) / TELLING;
         (xy / ((xx + NOISE) * (yy + NOISE)).sqrt(), weight)
     }
 }
 
-/// How well lightness varies alike within patches, -1 to 1: light differs between encounters,
+/// How well colour varies alike within patches, -1 to 1: light differs between encounters,
 /// texture does not. Each patch speaks for itself, however strong its contrast, so that one
 /// mark upon another is no likeness. `None` for too little surface.
 fn correlation(patches: &[Looks]) -> Option<f64> {
@@ -538,7 +534,7 @@ fn correlation(patches: &[Looks]) -> Option<f64> {
     (count >= LEAST_IN_ALL && total > 0.0).then(|| sum / total)
 }
 
-/// How much learned lightness varies within patches, 0 to 1.
+/// How much learned colour varies within patches, 0 to 1.
 fn texture(patches: &[Looks]) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for patch in patches.iter().filter(|patch| patch.n >= LEAST_IN_PATCH) {
@@ -572,6 +568,50 @@ mod tests {
         assert!(with_door(12) > 0.7);
         assert!(with_door(30) < 0.3);
         assert_eq!(with_door(60), 0.0);
+    }
+
+    /// Correlation of patches with learned colours and seen ones, by number.
+    fn likeness(learned: fn(usize) -> [f32; 3], seen: fn(usize) -> [f32; 3]) -> f64 {
+        let mut patch = Looks::default();
+        (0..40).for_each(|i| patch.add(learned(i), seen(i)));
+        correlation(&[patch]).unwrap()
+    }
+
+    #[test]
+    fn colours_vary_as_learned_or_otherwise_where_lightness_hardly_does() {
+        let striped: fn(usize) -> [f32; 3] =
+            |i| [60.0 + (i % 2) as f32, 20.0 * (i / 2 % 2) as f32, 0.0];
+        let in_dim_light: fn(usize) -> [f32; 3] =
+            |i| [30.0 + 0.5 * (i % 2) as f32, 5.0 + 10.0 * (i / 2 % 2) as f32, 3.0];
+        let of_other_hue: fn(usize) -> [f32; 3] =
+            |i| [60.0 + (i % 2) as f32, 0.0, 20.0 * (i / 3 % 2) as f32];
+        assert!(likeness(striped, in_dim_light) > 0.9);
+        assert!(likeness(striped, of_other_hue) < 0.1);
+    }
+
+    #[test]
+    fn a_plain_patch_hardly_counts_beside_a_painted_one() {
+        let mut patches = [Looks::default(); 2];
+        for i in 0..40_usize {
+            let painted = [20.0 * (i % 2) as f32, 0.0, 0.0];
+            let noise = |period: usize| [(i / period % 2) as f32, 0.0, 0.0];
+            patches[0].add(painted, painted);
+            patches[1].add(noise(1), noise(2));
+        }
+        assert!(correlation(&patches).unwrap() > 0.9);
+    }
+
+    #[test]
+    fn two_sides_of_an_edge_are_two_patches() {
+        let surfel = |normal| CloudPoint {
+            part: 0,
+            point: Point3::new(0.01, 0.01, 1.01),
+            normal,
+            lab: [50.0, 0.0, 0.0],
+        };
+        let slanted = Vector3::new(0.3, 0.0, -1.0).normalize();
+        let cloud = Cloud::of([-Vector3::z(), Vector3::x(), slanted].map(surfel).into());
+        assert_eq!(cloud.patches, [0, 1, 0]);
     }
 
     /// Surfels of a board 40 cm wide that are seen through where one stands this far to its right.
