@@ -353,7 +353,7 @@ pub struct SimulateArgs {
 
 #[derive(Debug, Args)]
 pub struct VocabularyArgs {
-    /// File to write; built in from skill/assets/vocabulary-1.bin
+    /// File to write; built in from skill/assets/vocabulary-2.bin
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Where its pictures are rendered to and kept

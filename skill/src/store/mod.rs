@@ -217,7 +217,8 @@ impl Store {
         Ok(Library::lazy(Self::open(&self.path)?, words))
     }
 
-    /// An object's words; made now where they were not kept.
+    /// An object's words; made now where they were not kept, and then kept. Where nothing can be
+    /// written they are made each time.
     fn words(&self, name: &str) -> Result<Words, StoreError> {
         let kept: Option<Vec<u8>> = self.sql(
             self.connection
@@ -226,7 +227,13 @@ impl Store {
         )?;
         match kept.and_then(|bytes| postcard::from_bytes(&bytes).ok()) {
             Some(words) => Ok(words),
-            None => Ok(Words::of(&self.get(name)?.appearance)),
+            None => {
+                let words = Words::of(&self.get(name)?.appearance);
+                if let Err(error) = write_words(&self.connection, name, &words) {
+                    tracing::debug!(name, %error, "words are not kept");
+                }
+                Ok(words)
+            }
         }
     }
 
@@ -258,21 +265,16 @@ fn write_object(
     transaction: &rusqlite::Transaction,
     object: &StoredObject,
 ) -> rusqlite::Result<()> {
-    let encoding =
-        |e: Box<dyn std::error::Error + Send + Sync>| rusqlite::Error::ToSqlConversionFailure(e);
     let name = &object.model.object;
-    let model = serde_json::to_string(&object.model).map_err(|e| encoding(e.into()))?;
-    let appearance = postcard::to_stdvec(&object.appearance).map_err(|e| encoding(e.into()))?;
-    let edges = postcard::to_stdvec(&object.appearance.edges).map_err(|e| encoding(e.into()))?;
+    let model = serde_json::to_string(&object.model).map_err(unwritable)?;
+    let appearance = postcard::to_stdvec(&object.appearance).map_err(unwritable)?;
+    let edges = postcard::to_stdvec(&object.appearance.edges).map_err(unwritable)?;
     transaction.execute("DELETE FROM object WHERE name = ?1", [name])?;
     transaction.execute(
         "INSERT INTO object (name, model, appearance, edges) VALUES (?1, ?2, ?3, ?4)",
         params![name, model, appearance, edges],
     )?;
-    let words =
-        postcard::to_stdvec(&Words::of(&object.appearance)).map_err(|e| encoding(e.into()))?;
-    transaction
-        .execute("INSERT INTO words (object, words) VALUES (?1, ?2)", params![name, words])?;
+    write_words(transaction, name, &Words::of(&object.appearance))?;
     for p in &object.provenance {
         transaction.execute(
             "INSERT INTO demonstration (object, source, learned_utime) VALUES (?1, ?2, ?3)",
@@ -280,6 +282,17 @@ fn write_object(
         )?;
     }
     Ok(())
+}
+
+fn write_words(connection: &Connection, name: &str, words: &Words) -> rusqlite::Result<()> {
+    let words = postcard::to_stdvec(words).map_err(unwritable)?;
+    let row = params![name, words];
+    connection.execute("INSERT OR REPLACE INTO words (object, words) VALUES (?1, ?2)", row)?;
+    Ok(())
+}
+
+fn unwritable(error: impl std::error::Error + Send + Sync + 'static) -> rusqlite::Error {
+    rusqlite::Error::ToSqlConversionFailure(error.into())
 }
 
 #[cfg(test)]
@@ -394,6 +407,25 @@ mod tests {
         assert_eq!(store.get("door").unwrap(), object("door"));
         store.put(&door).unwrap();
         assert_eq!(store.get("door").unwrap(), door);
+    }
+
+    #[test]
+    fn words_of_version_3_are_made_anew_and_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        Store::open_or_create(&path).unwrap().put(&object("door")).unwrap();
+        let written = || {
+            let sql = "SELECT words FROM words WHERE object = 'door'";
+            let row = |row: &rusqlite::Row| row.get::<_, Vec<u8>>(0);
+            Connection::open(&path).unwrap().query_row(sql, [], row).optional().unwrap()
+        };
+        let of_our_vocabulary = written();
+        let of_another = "UPDATE words SET words = x'ff'; PRAGMA user_version = 3;";
+        Connection::open(&path).unwrap().execute_batch(of_another).unwrap();
+        let store = Store::open(&path).unwrap();
+        assert_eq!(written(), None);
+        assert_eq!(store.load().unwrap().len(), 1);
+        assert!(of_our_vocabulary.is_some() && written() == of_our_vocabulary);
     }
 
     #[test]

@@ -34,7 +34,7 @@ PRAGMA user_version = 4;
 
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
 /// store; objects of the second know no edges: an empty list is written as one zero; rectified
-/// features of the third are upright, and are told apart from those that are compared now.
+/// features of the third are upright, and its words those of another vocabulary.
 const UPGRADES: [&str; 3] = [
     "
 DROP TABLE IF EXISTS vocabulary;
@@ -48,7 +48,10 @@ PRAGMA user_version = 2;
 ALTER TABLE object ADD COLUMN edges BLOB NOT NULL DEFAULT x'00';
 PRAGMA user_version = 3;
 ",
-    "PRAGMA user_version = 4;",
+    "
+DELETE FROM words;
+PRAGMA user_version = 4;
+",
 ];
 
 /// Makes the tables of an empty file, or brings those of an old one up to date.

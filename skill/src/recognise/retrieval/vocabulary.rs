@@ -51,11 +51,11 @@ pub struct NotAVocabulary {
 }
 
 impl Vocabulary {
-    /// The one that stores are indexed with, version 1: `linkage vocabulary` makes it again.
+    /// The one that stores are indexed with, version 2: `linkage vocabulary` makes it again.
     pub fn standard() -> &'static Self {
         static STANDARD: OnceLock<Vocabulary> = OnceLock::new();
         STANDARD.get_or_init(|| {
-            Self::from_bytes(include_bytes!("../../../assets/vocabulary-1.bin"))
+            Self::from_bytes(include_bytes!("../../../assets/vocabulary-2.bin"))
                 .expect("the vocabulary that is built in has the size of its version")
         })
     }
