@@ -154,10 +154,10 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     print_precision(&report);
     report.times = times::run(&learned, &questions, &config)?;
     if !args.brief {
-        report.ablation = ablation::run(&learned, &questions, &config)?;
         let appearances: Vec<Appearance> =
-            learned.into_iter().map(|l| l.stored.appearance).collect();
+            learned.iter().map(|l| l.stored.appearance.clone()).collect();
         report.scale = scale::run(&appearances, &questions);
+        report.ablation = ablation::run(&learned, &questions, &config)?;
     }
     if let Some(path) = &args.json {
         write_json(path, &report)?;
