@@ -7,7 +7,7 @@
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
-use linkage_skill::appearance::{FeatureSpread, Keypoints};
+use linkage_skill::appearance::{FeatureDensity, Keypoints};
 use linkage_skill::recognise::Scene;
 use linkage_skill::track::{FlowMethod, Picture, Tracker};
 use linkage_skill::vision::Gray;
@@ -126,7 +126,7 @@ fn keypoints(criterion: &mut Criterion) {
     group.sample_size(20);
     let frame = frame(0, 0.0);
     group.bench_function("ours", |b| {
-        b.iter(|| Keypoints::new(black_box(&frame), FeatureSpread::Query, |_, _| true));
+        b.iter(|| Keypoints::new(black_box(&frame), FeatureDensity::Query, |_, _| true));
     });
     group.bench_function("OpenCV's", |b| {
         b.iter(|| {

@@ -1,6 +1,7 @@
 //! The narrow bridge to OpenCV: pictures in, pictures out.
 
 use linkage_driver::ColorImage;
+use nalgebra::Matrix3;
 use opencv::core::{self, CV_8U, DataType, Mat, Size, Vec2f, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
@@ -31,6 +32,28 @@ impl Gray {
             sigma_px,
             sigma_px,
             core::BORDER_DEFAULT,
+        )?;
+        Ok(Self(out))
+    }
+
+    /// Another view of the same: `picture_from_view` maps its pixels to those of this one.
+    pub fn warped(
+        &self,
+        picture_from_view: &Matrix3<f64>,
+        width: usize,
+        height: usize,
+    ) -> opencv::Result<Self> {
+        let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| picture_from_view[(r, c)]));
+        let rows = Mat::from_slice_2d(&rows)?;
+        let mut out = Mat::default();
+        imgproc::warp_perspective(
+            &self.0,
+            &mut out,
+            &rows,
+            Size::new(width as i32, height as i32),
+            imgproc::INTER_LINEAR | imgproc::WARP_INVERSE_MAP,
+            core::BORDER_REPLICATE,
+            core::Scalar::default(),
         )?;
         Ok(Self(out))
     }

@@ -1,6 +1,6 @@
 //! Builds an object's appearance from its demonstration.
 
-use super::describe::{FeatureKind, FeatureSpread, Keypoints};
+use super::describe::{FeatureDensity, FeatureKind, Keypoints};
 use super::descriptor::{product, quantise, similarity};
 use super::edges::edges;
 use super::labels::{LabelGrid, PosedFrame, STEP, belongs, label};
@@ -454,7 +454,7 @@ fn seen_features(
     normals: &NormalMap,
 ) -> opencv::Result<Vec<ModelFeature>> {
     let on_a_part = |u, v| grid.at(u, v).is_some();
-    let keypoints = Keypoints::new(posed.frame, FeatureSpread::Model, on_a_part)?;
+    let keypoints = Keypoints::new(posed.frame, FeatureDensity::Model, on_a_part)?;
     let placed = keypoints.describe(posed.frame, normals)?.into_iter().filter_map(|feature| {
         let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
         let (part, point) = (grid.at(u, v)?, feature.point?);

@@ -1,8 +1,10 @@
 //! Features of one frame, spread over the picture, described twice: by a patch of the picture, and
 //! by one of metric size on the surface's tangent plane, each turned to its own direction. Depth
-//! makes viewpoint and scale known, so they are used. What is up is not: on what lies level no
-//! direction is, and a camera rolls.
+//! makes viewpoint and scale known, so they are used: large surfaces that are seen from the side
+//! are looked at as from the front. What is up is not: on what lies level no direction is, and a
+//! camera rolls.
 
+use super::facing::Facing;
 use super::gradients::{Patch, Pyramid, directions, gradients};
 use super::keypoints::{Keypoint, ScaleSpace};
 use crate::vision::Gray;
@@ -28,13 +30,32 @@ pub enum FeatureKind {
     Rectified,
 }
 
-/// How many features a cell of the picture may hold.
+/// How many features a cell of the picture may hold, and how small they may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FeatureSpread {
+pub enum FeatureDensity {
     /// For an encounter.
     Query,
     /// For a model: more, views of one point are merged later.
     Model,
+}
+
+impl FeatureDensity {
+    fn per_cell(self) -> usize {
+        match self {
+            Self::Query => 22,
+            Self::Model => 50,
+        }
+    }
+
+    /// Keypoints of a view of the picture: the smallest cost most, and are looked for once, when
+    /// a model is learned.
+    fn keypoints_of_view(self, view: &Gray) -> opencv::Result<Vec<Keypoint>> {
+        let space = match self {
+            Self::Query => ScaleSpace::new(view)?,
+            Self::Model => ScaleSpace::doubled(view)?,
+        };
+        Ok(space.keypoints(CONTRAST))
+    }
 }
 
 /// A described feature in the camera frame.
@@ -64,9 +85,11 @@ const PATCH_SIGMAS: f64 = 3.2;
 const LEVELS: usize = 5;
 
 /// Where features of a frame are, before depth is asked.
-pub struct Keypoints {
+pub struct Keypoints<W> {
     gray: Gray,
     found: Vec<Spot>,
+    density: FeatureDensity,
+    wanted: W,
 }
 
 /// A keypoint with one of its directions.
@@ -75,26 +98,22 @@ struct Spot {
     pixel: [f32; 2],
     /// Diameter, pixels.
     size: f32,
-    /// Degrees from right to down.
+    /// From right towards down, radians.
     angle: f32,
 }
 
-impl Keypoints {
+impl<W: Fn(usize, usize) -> bool> Keypoints<W> {
     /// Finds them where `wanted` says so (by pixel).
     ///
     /// # Errors
     /// Whatever the vision library says.
-    pub fn new(
-        frame: &RgbdFrame,
-        spread: FeatureSpread,
-        wanted: impl Fn(usize, usize) -> bool,
-    ) -> opencv::Result<Self> {
+    pub fn new(frame: &RgbdFrame, density: FeatureDensity, wanted: W) -> opencv::Result<Self> {
         let gray = Gray::from_color(&frame.color)?;
-        let found = detect(&gray, spread, wanted)?;
-        Ok(Self { gray, found })
+        let found = detect(&gray, density, &wanted)?;
+        Ok(Self { gray, found, density, wanted })
     }
 
-    /// Describes them, both ways.
+    /// Describes them, both ways, and those of slanted surfaces as from the front.
     ///
     /// # Errors
     /// Whatever the vision library says.
@@ -109,17 +128,25 @@ impl Keypoints {
         let focal = frame.camera.fx;
         let in_picture: Vec<Asked> =
             surfaces.iter().map(|(spot, surface)| in_picture(spot, surface, focal)).collect();
+        let facing = Facing::new(&frame.camera, normals, &self.wanted);
+        let is_model = self.density == FeatureDensity::Model;
         let mut seen = HashSet::new();
-        let upright: Vec<Asked> = surfaces
+        let upright = surfaces
             .iter()
             // One place and size may carry several orientations: once is enough here.
             .filter(|(s, _)| {
                 seen.insert([s.pixel[0], s.pixel[1], s.size].map(|x| (x * 4.0) as i32))
             })
-            .filter_map(|(spot, surface)| upright(spot, surface, frame))
-            .collect();
+            // A model keeps both views of a surface, an encounter's time is short.
+            .filter(|(_, surface)| is_model || !surface.is_faced(&facing))
+            .filter_map(|(spot, surface)| {
+                let size_m = surface.diameter(spot.size, focal)?;
+                upright(spot.pixel, size_m, surface, frame)
+            });
+        let faced = self.faced(&facing, frame, normals)?;
+        let upright: Vec<Asked> = upright.chain(faced).collect();
         let rectified = upright.par_iter().flat_map_iter(|asked| {
-            let angles = directions(&pyramid, &asked.patch);
+            let angles = directions(&pyramid, &asked.patch).into_iter();
             angles.map(|angle| Asked { patch: asked.patch.turned(angle), ..asked.clone() })
         });
         let described = |asked: Asked| DescribedFeature {
@@ -128,38 +155,66 @@ impl Keypoints {
         };
         Ok(in_picture.into_par_iter().chain(rectified).map(described).collect())
     }
+
+    /// Patches about keypoints of the views that face slanted surfaces.
+    fn faced(
+        &self,
+        facing: &Facing,
+        frame: &RgbdFrame,
+        normals: &NormalMap,
+    ) -> opencv::Result<Vec<Asked>> {
+        let detect = |view: &Gray| self.density.keypoints_of_view(view);
+        let found = facing.keypoints(&self.gray, &frame.camera, normals, detect)?;
+        let spread = found.into_iter().flat_map(|of_view| {
+            strongest(of_view, |f| (f.pixel, f.response), self.density.per_cell()).concat()
+        });
+        let asked = spread.filter_map(|f| {
+            upright(f.pixel, f.size_m, &Surface::at(frame, normals, f.pixel), frame)
+        });
+        Ok(asked.collect())
+    }
 }
 
 fn detect(
     gray: &Gray,
-    spread: FeatureSpread,
+    density: FeatureDensity,
     wanted: impl Fn(usize, usize) -> bool,
 ) -> opencv::Result<Vec<Spot>> {
-    let per_cell = match spread {
-        FeatureSpread::Query => 22,
-        FeatureSpread::Model => 50,
-    };
-    let space = ScaleSpace::new(gray)?;
-    let mut cells: BTreeMap<(i32, i32), Vec<Keypoint>> = BTreeMap::new();
-    for keypoint in space.keypoints(CONTRAST) {
-        let [x, y] = keypoint.pixel;
-        let (u, v) = (x.round() as usize, y.round() as usize);
-        if wanted(u.min(gray.width() - 1), v.min(gray.height() - 1)) {
-            let cell = ((y / CELL_PX) as i32, (x / CELL_PX) as i32);
-            cells.entry(cell).or_default().push(keypoint);
-        }
-    }
-    let cells: Vec<Vec<Keypoint>> = cells.into_values().collect();
-    let spots_of = |mut cell: Vec<Keypoint>| -> Vec<Spot> {
-        cell.sort_by(|a, b| b.response.total_cmp(&a.response));
-        cell.truncate(per_cell);
+    let space = ScaleSpace::doubled(gray)?;
+    let mut found = space.keypoints(CONTRAST);
+    found.retain(|k| {
+        let [u, v] = k.pixel.map(|x| x.round() as usize);
+        wanted(u.min(gray.width() - 1), v.min(gray.height() - 1))
+    });
+    let spots_of = |cell: Vec<Keypoint>| -> Vec<Spot> {
         let spots = cell.iter().flat_map(|k| {
             let Keypoint { pixel, size, .. } = *k;
             space.directions(k).into_iter().map(move |angle| Spot { pixel, size, angle })
         });
-        spots.take(per_cell).collect()
+        spots.take(density.per_cell()).collect()
     };
+    let cells = strongest(found, |k| (k.pixel, k.response), density.per_cell());
     Ok(cells.into_par_iter().map(spots_of).collect::<Vec<_>>().concat())
+}
+
+/// Those of the highest response in each cell of the picture, cell by cell.
+fn strongest<T>(
+    found: Vec<T>,
+    place_and_response: impl Fn(&T) -> ([f32; 2], f32),
+    per_cell: usize,
+) -> Vec<Vec<T>> {
+    let mut cells: BTreeMap<[i32; 2], Vec<T>> = BTreeMap::new();
+    for item in found {
+        let ([x, y], _) = place_and_response(&item);
+        cells.entry([y, x].map(|x| (x / CELL_PX) as i32)).or_default().push(item);
+    }
+    let mut cells: Vec<Vec<T>> = cells.into_values().collect();
+    for cell in &mut cells {
+        let response = |item: &T| place_and_response(item).1;
+        cell.sort_by(|a, b| response(b).total_cmp(&response(a)));
+        cell.truncate(per_cell);
+    }
+    cells
 }
 
 /// A feature but for its descriptor, and the patch of the picture that this is of.
@@ -173,7 +228,7 @@ struct Asked {
 fn in_picture(spot: &Spot, surface: &Surface, focal: f64) -> Asked {
     let size = f64::from(spot.size);
     let half_width = PATCH_SIGMAS * 0.5 * size;
-    let (sin, cos) = f64::from(spot.angle).to_radians().sin_cos();
+    let (sin, cos) = f64::from(spot.angle).sin_cos();
     Asked {
         patch: Patch {
             centre: spot.pixel.map(f64::from),
@@ -207,14 +262,27 @@ impl Surface {
             normal: patch.map(|p| p.normal),
         }
     }
+
+    /// Metres on the surface of a diameter in pixels that is the mean of a round spot's.
+    fn diameter(&self, pixels: f32, focal: f64) -> Option<f64> {
+        let (point, normal) = (self.point?, self.normal?);
+        let slant = -normal.dot(&point.coords.normalize());
+        Some(f64::from(pixels) * point.z / focal / slant.max(LEAST_SLANT).sqrt())
+    }
+
+    fn is_faced(&self, facing: &Facing) -> bool {
+        self.point.zip(self.normal).is_some_and(|(point, normal)| facing.shows(&point, &normal))
+    }
 }
+
+/// Cosine of the angle at which surface may be seen.
+const LEAST_SLANT: f64 = 0.2;
 
 /// The patch about a feature on the tangent plane of its surface, upright; `None` without a
 /// surface, or where it is seen from the side.
-fn upright(spot: &Spot, surface: &Surface, frame: &RgbdFrame) -> Option<Asked> {
+fn upright(pixel: [f32; 2], size_m: f64, surface: &Surface, frame: &RgbdFrame) -> Option<Asked> {
     let (point, normal) = (surface.point?, surface.normal?);
-    let slant = -normal.dot(&point.coords.normalize());
-    if slant < 0.2 {
+    if -normal.dot(&point.coords.normalize()) < LEAST_SLANT {
         return None;
     }
     let across = (Vector3::x() - normal * normal.x).try_normalize(1e-6)?;
@@ -223,7 +291,6 @@ fn upright(spot: &Spot, surface: &Surface, frame: &RgbdFrame) -> Option<Asked> {
         down = -down;
     }
     let camera = &frame.camera;
-    let size_m = f64::from(spot.size) * point.z / camera.fx / slant.sqrt();
     let sigma_m = snapped(size_m / 2.0);
     // Pixels that half the patch spans along a tangent.
     let in_pixels = |e: &Vector3<f64>| {
@@ -232,13 +299,13 @@ fn upright(spot: &Spot, surface: &Surface, frame: &RgbdFrame) -> Option<Asked> {
     };
     Some(Asked {
         patch: Patch {
-            centre: spot.pixel.map(f64::from),
+            centre: pixel.map(f64::from),
             right: in_pixels(&across),
             down: in_pixels(&down),
         },
         feature: DescribedFeature {
             kind: FeatureKind::Rectified,
-            pixel: spot.pixel,
+            pixel,
             point: Some(point),
             normal,
             size: 2.0 * sigma_m,

@@ -2,11 +2,11 @@
 //! their shares (RootSIFT, Arandjelović & Zisserman 2012), for patches of any affine shape.
 
 use super::DESCRIPTOR_LENGTH;
+use super::orientation::{BINS, peaks};
 use crate::vision::Gray;
 use opencv::core::{Mat, Size};
 use opencv::imgproc;
 use opencv::prelude::*;
-use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 /// Samples along a side of a patch.
@@ -32,8 +32,8 @@ pub struct Patch {
 
 impl Patch {
     /// Turned from right towards down by an angle on its surface, radians.
-    pub fn turned(&self, angle: f64) -> Self {
-        let (sin, cos) = angle.sin_cos();
+    pub fn turned(&self, angle: f32) -> Self {
+        let (sin, cos) = f64::from(angle).sin_cos();
         let mix = |a: f64, b: f64| [0, 1].map(|i| a * self.right[i] + b * self.down[i]);
         Self { right: mix(cos, sin), down: mix(-sin, cos), ..*self }
     }
@@ -127,37 +127,14 @@ pub fn gradients(pyramid: &Pyramid, patch: &Patch) -> [f32; DESCRIPTOR_LENGTH] {
     rooted(flat)
 }
 
-/// Directions that are told apart.
-const BINS: usize = 36;
-/// Share of the strongest direction's strength that another must have to be one.
-const ALSO: f32 = 0.8;
-/// Directions of a patch.
-const MOST_DIRECTIONS: usize = 2;
 /// Samples to which gradients count: one and a half sigmas of a feature of which the patch shows
 /// 3.2 on either side.
 const FADING: f32 = 4.7;
 
-/// The strongest directions of a patch's gradients, from its right towards down, radians.
-pub fn directions(pyramid: &Pyramid, patch: &Patch) -> impl Iterator<Item = f64> + use<> {
-    let histogram = smoothed(&smoothed(&direction_histogram(pyramid, patch)));
-    let beside = move |i: usize| [histogram[(i + BINS - 1) % BINS], histogram[(i + 1) % BINS]];
-    let least = ALSO * histogram.iter().copied().fold(0.0, f32::max);
-    let is_peak = |i: &usize| {
-        let [before, after] = beside(*i);
-        histogram[*i] > before && histogram[*i] >= after && histogram[*i] >= least
-    };
-    let mut peaks: Vec<usize> = (0..BINS).filter(is_peak).collect();
-    peaks.sort_by(|a, b| histogram[*b].total_cmp(&histogram[*a]));
-    peaks.into_iter().take(MOST_DIRECTIONS).map(move |i| {
-        let [before, after] = beside(i);
-        let beyond = 0.5 * (before - after) / (before - 2.0 * histogram[i] + after);
-        f64::from(i as f32 + beyond) * TAU / BINS as f64
-    })
-}
-
-/// Strength of a patch's gradients by direction, about its centre.
+/// The directions in which a patch's gradients are strongest, from its right towards down,
+/// radians; the strongest first.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
-fn direction_histogram(pyramid: &Pyramid, patch: &Patch) -> [f32; BINS] {
+pub fn directions(pyramid: &Pyramid, patch: &Patch) -> Vec<f32> {
     let samples = sampled(pyramid, patch);
     let mut histogram = [0.0; BINS];
     for row in 0..SIDE {
@@ -167,13 +144,7 @@ fn direction_histogram(pyramid: &Pyramid, patch: &Patch) -> [f32; BINS] {
             histogram[bin] += strength * NEARNESS[x] * NEARNESS[row];
         }
     }
-    histogram
-}
-
-/// Each with its neighbours.
-fn smoothed(histogram: &[f32; BINS]) -> [f32; BINS] {
-    let at = |i: usize| histogram[i % BINS];
-    std::array::from_fn(|i| 0.25 * at(i + BINS - 1) + 0.5 * at(i) + 0.25 * at(i + 1))
+    peaks(&histogram)
 }
 
 /// How much a row or column of samples counts.
@@ -355,7 +326,7 @@ mod tests {
     #[test]
     fn a_patch_turned_to_its_own_direction_looks_the_same_however_the_picture_is_turned() {
         let own = |picture: &Pyramid, patch: Patch| {
-            let angle = directions(picture, &patch).next().unwrap();
+            let angle = directions(picture, &patch)[0];
             gradients(picture, &patch.turned(angle))
         };
         let as_it_is = own(&picture(false, 1.0), patch(60.0, 50.0));
@@ -376,7 +347,7 @@ mod tests {
     #[test]
     fn a_plain_patch_has_no_direction() {
         let plain = Pyramid::new(&Gray::new(64, 64, &[100; 64 * 64]).unwrap(), 2).unwrap();
-        assert_eq!(directions(&plain, &patch(32.0, 32.0)).count(), 0);
+        assert!(directions(&plain, &patch(32.0, 32.0)).is_empty());
         assert!(gradients(&plain, &patch(32.0, 32.0)).iter().all(|x| *x == 0.0));
     }
 }

@@ -3,6 +3,7 @@
 //! results on all; Debian's OpenCV takes half as long again (`benches/frame.rs`).
 
 use super::gradients::eighths;
+use super::orientation::{BINS, peaks};
 use crate::vision::Gray;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -48,24 +49,44 @@ const ROWS: usize = 32;
 /// All blurred pictures of one picture.
 pub struct ScaleSpace(Vec<Octave>);
 
-type Octave = [Plane; LEVELS];
+/// Pictures of one size, each blurred more than the last.
+struct Octave {
+    planes: [Plane; LEVELS],
+    /// Pixels of the picture in one of these.
+    pixels: f32,
+    /// Where in the picture the first of these is, right and down.
+    first: f32,
+}
 
 impl ScaleSpace {
-    /// Of a picture doubled in size and its halves.
+    /// Of a picture and its halves.
     pub fn new(gray: &Gray) -> opencv::Result<Self> {
-        let doubled = Plane::doubled(gray.bytes()?, gray.width(), gray.height());
-        let first = doubled.blurred((SIGMA.powi(2) - (2.0 * CAMERA_SIGMA).powi(2)).sqrt());
-        let mut octaves = vec![octave(first)];
-        while let Some(next) = octaves.last().and_then(|o| o[INTERVALS].halved()) {
-            octaves.push(octave(next));
+        let plane = Plane::new(gray.bytes()?, gray.width(), gray.height());
+        Ok(Self::from_finest(&plane, 1.0))
+    }
+
+    /// Of a picture doubled in size and its halves: for the smallest keypoints too.
+    pub fn doubled(gray: &Gray) -> opencv::Result<Self> {
+        let plane = Plane::doubled(gray.bytes()?, gray.width(), gray.height());
+        Ok(Self::from_finest(&plane, 0.5))
+    }
+
+    /// `pixels` of the picture are one of the finest plane.
+    fn from_finest(plane: &Plane, pixels: f32) -> Self {
+        let camera_sigma = CAMERA_SIGMA / pixels;
+        let blurred = plane.blurred((SIGMA.powi(2) - camera_sigma.powi(2)).sqrt());
+        let first = 0.5 * (pixels - 1.0);
+        let mut octaves = vec![Octave { planes: octave(blurred), pixels, first }];
+        while let Some(next) = octaves.last().and_then(Octave::next) {
+            octaves.push(next);
         }
-        Ok(Self(octaves))
+        Self(octaves)
     }
 
     /// Extrema of at least some contrast, grey levels.
     pub fn keypoints(&self, contrast: f32) -> Vec<Keypoint> {
         let of_octave = |(number, octave): (usize, &Octave)| {
-            let rows: Vec<usize> = inner(octave[0].height).step_by(ROWS).collect();
+            let rows: Vec<usize> = inner(octave.planes[0].height).step_by(ROWS).collect();
             let found: Vec<Vec<Keypoint>> = rows
                 .into_par_iter()
                 .map(|first| extrema(octave, number, first, contrast))
@@ -75,10 +96,10 @@ impl ScaleSpace {
         self.0.iter().enumerate().flat_map(of_octave).collect()
     }
 
-    /// Directions of the gradients about a keypoint, degrees from right to down: the most frequent
-    /// one, and others that are nearly as frequent.
+    /// Directions of the gradients about a keypoint, radians from right towards down: the strongest
+    /// one, and others that are nearly as strong.
     pub fn directions(&self, keypoint: &Keypoint) -> Vec<f32> {
-        directions(&self.0[keypoint.octave][keypoint.level], keypoint)
+        directions(&self.0[keypoint.octave].planes[keypoint.level], keypoint)
     }
 }
 
@@ -87,8 +108,16 @@ fn inner(length: usize) -> Range<usize> {
     BORDER..length.saturating_sub(BORDER)
 }
 
-/// An octave from its first picture; each next one is blurred some more.
-fn octave(first: Plane) -> Octave {
+impl Octave {
+    /// Of pictures half as large.
+    fn next(&self) -> Option<Self> {
+        let planes = octave(self.planes[INTERVALS].halved()?);
+        Some(Self { planes, pixels: 2.0 * self.pixels, first: self.first })
+    }
+}
+
+/// The planes of an octave from its first; each next one is blurred some more.
+fn octave(first: Plane) -> [Plane; LEVELS] {
     let sigma = |level: usize| SIGMA * 2_f32.powf(level as f32 / INTERVALS as f32);
     let mut planes = vec![first];
     for level in 1..LEVELS {
@@ -110,7 +139,7 @@ struct Plane {
 const LANES: usize = 32;
 
 impl Plane {
-    fn new(width: usize, height: usize) -> Self {
+    fn empty(width: usize, height: usize) -> Self {
         let stride = width.next_multiple_of(LANES);
         Self { width, height, stride, values: vec![0.0; stride * height] }
     }
@@ -124,9 +153,17 @@ impl Plane {
         self.values[y * self.stride + x]
     }
 
+    fn new(bytes: &[u8], width: usize, height: usize) -> Self {
+        let mut plane = Self::empty(width, height);
+        for (row, bytes) in plane.values.chunks_mut(plane.stride).zip(bytes.chunks(width)) {
+            row.iter_mut().zip(bytes).for_each(|(value, byte)| *value = f32::from(*byte));
+        }
+        plane
+    }
+
     /// Twice as wide and high, bilinear.
     fn doubled(bytes: &[u8], width: usize, height: usize) -> Self {
-        let mut plane = Self::new(2 * width, 2 * height);
+        let mut plane = Self::empty(2 * width, 2 * height);
         // Of two pixels in place of one each lies a quarter towards its neighbour.
         let beside = |x: usize, length: usize| {
             let towards = if x.is_multiple_of(2) { (x / 2).saturating_sub(1) } else { x / 2 + 1 };
@@ -156,7 +193,7 @@ impl Plane {
         if width.min(height) <= 2 * BORDER {
             return None;
         }
-        let mut plane = Self::new(width, height);
+        let mut plane = Self::empty(width, height);
         for (y, row) in plane.values.chunks_mut(plane.stride).enumerate() {
             row[..width]
                 .iter_mut()
@@ -169,7 +206,7 @@ impl Plane {
     /// Blurred by a Gaussian.
     fn blurred(&self, sigma: f32) -> Self {
         let kernel = half_kernel(sigma);
-        let mut plane = Self::new(self.width, self.height);
+        let mut plane = Self::empty(self.width, self.height);
         let block = ROWS * self.stride;
         plane
             .values
@@ -322,15 +359,16 @@ impl Around {
 /// Extrema in some rows of an octave.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn extrema(octave: &Octave, number: usize, first: usize, contrast: f32) -> Vec<Keypoint> {
-    let (width, height) = (octave[0].width, octave[0].height);
+    let planes = &octave.planes;
+    let (width, height) = (planes[0].width, planes[0].height);
     let mut rows: [[DifferenceRow; 3]; DIFFERENCES] = Default::default();
     let mut around: [Around; DIFFERENCES] = Default::default();
-    let mut is_extreme = vec![0_u8; octave[0].stride];
+    let mut is_extreme = vec![0_u8; planes[0].stride];
     let mut found = Vec::new();
     let least = AT_PIXEL * contrast;
     for y in first - 1..(first + ROWS).min(inner(height).end) + 1 {
         for (d, rows) in rows.iter_mut().enumerate() {
-            rows[y % 3].fill(octave[d].row(y), octave[d + 1].row(y));
+            rows[y % 3].fill(planes[d].row(y), planes[d + 1].row(y));
         }
         if y < first + 1 {
             continue;
@@ -378,9 +416,10 @@ fn refined(
     [mut x, mut y, mut level]: [usize; 3],
     contrast: f32,
 ) -> Option<Keypoint> {
-    let (width, height) = (octave[0].width, octave[0].height);
+    let Octave { planes, pixels, first } = octave;
+    let (width, height) = (planes[0].width, planes[0].height);
     for _ in 0..STEPS {
-        let local = Local::at(octave, x, y, level);
+        let local = Local::at(planes, x, y, level);
         let offset = local.extremum()?;
         if offset.amax() < 0.5 {
             let value = local.value + 0.5 * local.gradient.dot(&offset);
@@ -390,10 +429,8 @@ fn refined(
             let place = [x as f32 + offset.x, y as f32 + offset.y];
             let scale = (level as f32 + offset.z) / INTERVALS as f32;
             let sigma = SIGMA * 2_f32.powf(scale);
-            // Pixels of the picture in one of its octave: the first is doubled.
-            let pixels = 2_f32.powi(number as i32 - 1);
             return Some(Keypoint {
-                pixel: place.map(|p| pixels * p - 0.25),
+                pixel: place.map(|p| pixels * p + first),
                 size: 2.0 * sigma * pixels,
                 response: value.abs(),
                 octave: number,
@@ -423,11 +460,11 @@ struct Local {
 }
 
 impl Local {
-    fn at(octave: &Octave, x: usize, y: usize, level: usize) -> Self {
+    fn at(planes: &[Plane; LEVELS], x: usize, y: usize, level: usize) -> Self {
         let d = |dx: isize, dy: isize, dl: isize| {
             let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
             let level = level.wrapping_add_signed(dl);
-            octave[level + 1].at(x, y) - octave[level].at(x, y)
+            planes[level + 1].at(x, y) - planes[level].at(x, y)
         };
         let value = d(0, 0, 0);
         let first = |a: f32, b: f32| 0.5 * (b - a);
@@ -464,10 +501,6 @@ impl Local {
     }
 }
 
-/// Directions that are counted.
-const BINS: usize = 36;
-/// Share of the most frequent direction's weight that another one must have.
-const NEARLY: f32 = 0.8;
 /// Standard deviation of the weights about a keypoint, in its own.
 const SPREAD: f32 = 1.5;
 
@@ -482,7 +515,7 @@ fn directions(plane: &Plane, keypoint: &Keypoint) -> Vec<f32> {
     let weight =
         |i: usize, middle: isize| (-0.5 * ((i as isize - middle) as f32 / sigma).powi(2)).exp();
     let along: Vec<f32> = columns.iter().map(|&i| weight(i, x)).collect();
-    let mut histogram = [0.0_f32; BINS];
+    let mut histogram = [0.0; BINS];
     let (Some(&first), n) = (columns.first(), columns.len()) else { return Vec::new() };
     let mut strengths = vec![0.0_f32; n];
     let mut bins = vec![0.0_f32; n];
@@ -501,45 +534,26 @@ fn directions(plane: &Plane, keypoint: &Keypoint) -> Vec<f32> {
             histogram[*bin as usize % BINS] += strength;
         }
     }
-    peaks(&smoothed(&histogram))
-}
-
-#[inline(always)]
-fn smoothed(histogram: &[f32; BINS]) -> [f32; BINS] {
-    let at = |i: usize, by: usize| histogram[(i + BINS + by - 2) % BINS];
-    std::array::from_fn(|i| {
-        (at(i, 0) + at(i, 4) + 4.0 * (at(i, 1) + at(i, 3)) + 6.0 * at(i, 2)) / 16.0
-    })
-}
-
-/// Degrees of the peaks of a histogram, each at the top of a parabola.
-#[inline(always)]
-fn peaks(histogram: &[f32; BINS]) -> Vec<f32> {
-    let most = histogram.iter().copied().fold(0.0, f32::max);
-    (0..BINS)
-        .filter_map(|i| {
-            let [left, here, right] = [i + BINS - 1, i, i + 1].map(|i| histogram[i % BINS]);
-            let is_peak = here > left && here > right && here >= NEARLY * most;
-            is_peak.then(|| {
-                let top = 0.5 * (left - right) / (left - 2.0 * here + right);
-                (360.0 / BINS as f32 * (i as f32 + top)).rem_euclid(360.0)
-            })
-        })
-        .collect()
+    peaks(&histogram)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f32::consts::{PI, TAU};
 
     const WIDTH: usize = 200;
     const HEIGHT: usize = 160;
 
-    fn space(value: impl Fn(f32, f32) -> f32) -> ScaleSpace {
+    fn picture(value: impl Fn(f32, f32) -> f32) -> Gray {
         let bytes: Vec<u8> = (0..WIDTH * HEIGHT)
             .map(|i| value((i % WIDTH) as f32, (i / WIDTH) as f32).round().clamp(0.0, 255.0) as u8)
             .collect();
-        ScaleSpace::new(&Gray::new(WIDTH, HEIGHT, &bytes).unwrap()).unwrap()
+        Gray::new(WIDTH, HEIGHT, &bytes).unwrap()
+    }
+
+    fn space(value: impl Fn(f32, f32) -> f32) -> ScaleSpace {
+        ScaleSpace::doubled(&picture(value)).unwrap()
     }
 
     /// A bright blob on grey.
@@ -551,11 +565,14 @@ mod tests {
     #[test]
     fn a_blob_is_found_where_it_is_and_as_large_as_it_is() {
         for (at, sigma) in [([90.0, 70.0], 3.0), ([63.3, 81.6], 4.5), ([120.4, 60.7], 8.0)] {
-            let found = space(|x, y| blob(x, y, at, sigma)).keypoints(2.0);
-            let best = found.iter().max_by(|a, b| a.response.total_cmp(&b.response)).unwrap();
-            let off = (best.pixel[0] - at[0]).hypot(best.pixel[1] - at[1]);
-            assert!(off < 0.15, "{off} px from {at:?}");
-            assert!((0.75..1.25).contains(&(0.5 * best.size / sigma)), "{} {sigma}", best.size);
+            let picture = picture(|x, y| blob(x, y, at, sigma));
+            for space in [ScaleSpace::new(&picture), ScaleSpace::doubled(&picture)] {
+                let found = space.unwrap().keypoints(2.0);
+                let best = found.iter().max_by(|a, b| a.response.total_cmp(&b.response)).unwrap();
+                let off = (best.pixel[0] - at[0]).hypot(best.pixel[1] - at[1]);
+                assert!(off < 0.15, "{off} px from {at:?}");
+                assert!((0.75..1.25).contains(&(0.5 * best.size / sigma)), "{} {sigma}", best.size);
+            }
         }
     }
 
@@ -572,7 +589,7 @@ mod tests {
         for (width, height) in [(1, 1), (2, 90), (90, 2), (5, 5), (40, 7)] {
             let bytes: Vec<u8> = (0..width * height).map(|i| (i * 97) as u8).collect();
             let gray = Gray::new(width, height, &bytes).unwrap();
-            let found = ScaleSpace::new(&gray).unwrap().keypoints(1.0);
+            let found = ScaleSpace::doubled(&gray).unwrap().keypoints(1.0);
             let narrow = width.min(height) <= BORDER;
             assert!(!narrow || found.is_empty(), "{width} x {height}: {found:?}");
         }
@@ -597,12 +614,12 @@ mod tests {
         // What lies to the right lies below when all is turned by a quarter.
         let side = HEIGHT as f32 - 1.0;
         let turned = direction(&space(|x, y| picture(y, side - x)), [side - middle[1], middle[0]]);
-        let towards = (large[1] - middle[1]).atan2(large[0] - middle[0]).to_degrees();
-        let apart = |a: f32, b: f32| ((a - b + 180.0).rem_euclid(360.0) - 180.0).abs();
-        assert!(upright.iter().any(|a| apart(*a, towards) < 25.0), "{upright:?} {towards}");
+        let towards = (large[1] - middle[1]).atan2(large[0] - middle[0]);
+        let apart = |a: f32, b: f32| ((a - b + PI).rem_euclid(TAU) - PI).abs();
+        assert!(upright.iter().any(|a| apart(*a, towards) < 0.44), "{upright:?} {towards}");
         assert_eq!(upright.len(), turned.len());
-        let is_found = |a: f32| turned.iter().any(|b| apart(a, *b) < 2.0);
-        assert!(upright.iter().all(|a| is_found(a + 90.0)), "{upright:?} {turned:?}");
+        let is_found = |a: f32| turned.iter().any(|b| apart(a, *b) < 0.035);
+        assert!(upright.iter().all(|a| is_found(a + 0.5 * PI)), "{upright:?} {turned:?}");
     }
 
     #[test]

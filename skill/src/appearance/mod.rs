@@ -7,12 +7,14 @@ mod builder;
 mod describe;
 mod descriptor;
 mod edges;
+mod facing;
 mod gradients;
 mod keypoints;
 mod labels;
+mod orientation;
 
 pub use builder::build;
-pub use describe::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, FeatureSpread, Keypoints};
+pub use describe::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureDensity, FeatureKind, Keypoints};
 pub use edges::{Edge, is_empty};
 
 pub use descriptor::{Descriptor, bytes_of, product, products, quantise, similarity};

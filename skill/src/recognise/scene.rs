@@ -1,7 +1,7 @@
 //! An encounter's frame, prepared once for all objects.
 
 use super::surfaces::Surfaces;
-use crate::appearance::{DescribedFeature, FeatureSpread, Keypoints};
+use crate::appearance::{DescribedFeature, FeatureDensity, Keypoints};
 use crate::lab::LabPicture;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, SurfacePatch};
@@ -28,7 +28,7 @@ impl Scene {
     /// Whatever the vision library says.
     pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
         let (keypoints, (normals, lab)) = rayon::join(
-            || Keypoints::new(frame, FeatureSpread::Query, |_, _| true),
+            || Keypoints::new(frame, FeatureDensity::Query, |_, _| true),
             || (NormalMap::new(&frame.depth, &frame.camera), LabPicture::new(&frame.color)),
         );
         let features = keypoints?.describe(frame, &normals)?;
