@@ -20,30 +20,23 @@ struct Entry {
 impl Library {
     /// Of objects that are there already.
     pub fn new(objects: Vec<StoredObject>) -> Self {
-        let mut index = Index::new();
-        let objects = objects
-            .into_iter()
-            .map(|o| {
-                index.insert(&Words::of(&o.appearance));
-                let name = o.model.object.clone();
-                let known = Arc::new(KnownObject::new(o.model, &o.appearance));
-                Entry { name, known: OnceLock::from(known) }
-            })
-            .collect();
-        Self { objects, index, store: None }
+        let index = Index::new(objects.iter().map(|o| Words::of(&o.appearance)));
+        let known = |o: StoredObject| {
+            let name = o.model.object.clone();
+            let known = Arc::new(KnownObject::new(o.model, &o.appearance));
+            Entry { name, known: OnceLock::from(known) }
+        };
+        Self { objects: objects.into_iter().map(known).collect(), index, store: None }
     }
 
-    /// Of a store's objects, by their words and names.
-    pub(super) fn lazy(store: Store, objects: Vec<(Words, String)>) -> Self {
-        let mut index = Index::new();
-        let objects = objects
-            .into_iter()
-            .map(|(words, name)| {
-                index.insert(&words);
-                Entry { name, known: OnceLock::new() }
-            })
-            .collect();
-        Self { objects, index, store: Some(Mutex::new(store)) }
+    /// Of a store's objects, by their names and index.
+    pub(super) fn lazy(store: Store, names: Vec<String>, index: Index) -> Self {
+        let unread = |name| Entry { name, known: OnceLock::new() };
+        Self {
+            objects: names.into_iter().map(unread).collect(),
+            index,
+            store: Some(Mutex::new(store)),
+        }
     }
 
     /// Number of objects.

@@ -6,8 +6,9 @@ mod schema;
 
 use crate::appearance::Appearance;
 use crate::model::ObjectModel;
-use crate::recognise::Words;
+use crate::recognise::{Counted, Words};
 use rusqlite::{Connection, OptionalExtension, params};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 pub use library::Library;
@@ -89,6 +90,9 @@ pub struct StoredObject {
     /// Demonstrations, oldest first.
     pub provenance: Vec<Provenance>,
 }
+
+/// Objects whose words are in memory at once.
+const AT_ONCE: usize = 500;
 
 /// An open store.
 pub struct Store {
@@ -210,31 +214,54 @@ impl Store {
     /// # Errors
     /// As [`Self::get`], for objects whose words were not kept.
     pub fn load(&self) -> Result<Library, StoreError> {
-        let mut words = Vec::new();
-        for name in self.names()? {
-            words.push((self.words(&name)?, name));
+        let transaction = self.sql(self.connection.unchecked_transaction())?;
+        let names = self.names()?;
+        let numbers: HashMap<&str, u32> = names.iter().map(String::as_str).zip(0..).collect();
+        let mut counted = Counted::new();
+        let mut is_kept = vec![false; names.len()];
+        self.each_kept(&numbers, |some| {
+            some.iter().for_each(|(number, _)| is_kept[*number as usize] = true);
+            counted.count(some);
+        })?;
+        let made = (0..).zip(&names).filter(|(number, _)| !is_kept[*number as usize]);
+        let made: Vec<(u32, Words)> = made
+            .map(|(number, name)| Ok((number, Words::of(&self.get(name)?.appearance))))
+            .collect::<Result<_, StoreError>>()?;
+        counted.count(&made);
+        let mut filled = counted.counted();
+        self.each_kept(&numbers, |some| filled.fill(some))?;
+        filled.fill(&made);
+        let write = |(number, words): &(u32, Words)| {
+            write_words(&transaction, &names[*number as usize], words)
+        };
+        // Where they cannot be written, or another process has meanwhile written to the store,
+        // they are made again next time.
+        if let Err(error) = made.iter().try_for_each(write).and_then(|()| transaction.commit()) {
+            tracing::debug!(%error, "words are not kept");
         }
-        Ok(Library::lazy(Self::open(&self.path)?, words))
+        Ok(Library::lazy(Self::open(&self.path)?, names, filled.filled()))
     }
 
-    /// An object's words; made now where they were not kept, and then kept. Where nothing can be
-    /// written they are made each time.
-    fn words(&self, name: &str) -> Result<Words, StoreError> {
-        let kept: Option<Vec<u8>> = self.sql(
-            self.connection
-                .query_row("SELECT words FROM words WHERE object = ?1", [name], |row| row.get(0))
-                .optional(),
-        )?;
-        match kept.and_then(|bytes| postcard::from_bytes(&bytes).ok()) {
-            Some(words) => Ok(words),
-            None => {
-                let words = Words::of(&self.get(name)?.appearance);
-                if let Err(error) = write_words(&self.connection, name, &words) {
-                    tracing::debug!(name, %error, "words are not kept");
-                }
-                Ok(words)
+    /// Goes through the words that are kept whole, some objects at a time.
+    fn each_kept(
+        &self,
+        numbers: &HashMap<&str, u32>,
+        mut take: impl FnMut(&[(u32, Words)]),
+    ) -> Result<(), StoreError> {
+        let mut statement = self.sql(self.connection.prepare("SELECT object, words FROM words"))?;
+        let mut rows = self.sql(statement.query([]))?;
+        let mut some = Vec::new();
+        while let Some(row) = self.sql(rows.next())? {
+            let number = self.sql(row.get_ref(0))?.as_str().ok().and_then(|name| numbers.get(name));
+            let words = Words::from_bytes(self.sql(row.get(1))?);
+            some.extend(number.copied().zip(words.ok()));
+            if some.len() == AT_ONCE {
+                take(&some);
+                some.clear();
             }
         }
+        take(&some);
+        Ok(())
     }
 
     fn provenance(&self, name: &str) -> Result<Vec<Provenance>, StoreError> {
@@ -285,8 +312,7 @@ fn write_object(
 }
 
 fn write_words(connection: &Connection, name: &str, words: &Words) -> rusqlite::Result<()> {
-    let words = postcard::to_stdvec(words).map_err(unwritable)?;
-    let row = params![name, words];
+    let row = params![name, words.as_bytes()];
     connection.execute("INSERT OR REPLACE INTO words (object, words) VALUES (?1, ?2)", row)?;
     Ok(())
 }
@@ -410,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn words_of_version_3_are_made_anew_and_kept() {
+    fn words_of_earlier_versions_are_made_anew_and_kept() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("s.linkage");
         Store::open_or_create(&path).unwrap().put(&object("door")).unwrap();
@@ -420,12 +446,14 @@ mod tests {
             Connection::open(&path).unwrap().query_row(sql, [], row).optional().unwrap()
         };
         let of_our_vocabulary = written();
-        let of_another = "UPDATE words SET words = x'ff'; PRAGMA user_version = 3;";
-        Connection::open(&path).unwrap().execute_batch(of_another).unwrap();
-        let store = Store::open(&path).unwrap();
-        assert_eq!(written(), None);
-        assert_eq!(store.load().unwrap().len(), 1);
-        assert!(of_our_vocabulary.is_some() && written() == of_our_vocabulary);
+        for version in 3..SCHEMA_VERSION {
+            let other = format!("UPDATE words SET words = x'ff'; PRAGMA user_version = {version};");
+            Connection::open(&path).unwrap().execute_batch(&other).unwrap();
+            let store = Store::open(&path).unwrap();
+            assert_eq!(written(), None);
+            assert_eq!(store.load().unwrap().len(), 1);
+            assert!(of_our_vocabulary.is_some() && written() == of_our_vocabulary);
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use rusqlite::{Connection, Transaction, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this version knows.
-pub const SCHEMA_VERSION: i64 = 4;
+pub const SCHEMA_VERSION: i64 = 5;
 
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
@@ -29,13 +29,14 @@ CREATE TABLE words (
     words BLOB NOT NULL
 );
 PRAGMA application_id = 1280199495;
-PRAGMA user_version = 4;
+PRAGMA user_version = 5;
 ";
 
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
 /// store; objects of the second know no edges: an empty list is written as one zero; rectified
-/// features of the third are upright, and its words those of another vocabulary.
-const UPGRADES: [&str; 3] = [
+/// features of the third are upright, and its words those of another vocabulary; words of the
+/// fourth are written otherwise.
+const UPGRADES: [&str; 4] = [
     "
 DROP TABLE IF EXISTS vocabulary;
 CREATE TABLE IF NOT EXISTS words (
@@ -51,6 +52,10 @@ PRAGMA user_version = 3;
     "
 DELETE FROM words;
 PRAGMA user_version = 4;
+",
+    "
+DELETE FROM words;
+PRAGMA user_version = 5;
 ",
 ];
 

@@ -3,121 +3,146 @@
 //! with a like code; votes count together where they lie together in space.
 
 mod vocabulary;
+mod words;
 
 pub use vocabulary::{NotAVocabulary, Vocabulary};
+pub use words::{NotWords, Words};
 
-use crate::appearance::{
-    Appearance, DescribedFeature, FeatureKind, ModelFeature, bytes_of, quantise,
-};
+use crate::appearance::{DescribedFeature, FeatureKind, quantise};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
-use std::collections::{HashMap, HashSet};
-use vocabulary::{Coded, WORDS};
+use std::ops::Range;
+use words::{LISTS, SIZES, SMALLEST, list_of, size_step};
 
 /// Bits in which codes of one surface point may differ.
 const MAX_BITS: u32 = 20;
 /// Standard deviation of that difference, in the weight of a vote.
 const SIGMA_BITS: f64 = 12.0;
-/// Steps of size in an octave.
-const SIZE_STEPS: f32 = 4.0;
 /// Side of a region whose votes count together, metres.
 const REGION_M: f64 = 0.35;
-
-/// An object's features as the index needs them.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Words(Vec<Word>);
-
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Word {
-    word: u16,
-    code: u64,
-    kind: FeatureKind,
-    size: i8,
-}
-
-impl Words {
-    /// Of an object's features: of each part those that most keyframes bear out, which come
-    /// first.
-    pub fn of(appearance: &Appearance) -> Self {
-        let vocabulary = Vocabulary::standard();
-        let parts: HashSet<u16> = appearance.features.iter().map(|f| f.part).collect();
-        let mut taken: HashMap<(u16, FeatureKind), usize> = HashMap::new();
-        let chosen: Vec<&ModelFeature> = appearance
-            .features
-            .iter()
-            .filter(|f| {
-                let count = taken.entry((f.part, f.kind)).or_default();
-                *count += 1;
-                *count <= most_of(f.kind) / parts.len()
-            })
-            .collect();
-        let word_of = |f: &&ModelFeature| {
-            let Coded { word, code } = vocabulary.words(&bytes_of(&f.descriptor))[0];
-            Word { word, code, kind: f.kind, size: size_step(f.size_m) }
-        };
-        Self(chosen.par_iter().map(word_of).collect())
-    }
-}
-
-/// Features of an object that are indexed: rectified ones tell more.
-fn most_of(kind: FeatureKind) -> usize {
-    match kind {
-        FeatureKind::Rectified => 320,
-        FeatureKind::Picture => 160,
-        FeatureKind::Upright => 0,
-    }
-}
-
-/// A feature of an object, listed by its word, kind and size.
-#[derive(Debug, Clone, Copy)]
-struct Posting {
-    code: u64,
-    object: u32,
-}
 
 /// The inverted index of many objects.
 pub struct Index {
     vocabulary: &'static Vocabulary,
-    postings: Vec<Vec<Posting>>,
+    shelves: Vec<Shelf>,
     objects: usize,
-    features: usize,
 }
 
-/// Steps of size that are told apart.
-const SIZES: i32 = 32;
-/// The smallest of them: 1 mm.
-const SMALLEST: i32 = -8;
-/// Lists of a word: for each kind and size.
-const LISTS: usize = 3 * SIZES as usize;
+/// Postings of some neighbouring lists, one list after the other.
+struct Shelf {
+    lists: Range<usize>,
+    /// Where the postings of each list begin, and where those of the last one end.
+    starts: Vec<u32>,
+    postings: Vec<Posting>,
+}
 
-/// The list of a word, kind and size. A damaged word falls under another.
-fn list_of(word: u16, kind: FeatureKind, size: i32) -> usize {
-    let kind = kind as usize;
-    let size = (size - SMALLEST).clamp(0, SIZES - 1) as usize;
-    (usize::from(word) % WORDS) * LISTS + kind * SIZES as usize + size
+/// A feature of an object.
+#[derive(Debug, Clone, Copy, Default)]
+struct Posting {
+    /// In halves, the lower first: a whole one would leave gaps.
+    code: [u32; 2],
+    object: u32,
+}
+
+impl Posting {
+    fn bits_apart(&self, code: u64) -> u32 {
+        let [low, high] = self.code.map(u64::from);
+        ((low | high << 32) ^ code).count_ones()
+    }
+}
+
+/// An index in the making: postings are counted before any is put in its place, so that all words
+/// are gone through twice and need not be in memory at once.
+pub struct Counted {
+    shelves: Vec<Shelf>,
+    objects: usize,
+}
+
+/// Its postings have places: all that were counted are put there, in any order.
+pub struct Filled {
+    shelves: Vec<(Shelf, Vec<u32>)>,
+    objects: usize,
+}
+
+impl Default for Counted {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Counted {
+    /// Of no objects yet.
+    pub fn new() -> Self {
+        let lists = LISTS.div_ceil(rayon::current_num_threads());
+        let shelf = |first: usize| {
+            let lists = first..(first + lists).min(LISTS);
+            let starts = vec![0; lists.len() + 1];
+            Shelf { lists, starts, postings: Vec::new() }
+        };
+        Self { shelves: (0..LISTS).step_by(lists).map(shelf).collect(), objects: 0 }
+    }
+
+    /// Counts the words of some objects.
+    pub fn count(&mut self, objects: &[(u32, Words)]) {
+        self.objects += objects.len();
+        self.shelves.par_iter_mut().for_each(|shelf| {
+            for (list, _) in objects.iter().flat_map(|(_, words)| words.iter()) {
+                if shelf.lists.contains(&list) {
+                    shelf.starts[list - shelf.lists.start + 1] += 1;
+                }
+            }
+        });
+    }
+
+    /// All are counted.
+    pub fn counted(self) -> Filled {
+        let with_places = |mut shelf: Shelf| {
+            for list in 0..shelf.lists.len() {
+                shelf.starts[list + 1] += shelf.starts[list];
+            }
+            shelf.postings = vec![Posting::default(); shelf.starts[shelf.lists.len()] as usize];
+            let next = shelf.starts.clone();
+            (shelf, next)
+        };
+        let shelves = self.shelves.into_par_iter().map(with_places).collect();
+        Filled { shelves, objects: self.objects }
+    }
+}
+
+impl Filled {
+    /// Puts the words of some objects, which have these numbers, in their places.
+    pub fn fill(&mut self, objects: &[(u32, Words)]) {
+        self.shelves.par_iter_mut().for_each(|(shelf, next)| {
+            for &(object, ref words) in objects {
+                for (list, code) in words.iter().filter(|(list, _)| shelf.lists.contains(list)) {
+                    let place = &mut next[list - shelf.lists.start];
+                    let code = [code as u32, (code >> 32) as u32];
+                    shelf.postings[*place as usize] = Posting { code, object };
+                    *place += 1;
+                }
+            }
+        });
+    }
+
+    /// All are in their places.
+    pub fn filled(self) -> Index {
+        Index {
+            vocabulary: Vocabulary::standard(),
+            shelves: self.shelves.into_iter().map(|(shelf, _)| shelf).collect(),
+            objects: self.objects,
+        }
+    }
 }
 
 impl Index {
-    /// Of no objects yet.
-    pub fn new() -> Self {
-        Self {
-            vocabulary: Vocabulary::standard(),
-            postings: vec![Vec::new(); WORDS * LISTS],
-            objects: 0,
-            features: 0,
-        }
-    }
-
-    /// Adds an object; objects are numbered in the order in which they are added.
-    pub fn insert(&mut self, words: &Words) {
-        let object = self.objects as u32;
-        for &Word { word, code, kind, size } in &words.0 {
-            let list = list_of(word, kind, i32::from(size));
-            self.postings[list].push(Posting { code, object });
-        }
-        self.features += words.0.len();
-        self.objects += 1;
+    /// Of objects, which are numbered in their order.
+    pub fn new(objects: impl IntoIterator<Item = Words>) -> Self {
+        let objects: Vec<(u32, Words)> = (0..).zip(objects).collect();
+        let mut counted = Counted::new();
+        counted.count(&objects);
+        let mut filled = counted.counted();
+        filled.fill(&objects);
+        filled.filled()
     }
 
     /// Number of objects.
@@ -125,14 +150,20 @@ impl Index {
         self.objects
     }
 
-    /// True before the first object.
+    /// True where nothing is known.
     pub fn is_empty(&self) -> bool {
         self.objects == 0
     }
 
     /// Bytes that the postings take.
     pub fn bytes(&self) -> usize {
-        self.features * size_of::<Posting>()
+        self.shelves.iter().map(|shelf| size_of_val(&shelf.postings[..])).sum()
+    }
+
+    fn postings(&self, list: usize) -> &[Posting] {
+        let shelf = &self.shelves[list / self.shelves[0].lists.len()];
+        let own = list - shelf.lists.start;
+        &shelf.postings[shelf.starts[own] as usize..shelf.starts[own + 1] as usize]
     }
 
     /// The first `places` objects by their votes, most first; those with few are left out.
@@ -198,7 +229,7 @@ impl Index {
 
     /// Objects that a feature votes for, each once.
     fn votes_of(&self, feature: &DescribedFeature) -> Vec<Vote> {
-        let size = i32::from(size_step(feature.size as f32));
+        let size = size_step(feature.size as f32);
         let sizes = match (feature.point, feature.kind) {
             (None, _) => SMALLEST..=SMALLEST + SIZES - 1,
             (_, FeatureKind::Rectified | FeatureKind::Upright) => size..=size,
@@ -207,10 +238,10 @@ impl Index {
         let mut fitting: Vec<(u32, u32)> = Vec::new();
         for coded in self.vocabulary.words(&quantise(&feature.descriptor)) {
             for size in sizes.clone() {
-                for p in &self.postings[list_of(coded.word, feature.kind, size)] {
-                    let bits = (p.code ^ coded.code).count_ones();
+                for posting in self.postings(list_of(coded.word, feature.kind, size)) {
+                    let bits = posting.bits_apart(coded.code);
                     if bits <= MAX_BITS {
-                        fitting.push((p.object, bits));
+                        fitting.push((posting.object, bits));
                     }
                 }
             }
@@ -260,20 +291,10 @@ fn most_in_a_region(mut votes: Vec<(Cell, f64)>) -> f64 {
     cells.iter().map(|(corner, _)| from(corner)).fold(0.0, f64::max)
 }
 
-impl Default for Index {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-fn size_step(size_m: f32) -> i8 {
-    (SIZE_STEPS * (size_m.max(1e-6) / 0.004).log2()).round().clamp(-100.0, 100.0) as i8
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appearance::DESCRIPTOR_LENGTH;
+    use crate::appearance::{Appearance, DESCRIPTOR_LENGTH, ModelFeature};
     use nalgebra::{Point3, Vector3};
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -317,9 +338,7 @@ mod tests {
     }
 
     fn twenty_objects() -> Index {
-        let mut index = Index::new();
-        (0..20).for_each(|seed| index.insert(&Words::of(&object(seed))));
-        index
+        Index::new((0..20).map(|seed| Words::of(&object(seed))))
     }
 
     #[test]
@@ -346,6 +365,18 @@ mod tests {
         for places in 1..20 {
             assert_eq!(index.rank(&seen, places), whole[..places]);
         }
+    }
+
+    #[test]
+    fn objects_may_come_in_any_order_and_a_few_at_a_time() {
+        let objects: Vec<(u32, Words)> =
+            (0..20).rev().map(|n| (n, Words::of(&object(u64::from(n))))).collect();
+        let mut counted = Counted::new();
+        objects.chunks(7).for_each(|some| counted.count(some));
+        let mut filled = counted.counted();
+        objects.chunks(3).for_each(|some| filled.fill(some));
+        let seen = seen(13, 1.0);
+        assert_eq!(filled.filled().rank(&seen, 5), twenty_objects().rank(&seen, 5));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
 use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
-use linkage_skill::appearance::{Appearance, DescribedFeature};
+use linkage_skill::appearance::DescribedFeature;
 use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
 use linkage_skill::recognise::{Recognised, Scene, find};
 use linkage_skill::store::{Library, Store, StoreError, StoredObject};
@@ -154,9 +154,8 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     print_precision(&report);
     report.times = times::run(&learned, &questions, &config)?;
     if !args.brief {
-        let appearances: Vec<Appearance> =
-            learned.iter().map(|l| l.stored.appearance.clone()).collect();
-        report.scale = scale::run(&appearances, &questions);
+        let stored: Vec<StoredObject> = learned.iter().map(|l| l.stored.clone()).collect();
+        report.scale = scale::run(&stored, &questions)?;
         report.ablation = ablation::run(&learned, &questions, &config)?;
     }
     if let Some(path) = &args.json {

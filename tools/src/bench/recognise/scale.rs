@@ -1,17 +1,24 @@
 //! How far the shortlist carries: the learned things among many made-up ones.
 
 use super::Question;
+use crate::commands::Outcome;
 use linkage_skill::appearance::{Appearance, ModelFeature};
 use linkage_skill::geometry::median;
 use linkage_skill::recognise::{Index, Words};
+use linkage_skill::store::{Store, StoredObject};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::path::Path;
 use std::time::Instant;
 
 /// Sizes of libraries.
 const SIZES: [usize; 5] = [100, 1_000, 10_000, 30_000, 100_000];
+/// The largest that is written to a store as well: 1 GB.
+const LARGEST_STORE: usize = 10_000;
+/// Objects written at a time.
+const AT_ONCE: usize = 500;
 /// Features of a made-up object: more than the index takes.
 const FEATURES: usize = 700;
 /// Places in the shortlist that are asked about.
@@ -25,46 +32,96 @@ pub struct Row {
     recall: [f64; 3],
     /// Median time of a shortlist, milliseconds.
     milliseconds: f64,
-    /// Time to add an object, milliseconds.
-    insertion_milliseconds: f64,
     bytes_per_object: f64,
+    /// Of a store that holds them; of the largest libraries none is written.
+    store: Option<StoreTimes>,
+}
+
+/// How long a store takes, milliseconds.
+#[derive(Serialize)]
+struct StoreTimes {
+    /// To be opened and made ready for the first picture.
+    opening: f64,
+    /// To take up one more object.
+    insertion: f64,
 }
 
 /// Looks for each question's thing in larger and larger libraries.
-pub fn run(learned: &[Appearance], questions: &[Question]) -> Vec<Row> {
-    let mut index = Index::new();
-    let start = Instant::now();
-    for appearance in learned {
-        index.insert(&Words::of(appearance));
-    }
-    let insertion_milliseconds = start.elapsed().as_secs_f64() * 1e3 / learned.len().max(1) as f64;
+pub fn run(learned: &[StoredObject], questions: &[Question]) -> Outcome<Vec<Row>> {
     println!("\nshortlists: learned things among made-up ones");
-    println!("objects  recall@1    @5   @20  median ms  bytes/object  insertion ms");
-    let features: Vec<&ModelFeature> = learned.iter().flat_map(|a| &a.features).collect();
+    println!("objects  recall@1    @5   @20  median ms  bytes/object  store: open ms  insert ms");
+    let features: Vec<&ModelFeature> =
+        learned.iter().flat_map(|l| &l.appearance.features).collect();
+    let folder = tempfile::tempdir()?;
+    let mut store = Store::open_or_create(&folder.path().join("many.linkage"))?;
+    store.put_all(learned)?;
+    let mut words: Vec<Words> = learned.iter().map(|l| Words::of(&l.appearance)).collect();
     let mut rows = Vec::new();
     for objects in SIZES {
-        let more: Vec<Words> = (index.len()..objects)
-            .into_par_iter()
-            .map(|seed| Words::of(&made_up(&features, seed as u64)))
-            .collect();
-        more.iter().for_each(|words| index.insert(words));
-        let row = ask(&index, questions, insertion_milliseconds);
-        println!(
-            "{:>7} {:>9.2} {:>5.2} {:>5.2} {:>10.1} {:>13.0} {:>13.1}",
-            row.objects,
-            row.recall[0],
-            row.recall[1],
-            row.recall[2],
-            row.milliseconds,
-            row.bytes_per_object,
-            row.insertion_milliseconds
-        );
+        while words.len() < objects {
+            let first = words.len();
+            let more: Vec<Appearance> = (first..objects.min(first + AT_ONCE))
+                .into_par_iter()
+                .map(|seed| made_up(&features, seed as u64))
+                .collect();
+            words.par_extend(more.par_iter().map(Words::of));
+            if objects <= LARGEST_STORE {
+                store.put_all(&stored(more, first, &learned[0]))?;
+            }
+        }
+        let (recall, milliseconds, bytes_per_object) =
+            ask(&Index::new(words.iter().cloned()), questions);
+        let store = if objects <= LARGEST_STORE {
+            Some(times(&mut store, &folder.path().join("many.linkage"), &learned[0])?)
+        } else {
+            None
+        };
+        let row = Row { objects, recall, milliseconds, bytes_per_object, store };
+        print_row(&row);
         rows.push(row);
     }
-    rows
+    Ok(rows)
 }
 
-fn ask(index: &Index, questions: &[Question], insertion_milliseconds: f64) -> Row {
+fn print_row(row: &Row) {
+    let [first, five, twenty] = row.recall;
+    let of_store = row.store.as_ref().map_or_else(
+        || format!("{:>15} {:>10}", "-", "-"),
+        |s| format!("{:>15.0} {:>10.1}", s.opening, s.insertion),
+    );
+    println!(
+        "{:>7} {first:>9.2} {five:>5.2} {twenty:>5.2} {:>10.1} {:>13.0} {of_store}",
+        row.objects, row.milliseconds, row.bytes_per_object,
+    );
+}
+
+/// Made-up appearances under names of their own.
+fn stored(appearances: Vec<Appearance>, first: usize, like: &StoredObject) -> Vec<StoredObject> {
+    let named = |(number, appearance): (usize, Appearance)| {
+        let mut model = like.model.clone();
+        model.object = format!("made up {number}");
+        StoredObject { model, appearance, provenance: Vec::new() }
+    };
+    (first..).zip(appearances).map(named).collect()
+}
+
+/// Opens a store that holds many objects, and puts one more in and out.
+fn times(store: &mut Store, path: &Path, object: &StoredObject) -> Outcome<StoreTimes> {
+    let mut another = object.clone();
+    another.model.object = "one more".to_owned();
+    let start = Instant::now();
+    store.put(&another)?;
+    let insertion = start.elapsed().as_secs_f64() * 1e3;
+    store.remove("one more")?;
+    let start = Instant::now();
+    let library = Store::open(path)?.load()?;
+    let opening = start.elapsed().as_secs_f64() * 1e3;
+    drop(library);
+    Ok(StoreTimes { opening, insertion })
+}
+
+/// Recall of a shortlist, its median time in milliseconds, and bytes an object takes.
+fn ask(index: &Index, questions: &[Question]) -> ([f64; 3], f64, f64) {
     let mut times = Vec::new();
     let mut found = [0_usize; PLACES.len()];
     for question in questions {
@@ -77,13 +134,8 @@ fn ask(index: &Index, questions: &[Question], insertion_milliseconds: f64) -> Ro
         }
     }
     let known = questions.iter().filter(|q| q.number.is_some()).count().max(1) as f64;
-    Row {
-        objects: index.len(),
-        recall: found.map(|n| n as f64 / known),
-        milliseconds: median(&mut times).unwrap_or(0.0),
-        insertion_milliseconds,
-        bytes_per_object: index.bytes() as f64 / index.len().max(1) as f64,
-    }
+    let bytes_per_object = index.bytes() as f64 / index.len().max(1) as f64;
+    (found.map(|n| n as f64 / known), median(&mut times).unwrap_or(0.0), bytes_per_object)
 }
 
 /// An object with as many features as the index takes of a learned one: each descriptor is half of one learned

@@ -1,0 +1,141 @@
+//! What the index needs of an object: for each of its features the word that it is listed under,
+//! with its kind and metric size, and a code of how it differs from others of that word.
+
+use super::vocabulary::{Coded, Vocabulary, WORDS};
+use crate::appearance::{Appearance, FeatureKind, ModelFeature, bytes_of};
+use rayon::prelude::*;
+use std::collections::{HashMap, HashSet};
+
+/// Steps of size in an octave.
+const SIZE_STEPS: f32 = 4.0;
+/// An object's features as the index needs them: for each the number of its list and its code,
+/// as they are kept.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Words(Vec<u8>);
+
+/// Bytes of a list's number and a code.
+const WORD_BYTES: usize = size_of::<u32>() + size_of::<u64>();
+
+/// Not the words of an object.
+#[derive(Debug, thiserror::Error)]
+#[error("words of {0} bytes are not whole")]
+pub struct NotWords(usize);
+
+impl Words {
+    /// Of an object's features: of each part those that most keyframes bear out, which come
+    /// first.
+    pub fn of(appearance: &Appearance) -> Self {
+        let vocabulary = Vocabulary::standard();
+        let parts: HashSet<u16> = appearance.features.iter().map(|f| f.part).collect();
+        let mut taken: HashMap<(u16, FeatureKind), usize> = HashMap::new();
+        let chosen: Vec<&ModelFeature> = appearance
+            .features
+            .iter()
+            .filter(|f| {
+                let count = taken.entry((f.part, f.kind)).or_default();
+                *count += 1;
+                *count <= most_of(f.kind) / parts.len()
+            })
+            .collect();
+        let word_of = |f: &&ModelFeature| {
+            let Coded { word, code } = vocabulary.words(&bytes_of(&f.descriptor))[0];
+            let list = list_of(word, f.kind, size_step(f.size_m));
+            let mut bytes = [0; WORD_BYTES];
+            bytes[..4].copy_from_slice(&(list as u32).to_le_bytes());
+            bytes[4..].copy_from_slice(&code.to_le_bytes());
+            bytes
+        };
+        Self(chosen.par_iter().map(word_of).collect::<Vec<_>>().concat())
+    }
+
+    /// As they are kept.
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.0
+    }
+
+    /// Reads [`Self::as_bytes`].
+    ///
+    /// # Errors
+    /// [`NotWords`] where something is missing.
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, NotWords> {
+        if bytes.len().is_multiple_of(WORD_BYTES) {
+            Ok(Self(bytes))
+        } else {
+            Err(NotWords(bytes.len()))
+        }
+    }
+
+    /// Lists and codes. A damaged word falls under another.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, u64)> {
+        let (words, _) = self.0.as_chunks::<WORD_BYTES>();
+        words.iter().map(|&[a, b, c, d, ref code @ ..]| {
+            (u32::from_le_bytes([a, b, c, d]) as usize % LISTS, u64::from_le_bytes(*code))
+        })
+    }
+}
+
+/// Features of an object that are indexed: rectified ones tell more.
+fn most_of(kind: FeatureKind) -> usize {
+    match kind {
+        FeatureKind::Rectified => 320,
+        FeatureKind::Picture => 160,
+        FeatureKind::Upright => 0,
+    }
+}
+
+/// Steps of size that are told apart.
+pub const SIZES: i8 = 32;
+/// The smallest of them: 1 mm.
+pub const SMALLEST: i8 = -8;
+/// Kinds that are compared.
+const KINDS: usize = 2;
+/// Lists: one for each word, kind and size.
+pub const LISTS: usize = WORDS * KINDS * SIZES as usize;
+
+/// The list of a word, kind and size.
+pub fn list_of(word: u16, kind: FeatureKind, size: i8) -> usize {
+    let kind = usize::from(kind == FeatureKind::Rectified);
+    let size = size.saturating_sub(SMALLEST).clamp(0, SIZES - 1) as usize;
+    (usize::from(word) * KINDS + kind) * SIZES as usize + size
+}
+
+/// Step of a size, for features of one to be compared.
+pub fn size_step(size_m: f32) -> i8 {
+    (SIZE_STEPS * (size_m.max(1e-6) / 0.004).log2()).round().clamp(-100.0, 100.0) as i8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::appearance::DESCRIPTOR_LENGTH;
+
+    fn feature(kind: FeatureKind) -> ModelFeature {
+        let descriptor = vec![20; DESCRIPTOR_LENGTH];
+        ModelFeature { part: 0, kind, point: [0.0; 3], normal: [0.0; 3], size_m: 0.016, descriptor }
+    }
+
+    fn words(kinds: &[FeatureKind]) -> Words {
+        let features = kinds.iter().map(|kind| feature(*kind)).collect();
+        Words::of(&Appearance { features, ..Appearance::default() })
+    }
+
+    #[test]
+    fn words_come_back_as_they_were_kept_and_not_in_part() {
+        let words = words(&[FeatureKind::Picture, FeatureKind::Rectified]);
+        assert_eq!(Words::from_bytes(words.as_bytes().to_vec()).unwrap(), words);
+        assert!(Words::from_bytes(words.as_bytes()[1..].to_vec()).is_err());
+    }
+
+    #[test]
+    fn kinds_have_lists_of_their_own_and_earlier_ones_none() {
+        let both = words(&[FeatureKind::Picture, FeatureKind::Rectified, FeatureKind::Upright]);
+        let lists: Vec<usize> = both.iter().map(|(list, _)| list).collect();
+        assert!(lists.len() == 2 && lists[0] != lists[1] && lists.iter().all(|l| *l < LISTS));
+    }
+
+    #[test]
+    fn damaged_words_are_in_some_list() {
+        let damaged = Words::from_bytes(vec![0xff; 9 * WORD_BYTES]).unwrap();
+        assert!(damaged.iter().all(|(list, _)| list < LISTS));
+    }
+}
