@@ -102,7 +102,7 @@ struct Spot {
     angle: f32,
 }
 
-impl<W: Fn(usize, usize) -> bool> Keypoints<W> {
+impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     /// Finds them where `wanted` says so (by pixel).
     ///
     /// # Errors
@@ -124,7 +124,7 @@ impl<W: Fn(usize, usize) -> bool> Keypoints<W> {
     ) -> opencv::Result<Vec<DescribedFeature>> {
         let pyramid = Pyramid::new(&self.gray, LEVELS)?;
         let surfaces: Vec<(&Spot, Surface)> =
-            self.found.iter().map(|s| (s, Surface::at(frame, normals, s.pixel))).collect();
+            self.found.par_iter().map(|s| (s, Surface::at(frame, normals, s.pixel))).collect();
         let focal = frame.camera.fx;
         let in_picture: Vec<Asked> =
             surfaces.iter().map(|(spot, surface)| in_picture(spot, surface, focal)).collect();

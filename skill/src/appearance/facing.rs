@@ -10,6 +10,7 @@ use crate::vision::Gray;
 use linkage_driver::PinholeCamera;
 use linkage_driver::depth::NormalMap;
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
+use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
 /// Cosines of the angle at which a surface is seen. Others need no view of their own, or the
@@ -49,7 +50,7 @@ impl Facing {
     pub fn new(
         camera: &PinholeCamera,
         normals: &NormalMap,
-        wanted: impl Fn(usize, usize) -> bool,
+        wanted: impl Fn(usize, usize) -> bool + Sync,
     ) -> Self {
         let seen = slanted(camera, normals, wanted);
         let directions = directions(&seen);
@@ -70,14 +71,14 @@ impl Facing {
         gray: &Gray,
         camera: &PinholeCamera,
         normals: &NormalMap,
-        detect: impl Fn(&Gray) -> opencv::Result<Vec<Keypoint>>,
+        detect: impl Fn(&Gray) -> opencv::Result<Vec<Keypoint>> + Sync,
     ) -> opencv::Result<Vec<Vec<Faced>>> {
         let of_view = |view: &View| {
             let picture = gray.warped(&view.picture_from_view, view.width, view.height)?;
             let found = detect(&picture)?;
             Ok(found.iter().filter_map(|k| view.faced(camera, normals, k)).collect())
         };
-        self.0.iter().map(of_view).collect()
+        self.0.par_iter().map(of_view).collect()
     }
 }
 
@@ -95,19 +96,18 @@ fn is_slanted(towards: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
 fn slanted(
     camera: &PinholeCamera,
     normals: &NormalMap,
-    wanted: impl Fn(usize, usize) -> bool,
+    wanted: impl Fn(usize, usize) -> bool + Sync,
 ) -> Vec<Slanted> {
-    let mut seen = Vec::new();
-    for v in (STRIDE / 2..camera.height).step_by(STRIDE) {
-        for u in (STRIDE / 2..camera.width).step_by(STRIDE) {
-            let Some(patch) = normals.at(u, v).filter(|_| wanted(u, v)) else { continue };
-            let ray = camera.back_project(u as f64, v as f64, 1.0).coords;
-            if is_slanted(&ray, &patch.normal) {
-                seen.push(Slanted { ray, normal: patch.normal });
-            }
-        }
-    }
-    seen
+    let at = |u: usize, v: usize| {
+        let patch = normals.at(u, v).filter(|_| wanted(u, v))?;
+        let ray = camera.back_project(u as f64, v as f64, 1.0).coords;
+        is_slanted(&ray, &patch.normal).then_some(Slanted { ray, normal: patch.normal })
+    };
+    let along = |length: usize| (STRIDE / 2..length).step_by(STRIDE);
+    let rows: Vec<usize> = along(camera.height).collect();
+    rows.into_par_iter()
+        .flat_map_iter(|v| along(camera.width).filter_map(move |u| at(u, v)))
+        .collect()
 }
 
 /// Normals of large surfaces, the largest first.
