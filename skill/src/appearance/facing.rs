@@ -150,7 +150,7 @@ impl View {
             .iter()
             .filter(|s| s.normal.dot(normal) > ALIKE)
             .map(|s| view_from_camera * s.ray)
-            .filter(|ray| ray.z > 0.0)
+            .filter(|ray| ray.z > SLANTED.start() * ray.norm())
             .collect();
         let places = || own.iter().map(|ray| ray.xy() / ray.z);
         let low = places().reduce(|a, b| a.inf(&b))?;

@@ -8,6 +8,7 @@ use std::collections::{HashMap, HashSet};
 
 /// Steps of size in an octave.
 const SIZE_STEPS: f32 = 4.0;
+
 /// An object's features as the index needs them: for each the number of its list and its code,
 /// as they are kept.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
