@@ -25,7 +25,8 @@ mod taken;
 mod verify;
 
 pub use follow::{FollowConfig, Followed, Follower, Lost};
-pub use retrieval::{Counted, Filled, Index, NotAVocabulary, NotWords, Vocabulary, Words};
+pub(crate) use retrieval::Counted;
+pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub use scene::Scene;
 
 use crate::appearance::Appearance;

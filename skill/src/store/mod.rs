@@ -254,7 +254,7 @@ impl Store {
         while let Some(row) = self.sql(rows.next())? {
             let number = self.sql(row.get_ref(0))?.as_str().ok().and_then(|name| numbers.get(name));
             let words = Words::from_bytes(self.sql(row.get(1))?);
-            some.extend(number.copied().zip(words.ok()));
+            some.extend(number.copied().zip(words));
             if some.len() == AT_ONCE {
                 take(&some);
                 some.clear();

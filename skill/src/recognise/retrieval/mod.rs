@@ -6,7 +6,7 @@ mod vocabulary;
 mod words;
 
 pub use vocabulary::{NotAVocabulary, Vocabulary};
-pub use words::{NotWords, Words};
+pub use words::Words;
 
 use crate::appearance::{DescribedFeature, FeatureKind, quantise};
 use rayon::prelude::*;
@@ -62,12 +62,6 @@ pub struct Counted {
 pub struct Filled {
     shelves: Vec<(Shelf, Vec<u32>)>,
     objects: usize,
-}
-
-impl Default for Counted {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl Counted {

@@ -17,11 +17,6 @@ pub struct Words(Vec<u8>);
 /// Bytes of a list's number and a code.
 const WORD_BYTES: usize = size_of::<u32>() + size_of::<u64>();
 
-/// Not the words of an object.
-#[derive(Debug, thiserror::Error)]
-#[error("words of {0} bytes are not whole")]
-pub struct NotWords(usize);
-
 impl Words {
     /// Of an object's features: of each part those that most keyframes bear out, which come
     /// first.
@@ -54,20 +49,13 @@ impl Words {
         &self.0
     }
 
-    /// Reads [`Self::as_bytes`].
-    ///
-    /// # Errors
-    /// [`NotWords`] where something is missing.
-    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, NotWords> {
-        if bytes.len().is_multiple_of(WORD_BYTES) {
-            Ok(Self(bytes))
-        } else {
-            Err(NotWords(bytes.len()))
-        }
+    /// Reads [`Self::as_bytes`]; `None` where something is missing.
+    pub fn from_bytes(bytes: Vec<u8>) -> Option<Self> {
+        bytes.len().is_multiple_of(WORD_BYTES).then_some(Self(bytes))
     }
 
     /// Lists and codes. A damaged word falls under another.
-    pub fn iter(&self) -> impl Iterator<Item = (usize, u64)> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = (usize, u64)> {
         let (words, _) = self.0.as_chunks::<WORD_BYTES>();
         words.iter().map(|&[a, b, c, d, ref code @ ..]| {
             (u32::from_le_bytes([a, b, c, d]) as usize % LISTS, u64::from_le_bytes(*code))
@@ -124,7 +112,7 @@ mod tests {
     fn words_come_back_as_they_were_kept_and_not_in_part() {
         let words = words(&[FeatureKind::Picture, FeatureKind::Rectified]);
         assert_eq!(Words::from_bytes(words.as_bytes().to_vec()).unwrap(), words);
-        assert!(Words::from_bytes(words.as_bytes()[1..].to_vec()).is_err());
+        assert!(Words::from_bytes(words.as_bytes()[1..].to_vec()).is_none());
     }
 
     #[test]

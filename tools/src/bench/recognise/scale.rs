@@ -53,7 +53,8 @@ pub fn run(learned: &[StoredObject], questions: &[Question]) -> Outcome<Vec<Row>
     let features: Vec<&ModelFeature> =
         learned.iter().flat_map(|l| &l.appearance.features).collect();
     let folder = tempfile::tempdir()?;
-    let mut store = Store::open_or_create(&folder.path().join("many.linkage"))?;
+    let path = folder.path().join("many.linkage");
+    let mut store = Store::open_or_create(&path)?;
     store.put_all(learned)?;
     let mut words: Vec<Words> = learned.iter().map(|l| Words::of(&l.appearance)).collect();
     let mut rows = Vec::new();
@@ -72,7 +73,7 @@ pub fn run(learned: &[StoredObject], questions: &[Question]) -> Outcome<Vec<Row>
         let (recall, milliseconds, bytes_per_object) =
             ask(&Index::new(words.iter().cloned()), questions);
         let store = if objects <= LARGEST_STORE {
-            Some(times(&mut store, &folder.path().join("many.linkage"), &learned[0])?)
+            Some(times(&mut store, &path, &learned[0])?)
         } else {
             None
         };
@@ -114,9 +115,8 @@ fn times(store: &mut Store, path: &Path, object: &StoredObject) -> Outcome<Store
     let insertion = start.elapsed().as_secs_f64() * 1e3;
     store.remove("one more")?;
     let start = Instant::now();
-    let library = Store::open(path)?.load()?;
+    let _library = Store::open(path)?.load()?;
     let opening = start.elapsed().as_secs_f64() * 1e3;
-    drop(library);
     Ok(StoreTimes { opening, insertion })
 }
 
@@ -138,8 +138,8 @@ fn ask(index: &Index, questions: &[Question]) -> ([f64; 3], f64, f64) {
     (found.map(|n| n as f64 / known), median(&mut times).unwrap_or(0.0), bytes_per_object)
 }
 
-/// An object with as many features as the index takes of a learned one: each descriptor is half of one learned
-/// feature's and half of another's.
+/// An object with as many features as the index takes of a learned one: each descriptor is half of
+/// one learned feature's and half of another's.
 pub fn made_up(features: &[&ModelFeature], seed: u64) -> Appearance {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let features = (0..FEATURES)
