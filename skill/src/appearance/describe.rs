@@ -4,12 +4,12 @@
 //! are looked at as from the front. What is up is not: on what lies level no direction is, and a
 //! camera rolls.
 
-use super::facing::Facing;
+use super::facing::{Facing, LEAST_COSINE};
 use super::gradients::{Patch, Pyramid, directions, gradients};
 use super::keypoints::{Keypoint, ScaleSpace};
 use crate::vision::Gray;
-use linkage_driver::RgbdFrame;
 use linkage_driver::depth::NormalMap;
+use linkage_driver::{PinholeCamera, RgbdFrame};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -141,9 +141,9 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
             .filter(|(_, surface)| is_model || !surface.is_faced(&facing))
             .filter_map(|(spot, surface)| {
                 let size_m = surface.diameter(spot.size, focal)?;
-                upright(spot.pixel, size_m, surface, frame)
+                upright(spot.pixel, size_m, surface, &frame.camera)
             });
-        let faced = self.faced(&facing, frame, normals)?;
+        let faced = self.faced(&facing, &frame.camera, normals)?;
         let upright: Vec<Asked> = upright.chain(faced).collect();
         let rectified = upright.par_iter().flat_map_iter(|asked| {
             let angles = directions(&pyramid, &asked.patch).into_iter();
@@ -160,16 +160,17 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     fn faced(
         &self,
         facing: &Facing,
-        frame: &RgbdFrame,
+        camera: &PinholeCamera,
         normals: &NormalMap,
     ) -> opencv::Result<Vec<Asked>> {
         let detect = |view: &Gray| self.density.keypoints_of_view(view);
-        let found = facing.keypoints(&self.gray, &frame.camera, normals, detect)?;
+        let found = facing.keypoints(&self.gray, camera, normals, detect)?;
         let spread = found.into_iter().flat_map(|of_view| {
             strongest(of_view, |f| (f.pixel, f.response), self.density.per_cell()).concat()
         });
         let asked = spread.filter_map(|f| {
-            upright(f.pixel, f.size_m, &Surface::at(frame, normals, f.pixel), frame)
+            let surface = Surface { point: Some(f.point), normal: Some(f.normal) };
+            upright(f.pixel, f.size_m, &surface, camera)
         });
         Ok(asked.collect())
     }
@@ -267,7 +268,7 @@ impl Surface {
     fn diameter(&self, pixels: f32, focal: f64) -> Option<f64> {
         let (point, normal) = (self.point?, self.normal?);
         let slant = -normal.dot(&point.coords.normalize());
-        Some(f64::from(pixels) * point.z / focal / slant.max(LEAST_SLANT).sqrt())
+        Some(f64::from(pixels) * point.z / focal / slant.max(LEAST_COSINE).sqrt())
     }
 
     fn is_faced(&self, facing: &Facing) -> bool {
@@ -275,14 +276,16 @@ impl Surface {
     }
 }
 
-/// Cosine of the angle at which surface may be seen.
-const LEAST_SLANT: f64 = 0.2;
-
 /// The patch about a feature on the tangent plane of its surface, upright; `None` without a
 /// surface, or where it is seen from the side.
-fn upright(pixel: [f32; 2], size_m: f64, surface: &Surface, frame: &RgbdFrame) -> Option<Asked> {
+fn upright(
+    pixel: [f32; 2],
+    size_m: f64,
+    surface: &Surface,
+    camera: &PinholeCamera,
+) -> Option<Asked> {
     let (point, normal) = (surface.point?, surface.normal?);
-    if -normal.dot(&point.coords.normalize()) < LEAST_SLANT {
+    if -normal.dot(&point.coords.normalize()) < LEAST_COSINE {
         return None;
     }
     let across = (Vector3::x() - normal * normal.x).try_normalize(1e-6)?;
@@ -290,7 +293,6 @@ fn upright(pixel: [f32; 2], size_m: f64, surface: &Surface, frame: &RgbdFrame) -
     if down.y < 0.0 {
         down = -down;
     }
-    let camera = &frame.camera;
     let sigma_m = snapped(size_m / 2.0);
     // Pixels that half the patch spans along a tangent.
     let in_pixels = |e: &Vector3<f64>| {

@@ -13,13 +13,14 @@ use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
-/// Cosines of the angle at which a surface is seen. Others need no view of their own, or the
-/// picture shows too little of them.
-const SLANTED: RangeInclusive<f64> = 0.2..=0.75;
+/// Least cosine of the angle at which a surface is seen: the picture shows too little of others.
+pub const LEAST_COSINE: f64 = 0.2;
+/// Cosines at which a surface needs a view of its own.
+const SLANTED: RangeInclusive<f64> = LEAST_COSINE..=0.75;
 /// Least cosine between a direction and the normals of the surface that faces it.
 const ALIKE: f64 = 0.95;
 /// Pixels from one normal that is asked to the next.
-const STRIDE: usize = 8;
+const STRIDE_PX: usize = 8;
 /// Least normals of a direction: a surface of some size.
 const LEAST: usize = 40;
 /// Directions that are faced.
@@ -29,7 +30,7 @@ const TRIED: usize = 100;
 /// Largest share of a picture's pixels that a view of it has.
 const MOST_PIXELS: f64 = 0.6;
 /// Pixels about the surface that a view shows.
-const MARGIN: f64 = 16.0;
+const MARGIN_PX: f64 = 16.0;
 
 /// Views that face the large slanted surfaces of a picture.
 pub struct Facing(Vec<View>);
@@ -39,6 +40,10 @@ pub struct Facing(Vec<View>);
 pub struct Faced {
     /// Pixel of the picture.
     pub pixel: [f32; 2],
+    /// Place in the camera frame, metres,
+    pub point: Point3<f64>,
+    /// and unit normal there.
+    pub normal: Vector3<f64>,
     /// Diameter on the surface, metres.
     pub size_m: f64,
     /// Contrast, grey levels.
@@ -103,7 +108,7 @@ fn slanted(
         let ray = camera.back_project(u as f64, v as f64, 1.0).coords;
         is_slanted(&ray, &patch.normal).then_some(Slanted { ray, normal: patch.normal })
     };
-    let along = |length: usize| (STRIDE / 2..length).step_by(STRIDE);
+    let along = |length: usize| (STRIDE_PX / 2..length).step_by(STRIDE_PX);
     let rows: Vec<usize> = along(camera.height).collect();
     rows.into_par_iter()
         .flat_map_iter(|v| along(camera.width).filter_map(move |u| at(u, v)))
@@ -150,7 +155,7 @@ impl View {
             .iter()
             .filter(|s| s.normal.dot(normal) > ALIKE)
             .map(|s| view_from_camera * s.ray)
-            .filter(|ray| ray.z > SLANTED.start() * ray.norm())
+            .filter(|ray| ray.z > LEAST_COSINE * ray.norm())
             .collect();
         let places = || own.iter().map(|ray| ray.xy() / ray.z);
         let low = places().reduce(|a, b| a.inf(&b))?;
@@ -158,16 +163,16 @@ impl View {
         // A pixel of the picture becomes 1 / z^3 as large: turned, the surface keeps its pixels.
         let shrinking = median(&mut own.iter().map(|ray| ray.z.powi(3)).collect::<Vec<_>>())?;
         let most = MOST_PIXELS * (camera.width * camera.height) as f64;
-        let focal = (camera.fx * camera.fy * shrinking).min(most / (extent.x * extent.y)).sqrt();
-        let corner = low - Vector2::repeat(MARGIN / focal);
-        let ray_of_pixel = Matrix3::new_translation(&corner) * Matrix3::new_scaling(1.0 / focal);
+        let focal_px = (camera.fx * camera.fy * shrinking).min(most / (extent.x * extent.y)).sqrt();
+        let corner = low - Vector2::repeat(MARGIN_PX / focal_px);
+        let ray_of_pixel = Matrix3::new_translation(&corner) * Matrix3::new_scaling(1.0 / focal_px);
         let pixel_of_ray =
             Matrix3::new(camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0);
-        let side = |extent: f64| (extent * focal + 2.0 * MARGIN).ceil() as usize;
+        let side = |extent: f64| (extent * focal_px + 2.0 * MARGIN_PX).ceil() as usize;
         Some(Self {
             normal: *normal,
             picture_from_view: pixel_of_ray * view_from_camera.inverse().matrix() * ray_of_pixel,
-            focal_px: focal,
+            focal_px,
             width: side(extent.x),
             height: side(extent.y),
         })
@@ -193,6 +198,8 @@ impl View {
         let depth_in_view = -self.normal.dot(&point.coords);
         self.shows(&point, &patch.normal).then(|| Faced {
             pixel: [place.x as f32, place.y as f32],
+            point,
+            normal: patch.normal,
             size_m: f64::from(keypoint.size) * depth_in_view / self.focal_px,
             response: keypoint.response,
         })

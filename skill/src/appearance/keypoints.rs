@@ -76,7 +76,7 @@ impl ScaleSpace {
         let camera_sigma = CAMERA_SIGMA / pixels;
         let blurred = plane.blurred((SIGMA.powi(2) - camera_sigma.powi(2)).sqrt());
         let first = 0.5 * (pixels - 1.0);
-        let mut octaves = vec![Octave { planes: octave(blurred), pixels, first }];
+        let mut octaves = vec![Octave { planes: planes_from(blurred), pixels, first }];
         while let Some(next) = octaves.last().and_then(Octave::next) {
             octaves.push(next);
         }
@@ -111,13 +111,13 @@ fn inner(length: usize) -> Range<usize> {
 impl Octave {
     /// Of pictures half as large.
     fn next(&self) -> Option<Self> {
-        let planes = octave(self.planes[INTERVALS].halved()?);
+        let planes = planes_from(self.planes[INTERVALS].halved()?);
         Some(Self { planes, pixels: 2.0 * self.pixels, first: self.first })
     }
 }
 
 /// The planes of an octave from its first; each next one is blurred some more.
-fn octave(first: Plane) -> [Plane; LEVELS] {
+fn planes_from(first: Plane) -> [Plane; LEVELS] {
     let sigma = |level: usize| SIGMA * 2_f32.powf(level as f32 / INTERVALS as f32);
     let mut planes = vec![first];
     for level in 1..LEVELS {
