@@ -10,6 +10,7 @@ use crate::recognise::{Counted, Words};
 use rusqlite::{Connection, OptionalExtension, params};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
 
 pub use library::Library;
 pub use schema::SCHEMA_VERSION;
@@ -91,7 +92,7 @@ pub struct StoredObject {
     pub provenance: Vec<Provenance>,
 }
 
-/// Objects whose words are in memory at once.
+/// Objects whose words are taken at once.
 const AT_ONCE: usize = 500;
 
 /// An open store.
@@ -242,26 +243,31 @@ impl Store {
         Ok(Library::lazy(Self::open(&self.path)?, names, filled.filled()))
     }
 
-    /// Goes through the words that are kept whole, some objects at a time.
+    /// Goes through the words that are kept whole, some objects at a time: while some are taken,
+    /// the next are read.
     fn each_kept(
         &self,
         numbers: &HashMap<&str, u32>,
-        mut take: impl FnMut(&[(u32, Words)]),
+        mut take: impl FnMut(&[(u32, Words)]) + Send,
     ) -> Result<(), StoreError> {
         let mut statement = self.sql(self.connection.prepare("SELECT object, words FROM words"))?;
         let mut rows = self.sql(statement.query([]))?;
-        let mut some = Vec::new();
-        while let Some(row) = self.sql(rows.next())? {
-            let number = self.sql(row.get_ref(0))?.as_str().ok().and_then(|name| numbers.get(name));
-            let words = Words::from_bytes(self.sql(row.get(1))?);
-            some.extend(number.copied().zip(words));
-            if some.len() == AT_ONCE {
-                take(&some);
-                some.clear();
+        std::thread::scope(|scope| {
+            let (ready, to_take) = mpsc::sync_channel::<Vec<(u32, Words)>>(1);
+            scope.spawn(move || to_take.iter().for_each(|some| take(&some)));
+            let mut some = Vec::new();
+            while let Some(row) = self.sql(rows.next())? {
+                let name = self.sql(row.get_ref(0))?.as_str().ok();
+                let number = name.and_then(|name| numbers.get(name)).copied();
+                some.extend(number.zip(Words::from_bytes(self.sql(row.get(1))?)));
+                if some.len() == AT_ONCE && ready.send(std::mem::take(&mut some)).is_err() {
+                    break;
+                }
             }
-        }
-        take(&some);
-        Ok(())
+            // Nobody takes any more only after a panic, which leaving the scope passes on.
+            ready.send(some).ok();
+            Ok(())
+        })
     }
 
     fn provenance(&self, name: &str) -> Result<Vec<Provenance>, StoreError> {
