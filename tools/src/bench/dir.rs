@@ -2,7 +2,7 @@
 //! learned from demonstrations, then looked for in all encounters, known and unknown.
 
 use super::score::{LearnScore, score_model};
-use super::tags::{Watched, watch};
+use super::tags::{Watched, log_of, watch};
 use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, last_frame, remember, skill_config, write_json};
@@ -117,7 +117,8 @@ fn learn_all(
     for (recording, _) in recordings.iter().filter(|(_, t)| !t.encounter) {
         let start = Instant::now();
         let source = recording.display().to_string();
-        let Watched { found: demonstration, truth, .. } = watch(recording, by_tags, config)?;
+        let mut tags = log_of(recording, by_tags)?;
+        let Watched { found: demonstration, truth, .. } = watch(recording, tags.as_mut(), config)?;
         let seconds = start.elapsed().as_secs_f64();
         let score = score_model(&demonstration.model, &truth);
         let row = LearnRow {

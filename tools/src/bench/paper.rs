@@ -8,10 +8,11 @@ use super::motion::{
     ConfigurationError, PoseScore, configuration_errors, pose_scores, segmentation_share,
 };
 use super::score::{LearnScore, score_model};
-use super::tags::{Watched, watch};
+use super::tags::{Watched, log_of, watch};
 use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, film, skill_config, write_json};
 use crate::simulate::{Take, instances};
+use crate::tags::TagLog;
 use linkage_skill::SkillConfig;
 use linkage_skill::geometry::median;
 use serde::Serialize;
@@ -77,8 +78,9 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
                 let seed = instances::seed_of(&name);
                 film(&name, Take::Demonstration, args.tags, seed, &recording, common.quiet)?;
             }
+            let mut tags = log_of(&recording, args.tags)?;
             for (profile, config) in &configs {
-                let row = learn(kind, &name, profile, &recording, args.tags, config)?;
+                let row = learn(kind, &name, profile, &recording, tags.as_mut(), config)?;
                 print_row(&row);
                 rows.push(row);
             }
@@ -99,11 +101,11 @@ fn learn(
     name: &str,
     profile: &'static str,
     recording: &Path,
-    by_tags: bool,
+    tags: Option<&mut TagLog>,
     config: &SkillConfig,
 ) -> Outcome<Row> {
     let start = Instant::now();
-    let Watched { found, truth, joints_by_tags } = watch(recording, by_tags, config)?;
+    let Watched { found, truth, joints_by_tags } = watch(recording, tags, config)?;
     let seconds = start.elapsed().as_secs_f64();
     let score = score_model(&found.model, &truth);
     let poses = pose_scores(&found, &truth, &score);

@@ -154,7 +154,8 @@ fn axis_distance(joint: &TrueJoint, found: &Joint, truth: &Truth) -> f64 {
         return 0.0;
     }
     let Some(centroid) = truth.part(&joint.child).and_then(|part| {
-        Some(pose_from_array(part.camera_from_part.first()?)? * Point3::from(part.centroid))
+        let first_seen = part.camera_from_part.iter().find_map(pose_from_array)?;
+        Some(first_seen * Point3::from(part.centroid))
     }) else {
         return f64::INFINITY;
     };

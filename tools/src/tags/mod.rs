@@ -9,12 +9,13 @@ mod mask;
 pub use detector::bit_pattern;
 
 use anyhow::Context;
-use detector::TagDetector;
+use detector::{TagDetector, TagSighting};
 use linkage_driver::RgbdFrame;
 use linkage_skill::geometry::Pose;
 use mask::masked;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 
 /// A tag of a recording.
@@ -71,8 +72,15 @@ impl TagPlaces {
 pub struct TagLog {
     places: TagPlaces,
     detector: TagDetector,
-    /// `camera_from_tag` by tag, a map a frame.
-    frames: Vec<(i64, BTreeMap<u32, Pose>)>,
+    /// By time, microseconds.
+    frames: BTreeMap<i64, Noted>,
+}
+
+/// The tags of a frame.
+struct Noted {
+    sightings: Vec<TagSighting>,
+    /// By number, of those that are placed on a part.
+    camera_from_tag: BTreeMap<u32, Pose>,
 }
 
 impl TagLog {
@@ -82,31 +90,30 @@ impl TagLog {
     /// See [`TagPlaces::read`].
     pub fn of(recording: &Path) -> anyhow::Result<Self> {
         let places = TagPlaces::read(recording)?;
-        Ok(Self { places, detector: TagDetector::new()?, frames: Vec::new() })
+        Ok(Self { places, detector: TagDetector::new()?, frames: BTreeMap::new() })
     }
 
-    /// Notes a frame's tags and gives the frame back without them.
+    /// Notes a frame's tags, unless they are noted already, and gives the frame back without
+    /// them.
     ///
     /// # Errors
     /// When the vision library fails.
     pub fn note(&mut self, frame: &RgbdFrame) -> anyhow::Result<RgbdFrame> {
-        let sightings = self.detector.detect(frame)?;
-        let poses = sightings
-            .iter()
-            .filter_map(|s| {
-                let place = self.places.tag.iter().find(|p| p.id == s.id)?;
-                Some((s.id, s.camera_from_tag(frame, place.size_m)?))
-            })
-            .collect();
-        self.frames.push((frame.utime, poses));
-        Ok(masked(frame, &sightings)?)
+        let noted = match self.frames.entry(frame.utime) {
+            Entry::Occupied(noted) => noted.into_mut(),
+            Entry::Vacant(place) => place.insert(look(&self.detector, &self.places, frame)?),
+        };
+        Ok(masked(frame, &noted.sightings)?)
     }
 
     /// A part's poses up to one unknown placement on it, by time; from the tag of the part
     /// that was seen most often.
     pub fn part_poses(&self, part: &str) -> Vec<(i64, Pose)> {
         let of = |id: u32| -> Vec<(i64, Pose)> {
-            self.frames.iter().filter_map(|(t, poses)| Some((*t, *poses.get(&id)?))).collect()
+            self.frames
+                .iter()
+                .filter_map(|(t, f)| Some((*t, *f.camera_from_tag.get(&id)?)))
+                .collect()
         };
         self.places
             .tag
@@ -120,9 +127,22 @@ impl TagLog {
     /// Share of frames in which each tag was seen.
     pub fn seen(&self) -> Vec<(&TagPlace, f64)> {
         let share = |id: u32| {
-            let count = self.frames.iter().filter(|(_, poses)| poses.contains_key(&id)).count();
+            let sees = |f: &&Noted| f.camera_from_tag.contains_key(&id);
+            let count = self.frames.values().filter(sees).count();
             count as f64 / self.frames.len().max(1) as f64
         };
         self.places.tag.iter().map(|p| (p, share(p.id))).collect()
     }
+}
+
+fn look(detector: &TagDetector, places: &TagPlaces, frame: &RgbdFrame) -> anyhow::Result<Noted> {
+    let sightings = detector.detect(frame)?;
+    let camera_from_tag = sightings
+        .iter()
+        .filter_map(|s| {
+            let place = places.tag.iter().find(|p| p.id == s.id)?;
+            Some((s.id, s.camera_from_tag(frame, place.size_m)?))
+        })
+        .collect();
+    Ok(Noted { sightings, camera_from_tag })
 }
