@@ -4,7 +4,7 @@ use super::hinge::Lie;
 use super::patch::PlanePatch;
 use crate::articulate::JointGeometry;
 use crate::geometry::{orthonormal_basis, wrapped};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 /// The line that tracks told may be off by this much: sine of its angle with a plane,
 const MAX_TILT: f64 = 0.12;
@@ -14,6 +14,8 @@ const MAX_DISTANCE: f64 = 0.05;
 const SAME_DISTANCE: f64 = 0.015;
 /// and its middle along it, as far as hands leave it in sight.
 const SAME_PLACE: f64 = 0.25;
+/// It is as wide each time, but for this share.
+const SAME_WIDTH: f64 = 0.5;
 
 /// A plane beside the line, at a keyframe.
 pub struct Sighting {
@@ -41,15 +43,18 @@ pub struct Edge {
     pub distance: f64,
     /// Middle along the line, metres.
     pub along: f64,
+    /// Across the line, metres: as wide as a strip of that deviation.
+    width: f64,
     /// Samples on it.
     pub samples: usize,
 }
 
 impl Edge {
-    /// Could be the same surface: as far from the line, at the same place along it.
+    /// Could be the same surface: as far from the line, at the same place along it, as wide.
     pub fn alike(&self, other: &Self) -> bool {
         (self.distance - other.distance).abs() < SAME_DISTANCE
             && (self.along - other.along).abs() < SAME_PLACE
+            && (self.width - other.width).abs() < SAME_WIDTH * self.width.max(other.width)
     }
 }
 
@@ -87,11 +92,14 @@ pub fn edges(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Edge> {
         .map(|p| {
             let n = p.points.len() as f64;
             let middle = p.points.iter().map(|x| x - origin).sum::<Vector3<f64>>() / n;
+            let across = axis.cross(&p.normal);
+            let out = |x: &Point3<f64>| across.dot(&(x - origin - middle)).powi(2);
             Edge {
                 frame: p.frame,
                 turn: angle(&middle, &axis),
                 distance: p.offset - p.normal.dot(&origin.coords),
                 along: axis.dot(&middle),
+                width: (12.0 * p.points.iter().map(out).sum::<f64>() / n).sqrt(),
                 samples: p.points.len(),
             }
         })

@@ -265,6 +265,20 @@ mod tests {
     }
 
     #[test]
+    fn a_hand_beside_the_edge_does_not_hide_it() {
+        let hand = |frame: usize| {
+            let off = Vector3::new(0.0, 0.0, if frame % 8 == 0 { 0.03 } else { -0.02 });
+            let points = edge(frame).points.iter().map(|p| p + off).collect();
+            PlanePatch { points, ..edge(frame) }
+        };
+        let all = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), edge(f), hand(f)]);
+        let seen: Vec<PlanePatch> = all.chain([16, 20, 24].map(edge)).collect();
+        let found = shown(&seen, |f| (f <= 12).then(|| turn(f)), 0);
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [16, 20, 24]);
+        assert!(found.iter().all(|(f, q)| (q - turn(*f)).abs() < 1e-6), "{found:?}");
+    }
+
+    #[test]
     fn what_rests_is_no_edge_of_the_lid() {
         let still = |frame| PlanePatch { frame, ..edge(0) };
         let both = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), still(f)]);

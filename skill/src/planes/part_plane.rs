@@ -19,8 +19,10 @@ const MIN_SHOWN: usize = 6;
 pub const LINKS: usize = 6;
 /// An edge keeps its angle to the plane within radians,
 const MAX_LEAD_STRAY: f64 = 0.03;
-/// at turns so far from each other.
-const TURN_STEP: f64 = 0.1;
+/// at turns that count once within
+const TURN_STEP: f64 = 0.05;
+/// and some of which are so far from each other.
+const MIN_APART: f64 = 0.1;
 /// Farthest turn from one keyframe to the next, radians; as much more for each that shows nothing.
 const MAX_STEP: f64 = 0.9;
 
@@ -126,10 +128,11 @@ impl<'a> PartPlane<'a> {
             }
             unseen += 1;
             let own = self.sightings.iter().find(|s| s.frame == frame).map(|s| s.turn);
-            let turn = own.or_else(|| edge.as_ref()?.turn(frame));
-            if let Some(turn) = turn {
-                let q = near(turn - zero, before);
-                if (q - before).abs() < MAX_STEP * f64::from(unseen) {
+            let by_edge = edge.as_ref().and_then(|edge| edge.turn(frame));
+            let told = own.into_iter().chain(by_edge).map(|turn| near(turn - zero, before));
+            let step = |q: &f64| (q - before).abs();
+            if let Some(q) = told.min_by(|a, b| step(a).total_cmp(&step(b))) {
+                if step(&q) < MAX_STEP * f64::from(unseen) {
                     found.push((frame, q));
                     (before, unseen) = (q, 0);
                 }
@@ -142,7 +145,8 @@ impl<'a> PartPlane<'a> {
     fn edge<'e>(&self, edges: &'e [Edge]) -> Option<PartEdge<'e>> {
         let like = |first: &Edge| {
             let alike = edges.iter().filter(|e| first.alike(e)).collect();
-            Some(PartEdge { edges: alike, lead: self.lead(first)?.0 })
+            let (lead, turn) = self.lead(first)?;
+            Some(PartEdge { edges: alike, lead, turn })
         };
         edges
             .iter()
@@ -157,20 +161,26 @@ impl<'a> PartPlane<'a> {
         Some((wrapped(edge.turn - own.turn), own.turn))
     }
 
-    /// Turns at which an edge keeps its lead, and its samples there; `None` where it mostly does
-    /// not: what rests keeps one only while the plane rests too.
+    /// Turns at which an edge keeps its lead, and its samples there; `None` where these are few or
+    /// near each other, or it is elsewhere at many others: what rests keeps a lead only while the
+    /// plane rests too. A hand beside the edge now and then does not count.
     fn agreement(&self, edge: &PartEdge) -> Option<(usize, usize)> {
         let (mut with, mut without) = (BTreeMap::new(), BTreeSet::new());
+        let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
         for e in &edge.edges {
             let Some((lead, turn)) = self.lead(e) else { continue };
-            let turn = (turn / TURN_STEP).round() as i64;
+            let turn = wrapped(turn - edge.turn);
+            let step = (turn / TURN_STEP).round() as i64;
             if wrapped(lead - edge.lead).abs() < MAX_LEAD_STRAY {
-                *with.entry(turn).or_default() += e.samples;
+                *with.entry(step).or_default() += e.samples;
+                (lowest, highest) = (lowest.min(turn), highest.max(turn));
             } else {
-                without.insert(turn);
+                without.insert(step);
             }
         }
-        let enough = with.len() >= MIN_AGREEING && with.len() > 2 * without.len();
+        without.retain(|step| !with.contains_key(step));
+        let apart = highest - lowest > MIN_APART;
+        let enough = apart && with.len() > 2 * without.len();
         enough.then(|| (with.len(), with.values().sum()))
     }
 }
@@ -179,6 +189,8 @@ impl<'a> PartPlane<'a> {
 struct PartEdge<'a> {
     edges: Vec<&'a Edge>,
     lead: f64,
+    /// Turn of the plane where the lead was taken.
+    turn: f64,
 }
 
 impl PartEdge<'_> {
