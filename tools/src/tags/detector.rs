@@ -14,6 +14,8 @@ pub const CELLS: usize = 8;
 const MIN_READINGS: usize = 12;
 /// Readings farther from the plane are let go, metres: a step of a Kinect's depth is 1 cm at 2 m.
 const MAX_STRAY: f64 = 0.03;
+/// Farthest corner from its place on a square, in sides of the tag.
+const MAX_CORNER_OFF: f64 = 0.1;
 /// The paper that a tag's plane is taken from is larger than its black border: most of the
 /// white rim, a cell wide, tells too.
 const PAPER: f64 = 1.2;
@@ -74,8 +76,9 @@ impl TagDetector {
 
 impl TagSighting {
     /// Pose of the tag (x to its right, y up, z out of it) from its corners' rays and the plane
-    /// of its depth readings; `None` without depth there. Four corners alone leave a mirrored
-    /// solution; depth does not.
+    /// of its depth readings; `None` without depth there, or where corners and plane do not make a
+    /// square of that size, as at a grazing angle. Four corners alone leave a mirrored solution;
+    /// depth does not.
     pub fn camera_from_tag(&self, frame: &RgbdFrame, size_m: f64) -> Option<Pose> {
         let (point, normal) = plane(&self.readings(frame))?;
         let seen: Vec<Point3<f64>> = self
@@ -90,7 +93,9 @@ impl TagSighting {
             .collect::<Option<_>>()?;
         let h = 0.5 * size_m;
         let own = [[-h, h], [h, h], [h, -h], [-h, -h]].map(|[x, y]| Point3::new(x, y, 0.0));
-        rigid_fit(&own, &seen, &[1.0; 4])
+        let pose = rigid_fit(&own, &seen, &[1.0; 4])?;
+        let off = own.iter().zip(&seen).map(|(own, seen)| (pose * own - seen).norm());
+        (off.fold(0.0, f64::max) < MAX_CORNER_OFF * size_m).then_some(pose)
     }
 
     /// Depth readings on the tag's paper.
@@ -212,6 +217,7 @@ mod tests {
         let frame = picture_of(&truly, 7);
         let found = TagDetector::new().unwrap().detect(&frame).unwrap();
         assert_eq!(found.iter().map(|t| t.id).collect::<Vec<_>>(), [7]);
+        assert!(found[0].camera_from_tag(&frame, 0.25).is_none(), "a tag of another size");
         let pose = found[0].camera_from_tag(&frame, 0.16).unwrap();
         assert!((pose.translation.vector - truly.translation.vector).norm() < 0.003);
         assert!(pose.rotation.angle_to(&truly.rotation).to_degrees() < 1.0);
