@@ -15,7 +15,7 @@ mod patch;
 use crate::articulate::{JointGeometry, JointKind};
 use crate::base::BaseMotion;
 use crate::config::SkillConfig;
-use crate::geometry::line_angle;
+use crate::geometry::{distance_to_line, line_angle};
 use crate::keyframes::Keyframes;
 use crate::model::{Joint, covariance_rows};
 use crate::structure::{LearnedJoint, Probed, orient, probe_points, range_of};
@@ -60,8 +60,10 @@ impl Default for PlanesConfig {
     }
 }
 
-/// Angle within which a plain part's hinge is the one that tracks told of, radians.
+/// A plain part's hinge is the one that few tracks told of within this angle, radians,
 const SAME_DIRECTION: f64 = 0.2;
+/// and this distance, metres.
+const SAME_PLACE: f64 = 0.15;
 
 /// What planes add to the joints that tracks told of: a hinge where there is none, and
 /// configurations where tracks were lost.
@@ -77,7 +79,7 @@ pub fn complete(
         && let Some(hinge) = search(base, keyframes, &config.planes)
     {
         let mut plain = to_learned(&hinge, set, base);
-        if !joints.iter().any(|j| shares_direction(&j.joint, &plain.joint)) {
+        if !joints.iter().any(|j| is_same_hinge(&j.joint, &plain.joint)) {
             extend_to(hinge.reach(), &mut plain, set, base, keyframes);
             return vec![plain];
         }
@@ -86,9 +88,12 @@ pub fn complete(
     joints
 }
 
-/// Both are hinges about much the same direction.
-fn shares_direction(a: &Joint, b: &Joint) -> bool {
-    a.kind == b.kind && line_angle(&a.axis.into(), &b.axis.into()) < SAME_DIRECTION
+/// Both are hinges about much the same line.
+fn is_same_hinge(told: &Joint, plain: &Joint) -> bool {
+    let axis = told.axis.into();
+    told.kind == plain.kind
+        && line_angle(&axis, &plain.axis.into()) < SAME_DIRECTION
+        && distance_to_line(&told.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE
 }
 
 /// Finds the hinge of a plain part; `None` when no plane turns about a line.
@@ -154,4 +159,22 @@ fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint 
         ..Joint::of(&geometry)
     };
     LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface: hinge.points.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, UnitVector3, Vector3};
+
+    #[test]
+    fn a_hinge_is_the_same_only_near_the_line_that_tracks_told() {
+        let hinge = |direction: [f64; 3], origin: [f64; 3]| {
+            let direction = UnitVector3::new_normalize(Vector3::from(direction));
+            Joint::of(&JointGeometry::hinge(direction, Point3::from(origin)))
+        };
+        let plain = hinge([0.0, 1.0, 0.0], [0.3, 0.1, 2.5]);
+        assert!(is_same_hinge(&hinge([0.1, -1.0, 0.0], [0.35, 0.8, 2.5]), &plain));
+        assert!(!is_same_hinge(&hinge([0.0, 1.0, 0.0], [0.9, 0.1, 3.0]), &plain), "elsewhere");
+        assert!(!is_same_hinge(&hinge([1.0, 0.0, 0.0], [0.3, 0.1, 2.5]), &plain), "crosswise");
+    }
 }
