@@ -131,11 +131,11 @@ impl<'a> PartPlane<'a> {
             let by_edge = edge.as_ref().and_then(|edge| edge.turn(frame));
             let told = own.into_iter().chain(by_edge).map(|turn| near(turn - zero, before));
             let step = |q: &f64| (q - before).abs();
-            if let Some(q) = told.min_by(|a, b| step(a).total_cmp(&step(b))) {
-                if step(&q) < MAX_STEP * f64::from(unseen) {
-                    found.push((frame, q));
-                    (before, unseen) = (q, 0);
-                }
+            if let Some(q) = told.min_by(|a, b| step(a).total_cmp(&step(b)))
+                && step(&q) < MAX_STEP * f64::from(unseen)
+            {
+                found.push((frame, q));
+                (before, unseen) = (q, 0);
             }
         }
         found
