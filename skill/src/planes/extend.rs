@@ -267,7 +267,7 @@ mod tests {
     #[test]
     fn a_hand_beside_the_edge_does_not_hide_it() {
         let hand = |frame: usize| {
-            let off = Vector3::new(0.0, 0.0, if frame % 8 == 0 { 0.03 } else { -0.02 });
+            let off = Vector3::new(0.0, 0.0, if frame.is_multiple_of(8) { 0.03 } else { -0.02 });
             let points = edge(frame).points.iter().map(|p| p + off).collect();
             PlanePatch { points, ..edge(frame) }
         };
