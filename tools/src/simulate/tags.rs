@@ -14,8 +14,10 @@ use std::sync::Arc;
 const MAX_SIZE: f64 = 0.2;
 /// Smallest worth sticking on.
 const MIN_SIZE: f64 = 0.03;
-/// Share of a side that a tag with its white rim may take.
+/// Share of a side's shorter edge that a tag with its white rim may take,
 const SHARE: f64 = 0.9;
+/// and of its area: nothing is learned from a tag, and enough must be left to learn from.
+const SHARE_OF_AREA: f64 = 0.25;
 /// Sizes that are tried, as shares of the largest that has room.
 const SIZES: [f64; 3] = [1.0, 0.75, 0.5];
 /// Spots along a side of the paper that must all be seen.
@@ -68,7 +70,9 @@ fn candidates(scene: &Scene, part: usize) -> Vec<Candidate> {
         let half = [b.half_extents.x, b.half_extents.y, b.half_extents.z].map(f64::from);
         for side in 0..3 {
             let (x, y) = ((side + 1) % 3, (side + 2) % 3);
-            let room = 2.0 * half[x].min(half[y]) * SHARE / PAPER;
+            let by_edge = 2.0 * half[x].min(half[y]) * SHARE;
+            let by_area = (4.0 * half[x] * half[y] * SHARE_OF_AREA).sqrt();
+            let room = by_edge.min(by_area) / PAPER;
             if room < MIN_SIZE {
                 continue;
             }
