@@ -157,7 +157,7 @@ fn is_near(a: &Pose, b: &Pose) -> bool {
 mod tests {
     use super::*;
     use linkage_skill::articulate::JointKind;
-    use linkage_skill::geometry::{line_angle, rotation_about};
+    use linkage_skill::geometry::{distance_to_line, line_angle, rotation_about};
     use nalgebra::UnitVector3;
 
     /// A turn by some degrees about some direction, another one each frame.
@@ -206,11 +206,7 @@ mod tests {
         let told = told.unwrap();
         assert_eq!(told.kind, JointKind::Revolute);
         assert!(line_angle(&told.axis.into(), &axis).to_degrees() < 0.5);
-        let off = linkage_skill::geometry::distance_to_line(
-            &told.origin.into(),
-            &told.axis.into(),
-            &origin,
-        );
+        let off = distance_to_line(&told.origin.into(), &told.axis.into(), &origin);
         assert!(off < 0.01, "{off}");
         let span = told.range_observed[1] - told.range_observed[0];
         assert!((span - (angle(59) - angle(5))).abs() < 0.04, "{span}");

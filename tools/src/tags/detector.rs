@@ -3,7 +3,7 @@
 use linkage_driver::RgbdFrame;
 use linkage_skill::geometry::{Pose, plane_through, rigid_fit};
 use linkage_skill::vision::Gray;
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Point2, Point3, Vector2, Vector3};
 use opencv::aruco;
 use opencv::core::{Mat, Point2f, Ptr, Vector};
 use opencv::prelude::*;
@@ -98,11 +98,15 @@ impl TagSighting {
         (off.fold(0.0, f64::max) < MAX_CORNER_OFF * size_m).then_some(pose)
     }
 
+    /// Its corners, so many times as far from its middle, pixels.
+    pub fn grown(&self, by: f64) -> [Point2<f64>; 4] {
+        let centre = self.corners.iter().map(|c| c.coords).sum::<Vector2<f64>>() / 4.0;
+        self.corners.map(|c| Point2::from(centre + by * (c.coords - centre)))
+    }
+
     /// Depth readings on the tag's paper.
     fn readings(&self, frame: &RgbdFrame) -> Vec<Point3<f64>> {
-        let centre = self.corners.iter().map(|c| c.coords).sum::<nalgebra::Vector2<f64>>() / 4.0;
-        let paper = self.corners.map(|c| Point2::from(centre + PAPER * (c.coords - centre)));
-        pixels_within(&paper, frame.color.width(), frame.color.height())
+        pixels_within(&self.grown(PAPER), frame.color.width(), frame.color.height())
             .into_iter()
             .filter_map(|(u, v)| frame.point_at(u, v))
             .collect()
@@ -194,11 +198,13 @@ mod tests {
                     let cells = -rim..CELLS as i64 + rim;
                     cells.contains(&column) && cells.contains(&row)
                 };
-                rgb.extend(match within(0) {
-                    true if cells[row as usize][column as usize] => [230_u8; 3],
-                    true => [20; 3],
-                    false if within(1) => [230; 3],
-                    false => [120, 80, 50],
+                let black = within(0) && !cells[row as usize][column as usize];
+                rgb.extend(if black {
+                    [20_u8; 3]
+                } else if within(1) {
+                    [230; 3]
+                } else {
+                    [120, 80, 50]
                 });
                 depth.push(z as f32);
             }

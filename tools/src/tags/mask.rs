@@ -3,7 +3,6 @@
 
 use super::detector::{TagSighting, pixels_within};
 use linkage_driver::{ColorImage, DepthImage, FrameError, RgbdFrame};
-use nalgebra::{Point2, Vector2};
 
 /// How much larger than the tag the plain patch is: tags have a white rim.
 const COLOUR_GROWTH: f64 = 1.3;
@@ -19,11 +18,7 @@ pub fn masked(frame: &RgbdFrame, tags: &[TagSighting]) -> Result<RgbdFrame, Fram
     let mut rgb = frame.color.as_rgb().to_vec();
     let mut metres = frame.depth.as_metres().to_vec();
     for tag in tags {
-        let grown = |by: f64| {
-            let centre = tag.corners.iter().map(|c| c.coords).sum::<Vector2<f64>>() / 4.0;
-            tag.corners.map(|c| Point2::from(centre + by * (c.coords - centre)))
-        };
-        let patch = pixels_within(&grown(COLOUR_GROWTH), width, height);
+        let patch = pixels_within(&tag.grown(COLOUR_GROWTH), width, height);
         let mean: [u8; 3] = std::array::from_fn(|k| {
             let sum: usize =
                 patch.iter().map(|(u, v)| usize::from(rgb[3 * (v * width + u) + k])).sum();
@@ -33,7 +28,7 @@ pub fn masked(frame: &RgbdFrame, tags: &[TagSighting]) -> Result<RgbdFrame, Fram
             let at = 3 * (v * width + u);
             rgb[at..at + 3].copy_from_slice(&mean);
         }
-        for (u, v) in pixels_within(&grown(DEPTH_GROWTH), width, height) {
+        for (u, v) in pixels_within(&tag.grown(DEPTH_GROWTH), width, height) {
             metres[v * width + u] = f32::NAN;
         }
     }

@@ -135,6 +135,7 @@ impl TagLog {
     }
 }
 
+/// The tags of a frame, and where those are that sit on a part.
 fn look(detector: &TagDetector, places: &TagPlaces, frame: &RgbdFrame) -> anyhow::Result<Noted> {
     let sightings = detector.detect(frame)?;
     let camera_from_tag = sightings
