@@ -2,51 +2,66 @@
 
 use super::{Store, StoreError, StoredObject};
 use crate::recognise::{Index, KnownObject, RecogniseConfig, Recognition, Scene, Words, recognise};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use lru::LruCache;
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// Objects with their index. Each is prepared when it is first looked for.
+/// Objects of a store that are kept ready: many shortlists of them, in memory that stays bounded
+/// however many the store holds.
+const MOST_READY: NonZeroUsize = NonZeroUsize::new(256).unwrap();
+
+/// Objects with their index. Those of a store are prepared when they are looked for.
 pub struct Library {
-    objects: Vec<Entry>,
+    names: Vec<String>,
     index: Index,
-    /// Where objects come from that are not prepared yet.
-    store: Option<Mutex<Store>>,
+    objects: Objects,
 }
 
-struct Entry {
-    name: String,
-    known: OnceLock<Arc<KnownObject>>,
+enum Objects {
+    Ready(Vec<Arc<KnownObject>>),
+    Stored(Mutex<Reader>),
+}
+
+/// Prepares a store's objects and keeps the most recently used.
+struct Reader {
+    store: Store,
+    ready: LruCache<usize, Arc<KnownObject>>,
+}
+
+impl Reader {
+    fn object(&mut self, number: usize, name: &str) -> Result<Arc<KnownObject>, StoreError> {
+        let Self { store, ready } = self;
+        let prepare = || {
+            let stored = store.get(name)?;
+            Ok(Arc::new(KnownObject::new(stored.model, &stored.appearance)))
+        };
+        ready.try_get_or_insert(number, prepare).cloned()
+    }
 }
 
 impl Library {
     /// Of objects that are there already.
     pub fn new(objects: Vec<StoredObject>) -> Self {
         let index = Index::new(objects.iter().map(|o| Words::of(&o.appearance)));
-        let known = |o: StoredObject| {
-            let name = o.model.object.clone();
-            let known = Arc::new(KnownObject::new(o.model, &o.appearance));
-            Entry { name, known: OnceLock::from(known) }
-        };
-        Self { objects: objects.into_iter().map(known).collect(), index, store: None }
+        let names = objects.iter().map(|o| o.model.object.clone()).collect();
+        let ready = |o: StoredObject| Arc::new(KnownObject::new(o.model, &o.appearance));
+        Self { names, index, objects: Objects::Ready(objects.into_iter().map(ready).collect()) }
     }
 
     /// Of a store's objects, by their names and index.
     pub(super) fn lazy(store: Store, names: Vec<String>, index: Index) -> Self {
-        let unread = |name| Entry { name, known: OnceLock::new() };
-        Self {
-            objects: names.into_iter().map(unread).collect(),
-            index,
-            store: Some(Mutex::new(store)),
-        }
+        let reader = Reader { store, ready: LruCache::new(MOST_READY) };
+        Self { names, index, objects: Objects::Stored(Mutex::new(reader)) }
     }
 
     /// Number of objects.
     pub fn len(&self) -> usize {
-        self.objects.len()
+        self.names.len()
     }
 
     /// True when nothing is known.
     pub fn is_empty(&self) -> bool {
-        self.objects.is_empty()
+        self.names.is_empty()
     }
 
     /// What of it is in the scene, best first. One shortlist after the other is gone through until
@@ -125,7 +140,7 @@ impl Library {
 
     /// The number of an object.
     pub fn number(&self, name: &str) -> Option<usize> {
-        self.objects.iter().position(|entry| entry.name == name)
+        self.names.iter().position(|known| known == name)
     }
 
     /// An object by its number, below [`Self::len`].
@@ -133,14 +148,36 @@ impl Library {
     /// # Errors
     /// As [`Self::recognise`].
     pub fn object(&self, number: usize) -> Result<Arc<KnownObject>, StoreError> {
-        let entry = &self.objects[number];
-        if let Some(known) = entry.known.get() {
-            return Ok(Arc::clone(known));
+        match &self.objects {
+            Objects::Ready(objects) => Ok(Arc::clone(&objects[number])),
+            Objects::Stored(reader) => {
+                let mut reader = reader.lock().unwrap_or_else(PoisonError::into_inner);
+                reader.object(number, &self.names[number])
+            }
         }
-        let store =
-            self.store.as_ref().expect("objects without a store are prepared from the start");
-        let stored = store.lock().unwrap_or_else(PoisonError::into_inner).get(&entry.name)?;
-        let known = Arc::new(KnownObject::new(stored.model, &stored.appearance));
-        Ok(Arc::clone(entry.known.get_or_init(|| known)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::object;
+    use super::*;
+
+    #[test]
+    fn of_a_large_store_only_the_most_recently_used_stay_in_memory() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut store = Store::open_or_create(&dir.path().join("s.linkage")).unwrap();
+        let all: Vec<StoredObject> =
+            (0..MOST_READY.get() + 2).map(|i| object(&format!("drawer {i:03}"))).collect();
+        store.put_all(&all).unwrap();
+        let library = store.load().unwrap();
+        let [first, second] = [0, 1].map(|number| Arc::downgrade(&library.object(number).unwrap()));
+        for number in 2..library.len() {
+            library.object(0).unwrap();
+            library.object(number).unwrap();
+        }
+        assert!(first.upgrade().is_some(), "used all the time");
+        assert!(second.upgrade().is_none(), "used once, long ago");
+        assert_eq!(library.object(1).unwrap().model.object, "drawer 001");
     }
 }

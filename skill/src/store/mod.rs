@@ -92,6 +92,8 @@ pub struct StoredObject {
     pub provenance: Vec<Provenance>,
 }
 
+/// Names that an error lists.
+const MOST_NAMED: usize = 20;
 /// Objects whose words are taken at once.
 const AT_ONCE: usize = 500;
 
@@ -281,17 +283,27 @@ impl Store {
     }
 
     fn unknown(&self, name: &str) -> Result<StoreError, StoreError> {
-        let names = self.names()?;
         Ok(StoreError::UnknownObject {
             path: self.path.display().to_string(),
             object: name.to_owned(),
-            known: if names.is_empty() { "nothing".to_owned() } else { names.join(", ") },
+            known: some_of(self.names()?, name),
         })
     }
 
     fn sql<T>(&self, result: rusqlite::Result<T>) -> Result<T, StoreError> {
         result.map_err(|e| schema::explain(&self.path, e))
     }
+}
+
+/// Names in a list; of many those nearest to what was asked for.
+fn some_of(mut names: Vec<String>, asked: &str) -> String {
+    let more = names.len().saturating_sub(MOST_NAMED);
+    if more > 0 {
+        names.sort_by_cached_key(|name| strsim::levenshtein(name, asked));
+        names.truncate(MOST_NAMED);
+        names.push(format!("and {more} more"));
+    }
+    if names.is_empty() { "nothing".to_owned() } else { names.join(", ") }
 }
 
 fn write_object(
@@ -381,6 +393,13 @@ mod tests {
         store.put(&object("door")).unwrap();
         let message = store.get("oven").unwrap_err().to_string();
         assert!(message.contains("\"oven\"") && message.contains("door"), "{message}");
+    }
+
+    #[test]
+    fn of_many_the_likeliest_names_are_listed() {
+        let names = (0..30).map(|i| format!("drawer {i}")).chain(["oven".to_owned()]).collect();
+        let listed = some_of(names, "owen");
+        assert!(listed.starts_with("oven, ") && listed.ends_with(", and 11 more"), "{listed}");
     }
 
     #[test]
