@@ -9,11 +9,11 @@ use nalgebra::{Point3, Vector3};
 /// The line that tracks told may be off by this much: sine of its angle with a plane,
 const MAX_TILT: f64 = 0.12;
 /// and metres.
-const MAX_DISTANCE: f64 = 0.05;
+const MAX_DISTANCE_M: f64 = 0.05;
 /// One edge keeps its distance from the line, metres,
-const SAME_DISTANCE: f64 = 0.015;
+const SAME_DISTANCE_M: f64 = 0.015;
 /// and its middle along it, as far as hands leave it in sight.
-const SAME_PLACE: f64 = 0.25;
+const SAME_PLACE_M: f64 = 0.25;
 /// It is as wide each time, but for this share.
 const SAME_WIDTH: f64 = 0.5;
 
@@ -52,8 +52,8 @@ pub struct Edge {
 impl Edge {
     /// Could be the same surface: as far from the line, at the same place along it, as wide.
     pub fn alike(&self, other: &Self) -> bool {
-        (self.distance - other.distance).abs() < SAME_DISTANCE
-            && (self.along - other.along).abs() < SAME_PLACE
+        (self.distance - other.distance).abs() < SAME_DISTANCE_M
+            && (self.along - other.along).abs() < SAME_PLACE_M
             && (self.width - other.width).abs() < SAME_WIDTH * self.width.max(other.width)
     }
 }
@@ -71,7 +71,7 @@ pub fn sightings(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> 
         .iter()
         .filter(|p| {
             p.normal.dot(&axis).abs() < MAX_TILT
-                && (p.offset - p.normal.dot(&origin.coords)).abs() < MAX_DISTANCE
+                && (p.offset - p.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
         })
         .filter_map(|p| {
             let lie = Lie::of(p, &origin, &axis)?;
@@ -103,7 +103,7 @@ pub fn edges(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Edge> {
                 samples: p.points.len(),
             }
         })
-        .filter(|e| e.distance.abs() > MAX_DISTANCE)
+        .filter(|e| e.distance.abs() > MAX_DISTANCE_M)
         .collect()
 }
 

@@ -8,11 +8,11 @@ use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, V
 use rayon::prelude::*;
 
 /// Turn between two planes that can suggest a hinge, radians.
-const PAIR_TURN: std::ops::Range<f64> = 0.25..2.2;
+const PAIR_TURN_RAD: std::ops::Range<f64> = 0.25..2.2;
 /// Largest sine of the angle between hinge and plane.
 const MAX_TILT: f64 = 0.08;
 /// Largest distance of hinge and plane, metres.
-const MAX_DISTANCE: f64 = 0.04;
+const MAX_DISTANCE_M: f64 = 0.04;
 /// Reach and place along the hinge may differ by this share of the reach.
 const MAX_STRETCH: f64 = 0.25;
 /// What planes do not tell, however many there are: the direction, radians,
@@ -20,7 +20,7 @@ pub const SYSTEMATIC_RAD: f64 = 0.0025;
 /// and the place, metres: ledges and the part's thickness shift its planes.
 const SYSTEMATIC_M: f64 = 0.005;
 /// Turn of a part that rests, radians.
-const REST: f64 = 0.03;
+const REST_RAD: f64 = 0.03;
 
 /// A hinge and the planes that turn about it.
 #[derive(Debug, Clone)]
@@ -118,7 +118,7 @@ fn line_between(a: &PlanePatch, b: &PlanePatch) -> Option<(Vector3<f64>, Point3<
     // A lid shows its other face when it has turned over: the sign of a normal says nothing.
     let cross = a.normal.cross(&b.normal);
     let turn = cross.norm().atan2(a.normal.dot(&b.normal).abs());
-    if !PAIR_TURN.contains(&turn) {
+    if !PAIR_TURN_RAD.contains(&turn) {
         return None;
     }
     let axis = cross.normalize();
@@ -139,7 +139,7 @@ fn supporters(
     let mut found: Vec<usize> = Vec::new();
     for (k, patch) in patches.iter().enumerate() {
         let fits = patch.normal.dot(axis).abs() < MAX_TILT
-            && (patch.offset - patch.normal.dot(&origin.coords)).abs() < MAX_DISTANCE
+            && (patch.offset - patch.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
             && Lie::of(patch, origin, axis).is_some_and(|other| lie.alike(&other));
         if !fits {
             continue;
@@ -239,7 +239,7 @@ impl Hinge {
     pub fn rests(&self) -> bool {
         self.turns.windows(3).any(|w| {
             let middle = w[1].1;
-            w.iter().all(|(_, q)| (q - middle).abs() < REST)
+            w.iter().all(|(_, q)| (q - middle).abs() < REST_RAD)
         })
     }
 

@@ -61,9 +61,9 @@ impl Default for PlanesConfig {
 }
 
 /// A plain part's hinge is the one that few tracks told of within this angle, radians,
-const SAME_DIRECTION: f64 = 0.2;
+const SAME_DIRECTION_RAD: f64 = 0.2;
 /// and this distance, metres.
-const SAME_PLACE: f64 = 0.15;
+const SAME_PLACE_M: f64 = 0.15;
 
 /// What planes add to the joints that tracks told of: a hinge where there is none, and
 /// configurations where tracks were lost.
@@ -92,8 +92,8 @@ pub fn complete(
 fn is_same_hinge(told: &Joint, plain: &Joint) -> bool {
     let axis = told.axis.into();
     told.kind == plain.kind
-        && line_angle(&axis, &plain.axis.into()) < SAME_DIRECTION
-        && distance_to_line(&told.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE
+        && line_angle(&axis, &plain.axis.into()) < SAME_DIRECTION_RAD
+        && distance_to_line(&told.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE_M
 }
 
 /// Finds the hinge of a plain part; `None` when no plane turns about a line.

@@ -5,26 +5,26 @@ use crate::geometry::{median, wrapped};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Turns of one plane differ from the joint's configuration by a constant, within radians.
-const MAX_STRAY: f64 = 0.1;
+/// Turns of one plane differ from the joint's configuration by a constant, within this.
+const MAX_STRAY_RAD: f64 = 0.1;
 /// Keyframes in which tracks and plane must agree.
 const MIN_AGREEING: usize = 2;
-/// Stretches of tracks may be linked wrongly by this much, radians.
-const MAX_SLIP: f64 = 0.3;
-/// Slips that are worth mending: what planes tell is about a third as far off, radians.
-const MIN_SLIP: f64 = 0.015;
+/// Stretches of tracks may be linked wrongly by this much.
+const MAX_SLIP_RAD: f64 = 0.3;
+/// Slips that are worth mending: what planes tell is about a third as far off.
+const MIN_SLIP_RAD: f64 = 0.015;
 /// Keyframes that must show the plane before slips are believed.
 const MIN_SHOWN: usize = 6;
 /// Tracks that link one face to the other: then the faces need not be parallel.
 pub const LINKS: usize = 6;
-/// An edge keeps its angle to the plane within radians,
-const MAX_LEAD_STRAY: f64 = 0.03;
+/// An edge keeps its angle to the plane within this,
+const MAX_LEAD_STRAY_RAD: f64 = 0.03;
 /// at turns that count once within
-const TURN_STEP: f64 = 0.05;
+const TURN_STEP_RAD: f64 = 0.05;
 /// and some of which are so far from each other.
-const MIN_APART: f64 = 0.1;
-/// Farthest turn from one keyframe to the next, radians; as much more for each that shows nothing.
-const MAX_STEP: f64 = 0.9;
+const MIN_APART_RAD: f64 = 0.1;
+/// Farthest turn from one keyframe to the next; as much more for each that shows nothing.
+const MAX_STEP_RAD: f64 = 0.9;
 
 /// A part's own plane in the keyframes that show it.
 pub struct PartPlane<'a> {
@@ -44,7 +44,7 @@ impl<'a> PartPlane<'a> {
         let zeros: Vec<(f64, &Sighting)> =
             all.iter().filter_map(|s| Some((wrapped(s.turn - known[s.frame]?), s))).collect();
         let agreeing =
-            |zero: f64| zeros.iter().filter(move |(o, _)| wrapped(o - zero).abs() < MAX_STRAY);
+            |zero: f64| zeros.iter().filter(move |(o, _)| wrapped(o - zero).abs() < MAX_STRAY_RAD);
         let samples = |zero: f64| agreeing(zero).map(|(_, s)| s.samples).sum::<usize>();
         let zero = zeros.iter().map(|(zero, _)| *zero).max_by_key(|zero| samples(*zero))?;
         let reference: &Sighting = agreeing(zero).map(|(_, s)| *s).max_by_key(|s| s.samples)?;
@@ -80,7 +80,7 @@ impl<'a> PartPlane<'a> {
         let slips = self.slips(known);
         let Some(&(_, first)) = slips.first() else { return (self.zero, known.to_vec()) };
         let worst = slips.iter().map(|(_, slip)| (slip - first).abs()).fold(0.0, f64::max);
-        if slips.len() < MIN_SHOWN || worst < MIN_SLIP {
+        if slips.len() < MIN_SHOWN || worst < MIN_SLIP_RAD {
             return (self.zero, known.to_vec());
         }
         let mend =
@@ -95,7 +95,7 @@ impl<'a> PartPlane<'a> {
             .sightings
             .iter()
             .filter_map(|s| Some((s.frame, wrapped(s.turn - self.zero - known[s.frame]?))))
-            .filter(|(_, slip)| slip.abs() < MAX_SLIP)
+            .filter(|(_, slip)| slip.abs() < MAX_SLIP_RAD)
             .collect();
         (0..raw.len())
             .map(|i| {
@@ -132,7 +132,7 @@ impl<'a> PartPlane<'a> {
             let told = own.into_iter().chain(by_edge).map(|turn| near(turn - zero, before));
             let step = |q: &f64| (q - before).abs();
             if let Some(q) = told.min_by(|a, b| step(a).total_cmp(&step(b)))
-                && step(&q) < MAX_STEP * f64::from(unseen)
+                && step(&q) < MAX_STEP_RAD * f64::from(unseen)
             {
                 found.push((frame, q));
                 (before, unseen) = (q, 0);
@@ -170,8 +170,8 @@ impl<'a> PartPlane<'a> {
         for e in &edge.edges {
             let Some((lead, turn)) = self.lead(e) else { continue };
             let turn = wrapped(turn - edge.turn);
-            let step = (turn / TURN_STEP).round() as i64;
-            if wrapped(lead - edge.lead).abs() < MAX_LEAD_STRAY {
+            let step = (turn / TURN_STEP_RAD).round() as i64;
+            if wrapped(lead - edge.lead).abs() < MAX_LEAD_STRAY_RAD {
                 *with.entry(step).or_default() += e.samples;
                 (lowest, highest) = (lowest.min(turn), highest.max(turn));
             } else {
@@ -179,7 +179,7 @@ impl<'a> PartPlane<'a> {
             }
         }
         without.retain(|step| !with.contains_key(step));
-        let apart = highest - lowest > MIN_APART;
+        let apart = highest - lowest > MIN_APART_RAD;
         let enough = apart && with.len() > 2 * without.len();
         enough.then(|| (with.len(), with.values().sum()))
     }

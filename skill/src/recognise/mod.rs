@@ -87,7 +87,7 @@ pub struct RecogniseConfig {
     pub check_rivals: bool,
     /// Configurations that nothing shows are told where all others are ruled out.
     pub eliminate: bool,
-    /// Things of one make that are looked for in one picture.
+    /// Things of one make that are looked for in one picture; at least one.
     pub max_of_a_make: usize,
 }
 

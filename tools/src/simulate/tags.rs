@@ -27,7 +27,7 @@ const INSTANTS: usize = 12;
 /// Thickness of the paper.
 const THICKNESS: f64 = 0.001;
 /// Side of the paper, in tags: the white rim helps detection.
-const PAPER: f64 = 1.25;
+const PAPER_SIDE: f64 = 1.25;
 
 /// A place for a tag.
 struct Candidate {
@@ -72,7 +72,7 @@ fn candidates(scene: &Scene, part: usize) -> Vec<Candidate> {
             let (x, y) = ((side + 1) % 3, (side + 2) % 3);
             let by_edge = 2.0 * half[x].min(half[y]) * SHARE;
             let by_area = (4.0 * half[x] * half[y] * SHARE_OF_AREA).sqrt();
-            let room = by_edge.min(by_area) / PAPER;
+            let room = by_edge.min(by_area) / PAPER_SIDE;
             if room < MIN_SIZE {
                 continue;
             }
@@ -89,7 +89,7 @@ fn candidates(scene: &Scene, part: usize) -> Vec<Candidate> {
 /// Places of one size on both faces across an axis of a box: the middle and the corners.
 fn on_side(part: usize, solid: &Solid, half: &[f64; 3], side: usize, size: f64) -> Vec<Candidate> {
     let (x, y) = ((side + 1) % 3, (side + 2) % 3);
-    let reach = |k: usize| (half[k] - 0.5 * PAPER * size).max(0.0);
+    let reach = |k: usize| (half[k] - 0.5 * PAPER_SIDE * size).max(0.0);
     let mut found = Vec::new();
     for out in [-1.0, 1.0] {
         for (dx, dy) in [(0.0, 0.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
@@ -120,7 +120,7 @@ fn visibility(film: &Film, candidate: &Candidate) -> f64 {
             let camera_from_world = film.camera_from_world(t);
             let part = film.scene.world_from_part(&film.configurations(t))[candidate.part];
             let camera_from_tag = camera_from_world * part * candidate.part_from_tag;
-            let step = PAPER * candidate.size / (GRID - 1) as f64;
+            let step = PAPER_SIDE * candidate.size / (GRID - 1) as f64;
             let spot = |k: usize| (k as f64 - 0.5 * (GRID - 1) as f64) * step;
             let spots: Vec<Point3<f64>> = (0..GRID * GRID)
                 .map(|i| camera_from_tag * Point3::new(spot(i % GRID), spot(i / GRID), THICKNESS))
@@ -149,8 +149,8 @@ fn visibility(film: &Film, candidate: &Candidate) -> f64 {
 
 fn paper(candidate: &Candidate, id: u32, label: u8) -> anyhow::Result<Solid> {
     let cells = bit_pattern(id)?;
-    let texture = Texture::pattern(&cells, candidate.size, PAPER * candidate.size);
-    let half = (0.5 * PAPER * candidate.size) as f32;
+    let texture = Texture::pattern(&cells, candidate.size, PAPER_SIDE * candidate.size);
+    let half = (0.5 * PAPER_SIDE * candidate.size) as f32;
     Ok(Solid {
         form: Form::Plate(Cuboid::new(PVector::new(half, half, 0.5 * THICKNESS as f32))),
         body_from_solid: candidate.part_from_tag,

@@ -16,9 +16,9 @@ const MIN_READINGS: usize = 12;
 const MAX_STRAY: f64 = 0.03;
 /// Farthest corner from its place on a square, in sides of the tag.
 const MAX_CORNER_OFF: f64 = 0.1;
-/// The paper that a tag's plane is taken from is larger than its black border: most of the
-/// white rim, a cell wide, tells too.
-const PAPER: f64 = 1.2;
+/// Side of the square of paper that a tag's plane is taken from, in tags: most of the white rim,
+/// a cell wide, tells too.
+const PLANE_SIDE: f64 = 1.2;
 
 /// A tag in a picture.
 #[derive(Debug, Clone)]
@@ -106,7 +106,7 @@ impl TagSighting {
 
     /// Depth readings on the tag's paper.
     fn readings(&self, frame: &RgbdFrame) -> Vec<Point3<f64>> {
-        pixels_within(&self.grown(PAPER), frame.color.width(), frame.color.height())
+        pixels_within(&self.grown(PLANE_SIDE), frame.color.width(), frame.color.height())
             .into_iter()
             .filter_map(|(u, v)| frame.point_at(u, v))
             .collect()

@@ -11,6 +11,7 @@ use super::dir::{ConfigurationScore, configuration_scores};
 use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
+use anyhow::anyhow;
 use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
 use linkage_skill::appearance::DescribedFeature;
@@ -180,10 +181,15 @@ fn known_or_learned(
 ) -> Outcome<Option<Learned>> {
     stills::demonstration(thing, config.seed, recording, common.quiet)?;
     let known = store.as_ref().map(|store| store.find(thing)).transpose()?.flatten();
+    let source = recording.display().to_string();
+    if let Some(other) = known.iter().flat_map(|k| &k.provenance).find(|p| p.source != source) {
+        let other = &other.source;
+        return Err(anyhow!("{thing} was learned from {other}: give another --store").into());
+    }
     let stored = match known {
         Some(known) => known,
         None => {
-            let Some(stored) = learn(thing, recording, config, common.quiet)? else {
+            let Some(stored) = learn(thing, &source, config, common.quiet)? else {
                 println!("{thing}: nothing learned");
                 return Ok(None);
             };
@@ -198,16 +204,15 @@ fn known_or_learned(
 
 fn learn(
     thing: &str,
-    recording: &Path,
+    source: &str,
     config: &SkillConfig,
     quiet: bool,
 ) -> Outcome<Option<StoredObject>> {
-    let source = recording.display().to_string();
-    let demonstration = demonstrate(&source, thing, config, quiet)?;
+    let demonstration = demonstrate(source, thing, config, quiet)?;
     if demonstration.model.joints.is_empty() {
         return Ok(None);
     }
-    Ok(Some(remember(None, &demonstration, &source, config)?))
+    Ok(Some(remember(None, &demonstration, source, config)?))
 }
 
 /// The stage in which further shortlists are gone through.
