@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Objects of a store that are kept ready: many shortlists of them, in memory that stays bounded
 /// however many the store holds.
-const MOST_READY: NonZeroUsize = NonZeroUsize::new(256).unwrap();
+const MOST_READY: NonZeroUsize = NonZeroUsize::new(256).expect("256 is above 0");
 
 /// Objects with their index. Those of a store are prepared when they are looked for.
 pub struct Library {
@@ -103,7 +103,7 @@ impl Library {
         self.recognise_listed(scene, listed, config, seed)
     }
 
-    /// The same of given objects.
+    /// The same of given objects, but for those that were taken out of the store meanwhile.
     ///
     /// # Errors
     /// As [`Self::recognise`].
@@ -114,8 +114,9 @@ impl Library {
         config: &RecogniseConfig,
         seed: u64,
     ) -> Result<Recognition, StoreError> {
-        let objects: Vec<Arc<KnownObject>> =
-            listed.iter().map(|&number| self.object(number)).collect::<Result<_, _>>()?;
+        let is_there = |o: &Result<_, _>| !matches!(o, Err(StoreError::UnknownObject { .. }));
+        let objects = listed.iter().map(|&number| self.object(number)).filter(is_there);
+        let objects: Vec<Arc<KnownObject>> = objects.collect::<Result<_, _>>()?;
         Ok(recognise(scene, &objects, config, seed))
     }
 
@@ -162,6 +163,7 @@ impl Library {
 mod tests {
     use super::super::tests::object;
     use super::*;
+    use crate::specimen::{board, seen};
 
     #[test]
     fn of_a_large_store_only_the_most_recently_used_stay_in_memory() {
@@ -179,5 +181,17 @@ mod tests {
         assert!(first.upgrade().is_some(), "used all the time");
         assert!(second.upgrade().is_none(), "used once, long ago");
         assert_eq!(library.object(1).unwrap().model.object, "drawer 001");
+    }
+    #[test]
+    fn what_another_process_took_out_of_the_store_is_looked_for_no_more() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut store = Store::open_or_create(&dir.path().join("s.linkage")).unwrap();
+        store.put_all(&[object("door"), object("fridge")]).unwrap();
+        let library = store.load().unwrap();
+        store.remove("door").unwrap();
+        let scene = Scene::new(&seen(1, board(0.2, 1.5, 1.5))).unwrap();
+        let found = library.recognise(&scene, &RecogniseConfig::default(), 1).unwrap();
+        assert!(found.matches.is_empty());
+        assert!(matches!(library.object(0), Err(StoreError::UnknownObject { .. })));
     }
 }
