@@ -3,11 +3,12 @@
 
 use super::RecogniseConfig;
 use crate::appearance::{
-    Appearance, DescribedFeature, Descriptor, FeatureKind, ModelFeature, bytes_of, products,
-    quantise, similarity,
+    Appearance, DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, ModelFeature, bytes_of, quantise,
+    similarity,
 };
-use nalgebra::{Point3, Vector3};
+use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// One match.
 #[derive(Debug, Clone)]
@@ -32,10 +33,15 @@ pub struct Match {
     pub tolerance: f64,
 }
 
-/// Features of one kind, by size: a feature is compared with those of about its own size.
+/// Kinds of features that are compared.
+const KINDS: [FeatureKind; 2] = [FeatureKind::Picture, FeatureKind::Rectified];
+
+/// Features of an object of one kind, by size: a feature is compared with those of about its own
+/// size.
 struct Table {
     kind: FeatureKind,
-    descriptors: Vec<Descriptor>,
+    /// Bytes, a row a feature.
+    descriptors: DMatrix<u8>,
     parts: Vec<usize>,
     points: Vec<Point3<f64>>,
     normals: Vec<Vector3<f64>>,
@@ -44,37 +50,45 @@ struct Table {
 }
 
 /// An object's features, ready to be compared with a scene's.
-pub struct FeatureTable(Vec<Table>);
+pub struct FeatureTable([Table; KINDS.len()]);
 
 impl FeatureTable {
     /// Unpacks an appearance.
     pub fn new(appearance: &Appearance) -> Self {
         let of = |kind: FeatureKind| {
-            let log_size = |f: &ModelFeature| f.size_m.max(1e-6).ln();
             let mut features: Vec<&ModelFeature> =
                 appearance.features.iter().filter(|f| f.kind == kind).collect();
-            features.sort_by(|a, b| log_size(a).total_cmp(&log_size(b)));
+            features.sort_by(|a, b| log_size(a.size_m).total_cmp(&log_size(b.size_m)));
             let wide = |a: [f32; 3]| Vector3::from(a).map(f64::from);
+            let descriptors = features.iter().flat_map(|f| bytes_of(&f.descriptor));
             Table {
                 kind,
-                descriptors: features.iter().map(|f| bytes_of(&f.descriptor)).collect(),
+                descriptors: DMatrix::from_row_iterator(
+                    features.len(),
+                    DESCRIPTOR_LENGTH,
+                    descriptors,
+                ),
                 parts: features.iter().map(|f| usize::from(f.part)).collect(),
                 points: features.iter().map(|f| Point3::from(wide(f.point))).collect(),
                 normals: features.iter().map(|f| wide(f.normal)).collect(),
-                log_sizes: features.iter().map(|f| log_size(f)).collect(),
+                log_sizes: features.iter().map(|f| log_size(f.size_m)).collect(),
             }
         };
-        Self(vec![of(FeatureKind::Picture), of(FeatureKind::Rectified)])
+        Self(KINDS.map(of))
     }
+}
+
+fn log_size(size_m: f32) -> f32 {
+    size_m.max(1e-6).ln()
 }
 
 impl Table {
     /// Indices of features whose size a query's may be.
-    fn gated(&self, query: &DescribedFeature) -> std::ops::Range<usize> {
+    fn gated(&self, query: &DescribedFeature) -> Range<usize> {
         if query.point.is_none() {
             return 0..self.parts.len();
         }
-        let log_size = (query.size as f32).max(1e-6).ln();
+        let log_size = log_size(query.size as f32);
         let gate = match self.kind {
             FeatureKind::Picture => 1.6_f32.ln(),
             FeatureKind::Rectified | FeatureKind::Upright => 1.1_f32.ln(),
@@ -84,77 +98,125 @@ impl Table {
     }
 }
 
+/// Features of a scene of one kind.
+struct QueriesOfKind {
+    /// Their places among all of the scene's, by size; those without depth come last.
+    order: Vec<usize>,
+    /// Bytes of their descriptors, a column each.
+    descriptors: DMatrix<f32>,
+}
+
+/// A scene's features, ready to be compared with many objects'.
+pub struct Queries([QueriesOfKind; KINDS.len()]);
+
+impl Queries {
+    /// Of all features of a scene.
+    pub fn new(features: &[DescribedFeature]) -> Self {
+        let of = |kind: FeatureKind| {
+            let size = |i: &usize| features[*i].point.map_or(f64::INFINITY, |_| features[*i].size);
+            let mut order: Vec<usize> =
+                (0..features.len()).filter(|i| features[*i].kind == kind).collect();
+            order.sort_by(|a, b| size(a).total_cmp(&size(b)));
+            let bytes = order.iter().flat_map(|i| quantise(&features[*i].descriptor));
+            let descriptors =
+                DMatrix::from_iterator(DESCRIPTOR_LENGTH, order.len(), bytes.map(f32::from));
+            QueriesOfKind { order, descriptors }
+        };
+        Self(KINDS.map(of))
+    }
+}
+
 /// Features nearer to one another than this are one place, metres.
 const ONE_PLACE_M: f64 = 0.03;
 /// Largest distance of unit descriptors.
 const MAX_DISTANCE: f64 = 0.85;
 
-/// A scene's features compared with an object's, kind by kind.
+/// The matches of a scene's features with an object's, kind by kind.
 pub struct Compared(Vec<Vec<Match>>);
 
-/// Matches of all features.
-pub struct Matches {
-    /// The most distinct ones of both kinds, most distinct first.
-    pub distinct: Vec<Match>,
-    /// All, nearest first.
-    pub all: Vec<Match>,
-}
-
 impl Compared {
-    /// Compares them.
-    pub fn new(seen: &[DescribedFeature], table: &FeatureTable) -> Self {
-        Self(table.0.iter().map(|t| match_kind(seen, t)).collect())
+    /// Compares a scene's features, of which `queries` were made.
+    pub fn new(seen: &[DescribedFeature], queries: &Queries, table: &FeatureTable) -> Self {
+        let of_kind = |(queries, table)| match_kind(seen, queries, table);
+        Self(queries.0.iter().zip(&table.0).map(of_kind).collect())
     }
 
-    /// Matches of features that lie where `is_free` says so.
-    pub fn matches(
+    /// The most distinct matches of both kinds, of features that lie where `is_free` says so;
+    /// most distinct first.
+    pub fn distinct(
         &self,
         is_free: impl Fn(&Point3<f64>) -> bool,
         config: &RecogniseConfig,
-    ) -> Matches {
-        let free = |m: &&Match| m.seen_point.as_ref().is_none_or(&is_free);
-        let of_kinds: Vec<Vec<&Match>> =
-            self.0.iter().map(|of_kind| of_kind.iter().filter(free).collect()).collect();
-        let mut distinct: Vec<Match> = Vec::new();
-        for of_kind in &of_kinds {
-            let mut of_kind: Vec<&Match> =
-                of_kind.iter().copied().filter(|m| m.ratio < config.max_ratio).collect();
-            of_kind.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-            distinct.extend(of_kind.into_iter().take(config.max_matches).cloned());
+    ) -> Vec<Match> {
+        let is_wanted =
+            |m: &&Match| m.ratio < config.max_ratio && m.seen_point.as_ref().is_none_or(&is_free);
+        let by_ratio = |a: &&Match, b: &&Match| a.ratio.total_cmp(&b.ratio);
+        let mut distinct: Vec<&Match> = Vec::new();
+        for of_kind in &self.0 {
+            let mut of_kind: Vec<&Match> = of_kind.iter().filter(is_wanted).collect();
+            of_kind.sort_by(by_ratio);
+            distinct.extend(of_kind.into_iter().take(config.max_matches));
         }
-        distinct.sort_by(|a, b| a.ratio.total_cmp(&b.ratio));
-        let mut all: Vec<Match> = of_kinds.into_iter().flatten().cloned().collect();
+        distinct.sort_by(by_ratio);
+        distinct.into_iter().cloned().collect()
+    }
+
+    /// All matches, nearest first.
+    pub fn all(&self) -> Vec<Match> {
+        let mut all: Vec<&Match> = self.0.iter().flatten().collect();
         all.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-        Matches { distinct, all }
+        all.into_iter().cloned().collect()
     }
 }
 
-fn match_kind(seen: &[DescribedFeature], table: &Table) -> Vec<Match> {
+/// Queries that are compared at a time.
+const BLOCK: usize = 64;
+
+/// All products of descriptors at once, as matrices: numbers so small are exact in floats.
+fn match_kind(seen: &[DescribedFeature], queries: &QueriesOfKind, table: &Table) -> Vec<Match> {
     if table.parts.len() < 2 {
         return Vec::new();
     }
-    let of_kind = seen.par_iter().filter(|f| f.kind == table.kind);
-    of_kind.filter_map(|query| match_one(query, table)).collect()
+    let descriptors = table.descriptors.map(f32::from);
+    let gates: Vec<Range<usize>> = queries.order.iter().map(|i| table.gated(&seen[*i])).collect();
+    let mut blocks = Vec::new();
+    let mut end = 0;
+    // Rectified features have a few sizes: those of another are no work.
+    for alike in gates.chunk_by(|a, b| b.start < a.end) {
+        let all = end..end + alike.len();
+        end = all.end;
+        blocks.extend(all.clone().step_by(BLOCK).map(|first| first..(first + BLOCK).min(all.end)));
+    }
+    let matches_of = |block: Range<usize>| {
+        let gates = &gates[block.clone()];
+        let first = gates.iter().map(|g| g.start).min().unwrap_or(0);
+        let last = gates.iter().map(|g| g.end).max().unwrap_or(0);
+        let columns = queries.descriptors.columns(block.start, block.len());
+        let products = descriptors.rows(first, last - first) * columns;
+        let order = &queries.order[block];
+        let found = order.iter().zip(gates).enumerate().filter_map(|(column, (&i, gate))| {
+            let products = &products.as_slice()[column * (last - first)..][..last - first];
+            let products = &products[gate.start - first..gate.end - first];
+            Some((i, matched(&seen[i], table, gate.start, products)?))
+        });
+        found.collect::<Vec<_>>()
+    };
+    let mut matches: Vec<(usize, Match)> =
+        blocks.into_par_iter().flat_map_iter(matches_of).collect();
+    matches.sort_unstable_by_key(|(i, _)| *i);
+    matches.into_iter().map(|(_, m)| m).collect()
 }
 
-fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
-    let gated = table.gated(query);
-    let first = gated.start;
-    let products = products(&quantise(&query.descriptor), &table.descriptors[gated]);
-    let best = products.iter().copied().max()?;
-    let distance = |product: u32| (2.0 - 2.0 * similarity(product)).max(0.0).sqrt();
-    let d = distance(best);
-    if d >= MAX_DISTANCE {
-        return None;
-    }
-    let j = first + products.iter().position(|p| *p == best)?;
-    let is_elsewhere = |k: usize| {
-        table.parts[k] != table.parts[j]
-            || (table.points[k] - table.points[j]).norm_squared() > ONE_PLACE_M * ONE_PLACE_M
-    };
-    let elsewhere = products.iter().enumerate().fold(0, |most, (i, product)| {
-        if *product > most && is_elsewhere(first + i) { *product } else { most }
-    });
+/// The match of a query by the products of its descriptor with those of features from `first` on.
+fn matched(
+    query: &DescribedFeature,
+    table: &Table,
+    first: usize,
+    products: &[f32],
+) -> Option<Match> {
+    let Nearest { index: j, product, elsewhere } = nearest(products, first, table)?;
+    let distance = |product: f32| (2.0 - 2.0 * similarity(product as u32)).max(0.0).sqrt();
+    let d = distance(product);
     Some(Match {
         part: table.parts[j],
         model_point: table.points[j],
@@ -166,6 +228,64 @@ fn match_one(query: &DescribedFeature, table: &Table) -> Option<Match> {
         ratio: d.max(1e-6) / distance(elsewhere).max(1e-6),
         tolerance: query.point.map_or(0.0, |p| tolerance(p.z)),
     })
+    .filter(|m| m.distance < MAX_DISTANCE)
+}
+
+/// The feature of the highest product, and the highest of those that are elsewhere.
+struct Nearest {
+    index: usize,
+    product: f32,
+    elsewhere: f32,
+}
+
+/// Products that are compared at a time.
+const LANES: usize = 32;
+
+/// Loops as wide as the processor allows, with the same results on all.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn nearest(products: &[f32], first: usize, table: &Table) -> Option<Nearest> {
+    let of_chunks: Vec<f32> = products.chunks(LANES).map(highest).collect();
+    let product = of_chunks.iter().copied().fold(0.0, larger);
+    let chunk = of_chunks.iter().position(|highest| *highest == product)?;
+    let in_chunk = products[chunk * LANES..].iter().position(|p| *p == product)?;
+    let index = first + chunk * LANES + in_chunk;
+    let is_elsewhere = |k: usize| {
+        table.parts[k] != table.parts[index]
+            || (table.points[k] - table.points[index]).norm_squared() > ONE_PLACE_M * ONE_PLACE_M
+    };
+    let mut elsewhere = 0.0;
+    for (number, chunk) in products.chunks(LANES).enumerate() {
+        if of_chunks[number] <= elsewhere {
+            continue;
+        }
+        for (i, product) in chunk.iter().enumerate() {
+            if *product > elsewhere && is_elsewhere(first + number * LANES + i) {
+                elsewhere = *product;
+            }
+        }
+    }
+    Some(Nearest { index, product, elsewhere })
+}
+
+// Of finite numbers; `f32::max` minds those that are none, and is slower.
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The highest of up to so many products.
+#[inline(always)]
+fn highest(products: &[f32]) -> f32 {
+    let mut lanes = [0.0; LANES];
+    lanes[..products.len()].copy_from_slice(products);
+    let mut width = LANES;
+    while width > 1 {
+        width /= 2;
+        for i in 0..width {
+            lanes[i] = larger(lanes[i], lanes[width + i]);
+        }
+    }
+    lanes[0]
 }
 
 /// Tolerance of a matched place at depth `z`, metres.
@@ -211,9 +331,10 @@ mod tests {
     fn counts(of: usize, model: &[(usize, f32)]) -> (usize, usize) {
         let features = model.iter().map(|(number, x)| learned(*number, *x)).collect();
         let table = FeatureTable::new(&Appearance { features, ..Appearance::default() });
-        let matches =
-            Compared::new(&[seen(of)], &table).matches(|_| true, &RecogniseConfig::default());
-        (matches.distinct.len(), matches.all.len())
+        let seen = [seen(of)];
+        let compared = Compared::new(&seen, &Queries::new(&seen), &table);
+        let distinct = compared.distinct(|_| true, &RecogniseConfig::default());
+        (distinct.len(), compared.all().len())
     }
 
     #[test]

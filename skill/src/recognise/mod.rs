@@ -35,7 +35,7 @@ use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
 use articulated::{Articulated, State};
-use matching::{Compared, FeatureTable, Match, Matches};
+use matching::{Compared, FeatureTable, Match};
 use nalgebra::UnitVector3;
 use rayon::prelude::*;
 use refine::Refiner;
@@ -67,7 +67,8 @@ pub struct RecogniseConfig {
     /// Where distinct matches lead to no object of a shortlist, all are tried, for what is not
     /// hidden.
     pub try_all_matches: bool,
-    /// Objects compared in full at a time; of more, the likeliest by their words come first.
+    /// Most objects compared in full at a time; of more, the likeliest by their words come first,
+    /// and those whose words stand out alone.
     pub shortlist: usize,
     /// Shortlists gone through, one after the other, until something is recognised.
     pub shortlists: usize,
@@ -271,7 +272,8 @@ struct Look<'l> {
     seed: u64,
     articulated: Articulated,
     compared: Compared,
-    matches: Matches,
+    /// Distinct ones.
+    matches: Vec<Match>,
     /// Hypotheses that were followed.
     tried: Vec<(usize, Pose)>,
     /// The best of them.
@@ -287,14 +289,13 @@ impl<'l> Look<'l> {
         seed: u64,
     ) -> Self {
         let articulated = Articulated::new(&object.model);
-        let compared = Compared::new(&scene.features, &object.table);
-        let matches = compared.matches(|_| true, config);
+        let compared = Compared::new(&scene.features, scene.queries(), &object.table);
+        let matches = compared.distinct(|_| true, config);
         tracing::debug!(
             object = object.model.object,
             features = scene.features.len(),
-            matches = matches.all.len(),
-            distinct = matches.distinct.len(),
-            of_base = matches.distinct.iter().filter(|m| m.part == 0).count(),
+            distinct = matches.len(),
+            of_base = matches.iter().filter(|m| m.part == 0).count(),
             "matched"
         );
         let mut tried = Vec::new();
@@ -320,10 +321,11 @@ impl<'l> Look<'l> {
             articulated: &self.articulated,
             cloud,
             coarse,
-            matches: &self.matches.distinct,
+            matches: &self.matches,
             config,
         };
-        let of_all = Refiner { matches: &self.matches.all, ..refiner };
+        let all = self.compared.all();
+        let of_all = Refiner { matches: &all, ..refiner };
         let settled = best_settled(&of_all, config.min_inliers + 1, &mut self.tried, self.seed);
         let found = settled.map(|settled| {
             let score = settled.score * settled.verdict.unhidden();
@@ -357,7 +359,7 @@ impl<'l> Look<'l> {
             taken.add(&places);
             all.push(recognised);
             if all.len() < config.max_of_a_make && scene.has_depth() {
-                let left = compared.matches(|place| !taken.holds(place), &config);
+                let left = compared.distinct(|place| !taken.holds(place), &config);
                 let tried = &mut Vec::new();
                 next = by_distinct(scene, object, &articulated, &left, &config, tried, seed);
             }
@@ -372,19 +374,18 @@ fn by_distinct(
     scene: &Scene,
     object: &KnownObject,
     articulated: &Articulated,
-    matches: &Matches,
+    matches: &[Match],
     config: &RecogniseConfig,
     tried: &mut Vec<(usize, Pose)>,
     seed: u64,
 ) -> Option<Found> {
     let KnownObject { cloud, coarse, .. } = object;
-    let distinct = &matches.distinct[..];
     let found = if scene.has_depth() {
-        let refiner = Refiner { scene, articulated, cloud, coarse, matches: distinct, config };
+        let refiner = Refiner { scene, articulated, cloud, coarse, matches, config };
         best_settled(&refiner, config.min_inliers.saturating_sub(1), tried, seed)
             .map(|settled| concluded(&refiner, settled))
     } else {
-        pnp::find(scene, articulated, cloud, distinct)
+        pnp::find(scene, articulated, cloud, matches)
     }?;
     tracing::debug!(
         object = object.model.object,

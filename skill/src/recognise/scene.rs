@@ -1,5 +1,6 @@
 //! An encounter's frame, prepared once for all objects.
 
+use super::matching::Queries;
 use super::surfaces::Surfaces;
 use crate::appearance::{DescribedFeature, FeatureDensity, Keypoints};
 use crate::lab::LabPicture;
@@ -16,6 +17,7 @@ pub struct Scene {
     /// Its colour.
     pub lab: LabPicture,
     surfaces: Surfaces,
+    queries: Queries,
 }
 
 /// Share of pixels without depth above which depth counts as missing.
@@ -54,7 +56,12 @@ impl Scene {
         lab: LabPicture,
     ) -> Self {
         let surfaces = Surfaces::new(normals, frame.depth.width(), frame.depth.height());
-        Self { frame: frame.clone(), features, lab, surfaces }
+        Self { frame: frame.clone(), queries: Queries::new(&features), features, lab, surfaces }
+    }
+
+    /// Its features, ready to be compared.
+    pub(super) fn queries(&self) -> &Queries {
+        &self.queries
     }
 
     /// True when depth is there at all.
