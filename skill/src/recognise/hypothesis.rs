@@ -5,10 +5,10 @@ use super::articulated::{Articulated, State};
 use super::matching::Match;
 use crate::articulate::JointKind;
 use crate::geometry::{Pose, matrix_pose, median, rigid_fit};
-use nalgebra::{IsometryMatrix3, Point3};
-use rand::seq::IndexedRandom;
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::HashSet;
 use std::f64::consts::TAU;
@@ -104,9 +104,7 @@ pub fn places<'m>(matches: impl Iterator<Item = &'m Match>) -> usize {
 
 /// A match agrees with its part's pose in place and normal.
 pub fn agrees(m: &Match, camera_from_part: &IsometryMatrix3<f64>, slack: f64) -> bool {
-    let Some(seen) = m.seen_point else { return false };
-    (camera_from_part * m.model_point - seen).norm() < slack * m.tolerance
-        && (!has_normals(m) || (camera_from_part * m.model_normal).dot(&m.seen_normal) > MIN_COSINE)
+    Pair::of(m).is_some_and(|pair| pair.residual_squared(camera_from_part, slack).is_some())
 }
 
 fn has_normals(m: &Match) -> bool {
@@ -114,37 +112,87 @@ fn has_normals(m: &Match) -> bool {
 }
 
 /// A match with depth, flattened for the inner loops.
-struct Pair<'m> {
-    source: &'m Match,
-    seen: Point3<f64>,
-    normals: bool,
+struct Pair {
+    model_point: Point3<f64>,
+    model_normal: Vector3<f64>,
+    seen_point: Point3<f64>,
+    seen_normal: Vector3<f64>,
+    tolerance: f64,
+    has_normals: bool,
+}
+
+impl Pair {
+    fn of(m: &Match) -> Option<Self> {
+        Some(Self {
+            model_point: m.model_point,
+            model_normal: m.model_normal,
+            seen_point: m.seen_point?,
+            seen_normal: m.seen_normal,
+            tolerance: m.tolerance,
+            has_normals: has_normals(m),
+        })
+    }
+
+    /// How far the pair is apart in a pose, in tolerances and squared; `None` where it does not
+    /// agree with it in place and normal.
+    #[inline(always)]
+    fn residual_squared(&self, pose: &IsometryMatrix3<f64>, slack: f64) -> Option<f64> {
+        let apart = pose * self.model_point - self.seen_point;
+        let squared = apart.norm_squared() / self.tolerance.powi(2);
+        let is_turned_alike = || (pose * self.model_normal).dot(&self.seen_normal) > MIN_COSINE;
+        (squared < slack * slack && (!self.has_normals || is_turned_alike())).then_some(squared)
+    }
+}
+
+/// Some of a part's matches, by their number: a bit each.
+#[derive(Clone, Copy, Default)]
+struct Chosen([u64; MAX_MATCHES.div_ceil(64)]);
+
+impl Chosen {
+    fn add(&mut self, i: usize) {
+        self.0[i / 64] |= 1 << (i % 64);
+    }
+
+    fn count(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    fn and(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|k| self.0[k] & other.0[k]))
+    }
+
+    fn iter(&self) -> impl Iterator<Item = usize> {
+        let of_word = |(k, word): (usize, u64)| {
+            let next = |left: &u64| Some(left & (left - 1)).filter(|left| *left != 0);
+            let from = Some(word).filter(|word| *word != 0);
+            std::iter::successors(from, next)
+                .map(move |left| 64 * k + left.trailing_zeros() as usize)
+        };
+        self.0.into_iter().enumerate().flat_map(of_word)
+    }
+
+    /// Any of them; `None` where there is none.
+    fn any(&self, rng: &mut ChaCha8Rng) -> Option<usize> {
+        let count = self.count();
+        (count > 0).then(|| self.iter().nth(rng.random_range(0..count)))?
+    }
 }
 
 fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
-    let pairs: Vec<Pair> = matches
-        .iter()
-        .filter_map(|m| Some(Pair { source: m, seen: m.seen_point?, normals: has_normals(m) }))
-        .collect();
+    let pairs: Vec<Pair> = matches.iter().filter_map(|m| Pair::of(m)).collect();
     let neighbours = compatibility(&pairs);
-    let mut seeds: Vec<usize> = (0..pairs.len()).filter(|&i| !neighbours[i].is_empty()).collect();
-    seeds.sort_by_key(|&i| std::cmp::Reverse(neighbours[i].len()));
+    let mut seeds: Vec<usize> = (0..pairs.len()).filter(|&i| neighbours[i].count() > 0).collect();
+    seeds.sort_by_key(|&i| std::cmp::Reverse(neighbours[i].count()));
     seeds.truncate(SEEDS);
     if seeds.is_empty() {
         return Vec::new();
-    }
-    let n = pairs.len();
-    let mut is_neighbour = vec![false; n * n];
-    for (i, own) in neighbours.iter().enumerate() {
-        own.iter().for_each(|j| is_neighbour[i * n + j] = true);
     }
     let mut triples = HashSet::new();
     let per_seed = (TRIPLES / seeds.len()).max(4);
     for &i in &seeds {
         for _ in 0..per_seed {
-            let j = neighbours[i][rng.random_range(0..neighbours[i].len())];
-            let common: Vec<usize> =
-                neighbours[i].iter().copied().filter(|&k| is_neighbour[j * n + k]).collect();
-            let k = common.choose(rng).copied().unwrap_or(j);
+            let Some(j) = neighbours[i].any(rng) else { break };
+            let k = neighbours[i].and(&neighbours[j]).any(rng).unwrap_or(j);
             let mut triple = [i, j, k];
             triple.sort_unstable();
             triples.insert(triple);
@@ -152,50 +200,41 @@ fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
     }
     let mut triples: Vec<[usize; 3]> = triples.into_iter().collect();
     triples.sort_unstable();
-    let mut scored: Vec<(f64, Pose)> = triples
-        .iter()
-        .filter_map(|t| {
-            let pose = fit(&pairs, t)?;
-            Some((score(&pairs, &pose), pose))
-        })
-        .collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut scored: Vec<Scored> =
+        triples.par_iter().filter_map(|t| Some(Scored::new(&pairs, fit(&pairs, *t)?))).collect();
+    scored.sort_by(|a, b| b.score.total_cmp(&a.score));
     distinct(&pairs, &scored)
 }
 
 /// Pairs of matches whose distance and normals' angles are those of the model.
-fn compatibility(pairs: &[Pair]) -> Vec<Vec<usize>> {
-    let mut compatible_with = vec![Vec::new(); pairs.len()];
-    for i in 0..pairs.len() {
-        for j in i + 1..pairs.len() {
-            if compatible(&pairs[i], &pairs[j]) {
-                compatible_with[i].push(j);
-                compatible_with[j].push(i);
-            }
-        }
-    }
-    compatible_with
+fn compatibility(pairs: &[Pair]) -> Vec<Chosen> {
+    let of = |i: usize| {
+        let mut compatible_with = Chosen::default();
+        let others = (0..pairs.len()).filter(|&j| j != i && compatible(&pairs[i], &pairs[j]));
+        others.for_each(|j| compatible_with.add(j));
+        compatible_with
+    };
+    (0..pairs.len()).into_par_iter().map(of).collect()
 }
 
 fn compatible(a: &Pair, b: &Pair) -> bool {
-    let on_model = b.source.model_point - a.source.model_point;
-    let in_scene = b.seen - a.seen;
+    let on_model = b.model_point - a.model_point;
+    let in_scene = b.seen_point - a.seen_point;
     let (dm, ds) = (on_model.norm(), in_scene.norm());
-    if dm < 0.025 || ds < 0.025 || (dm - ds).abs() > 0.6 * (a.source.tolerance + b.source.tolerance)
-    {
+    if dm < 0.025 || ds < 0.025 || (dm - ds).abs() > 0.6 * (a.tolerance + b.tolerance) {
         return false;
     }
     let between_normals = || {
-        let model = a.source.model_normal.dot(&b.source.model_normal);
-        is_same_angle(model, a.source.seen_normal.dot(&b.source.seen_normal))
+        let model = a.model_normal.dot(&b.model_normal);
+        is_same_angle(model, a.seen_normal.dot(&b.seen_normal))
     };
     let to_the_other = |p: &Pair, sign: f64| {
-        let model = sign * p.source.model_normal.dot(&on_model) / dm;
-        is_same_angle(model, sign * p.source.seen_normal.dot(&in_scene) / ds)
+        let model = sign * p.model_normal.dot(&on_model) / dm;
+        is_same_angle(model, sign * p.seen_normal.dot(&in_scene) / ds)
     };
-    (!(a.normals && b.normals) || between_normals())
-        && (!a.normals || to_the_other(a, 1.0))
-        && (!b.normals || to_the_other(b, -1.0))
+    (!(a.has_normals && b.has_normals) || between_normals())
+        && (!a.has_normals || to_the_other(a, 1.0))
+        && (!b.has_normals || to_the_other(b, -1.0))
 }
 
 /// Two angles, by their cosines, differ by less than [`MAX_ANGLE`]. Cosines differ by no more than
@@ -206,59 +245,61 @@ fn is_same_angle(cosine: f64, other: f64) -> bool {
 }
 
 /// Rigid fit of places and of the tips of their normals.
-fn fit(pairs: &[Pair], of: &[usize]) -> Option<Pose> {
+fn fit(pairs: &[Pair], of: impl IntoIterator<Item = usize>) -> Option<Pose> {
     let (mut from, mut to, mut weights) = (Vec::new(), Vec::new(), Vec::new());
-    for &i in of {
+    for i in of {
         let p = &pairs[i];
-        from.push(p.source.model_point);
-        to.push(p.seen);
+        from.push(p.model_point);
+        to.push(p.seen_point);
         weights.push(1.0);
-        if p.normals {
-            from.push(p.source.model_point + NORMAL_ARM * p.source.model_normal);
-            to.push(p.seen + NORMAL_ARM * p.source.seen_normal);
+        if p.has_normals {
+            from.push(p.model_point + NORMAL_ARM * p.model_normal);
+            to.push(p.seen_point + NORMAL_ARM * p.seen_normal);
             weights.push(0.5);
         }
     }
     rigid_fit(&from, &to, &weights)
 }
 
-fn score(pairs: &[Pair], pose: &Pose) -> f64 {
-    let pose = &matrix_pose(pose);
-    pairs
-        .iter()
-        .filter(|p| agrees(p.source, pose, 1.0))
-        .map(|p| {
-            let residual = (pose * p.source.model_point - p.seen).norm() / p.source.tolerance;
-            1.0 - 0.5 * residual * residual
-        })
-        .sum()
+/// A pose, the pairs that agree with it, and how well.
+struct Scored {
+    pose: Pose,
+    inliers: Chosen,
+    score: f64,
+}
+
+impl Scored {
+    fn new(pairs: &[Pair], pose: Pose) -> Self {
+        let matrix = matrix_pose(&pose);
+        let (mut inliers, mut score) = (Chosen::default(), 0.0);
+        for (i, pair) in pairs.iter().enumerate() {
+            if let Some(squared) = pair.residual_squared(&matrix, 1.0) {
+                inliers.add(i);
+                score += 1.0 - 0.5 * squared;
+            }
+        }
+        Self { pose, inliers, score }
+    }
 }
 
 /// The best poses that do not share most of their inliers, refitted on them.
-fn distinct(pairs: &[Pair], scored: &[(f64, Pose)]) -> Vec<Pose> {
-    let inliers = |pose: &Pose| -> Vec<usize> {
-        let pose = &matrix_pose(pose);
-        (0..pairs.len()).filter(|&i| agrees(pairs[i].source, pose, 1.0)).collect()
-    };
+fn distinct(pairs: &[Pair], scored: &[Scored]) -> Vec<Pose> {
     let mut kept = Vec::new();
-    let mut used: Vec<HashSet<usize>> = Vec::new();
-    for (_, pose) in scored {
-        let mut own = inliers(pose);
-        if own.len() < 3 {
+    let mut used: Vec<Chosen> = Vec::new();
+    for Scored { pose, inliers, .. } in scored {
+        if inliers.count() < 3 {
             break;
         }
-        let shared = |u: &HashSet<usize>| own.iter().filter(|i| u.contains(i)).count();
-        if used.iter().any(|u| 2 * shared(u) > own.len()) {
+        if used.iter().any(|u| 2 * u.and(inliers).count() > inliers.count()) {
             continue;
         }
-        used.push(own.iter().copied().collect());
-        let mut best = *pose;
+        used.push(*inliers);
+        let (mut best, mut own) = (*pose, *inliers);
         for _ in 0..2 {
-            let Some(refitted) = fit(pairs, &own) else { break };
-            let now = inliers(&refitted);
-            if now.len() >= own.len() {
-                best = refitted;
-                own = now;
+            let Some(refitted) = fit(pairs, own.iter()) else { break };
+            let now = Scored::new(pairs, refitted);
+            if now.inliers.count() >= own.count() {
+                (best, own) = (refitted, now.inliers);
             }
         }
         kept.push(best);
