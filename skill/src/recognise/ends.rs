@@ -83,7 +83,7 @@ pub fn ends(
         let (surface, beyond, normal) = (pose * e.surface, pose * e.beyond, pose * e.normal);
         let at = |place: &Point3<f64>| at(scene, place, &normal);
         let is_own = pixel_of(scene, &beyond)
-            .is_none_or(|pixel| buffer.nearest_other(pixel, e.part) < beyond.z + OWN_M);
+            .is_none_or(|pixel| buffer.nearest(pixel, e.part).1 < beyond.z + OWN_M);
         if is_own || at(&surface) != Some(There::Surface) {
             continue;
         }

@@ -98,74 +98,64 @@ pub const NEAREST_M: f64 = 0.3;
 /// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
 const BUFFER_PX: usize = 4;
 
-/// The nearest surfel of a cell, its part, and the nearest one of any other part.
-#[derive(Clone, Copy)]
-struct Nearest {
-    z: f64,
-    part: usize,
-    other_z: f64,
-}
-
-impl Nearest {
-    const NONE: Self = Self { z: f64::INFINITY, part: usize::MAX, other_z: f64::INFINITY };
-
-    fn take(&mut self, z: f64, part: usize) {
-        if part == self.part {
-            self.z = self.z.min(z);
-        } else if z < self.z {
-            *self = Self { z, part, other_z: self.z };
-        } else {
-            self.other_z = self.other_z.min(z);
-        }
-    }
-
-    /// Nearest surfel of the part itself, and of any other part.
-    fn of(&self, part: usize) -> (f64, f64) {
-        if part == self.part { (self.z, self.other_z) } else { (self.other_z, self.z) }
-    }
-}
-
 /// A coarse depth buffer of the part of the picture that an object covers.
 pub struct DepthBuffer {
     first: (usize, usize),
     columns: usize,
-    cells: Vec<Nearest>,
+    parts: usize,
+    /// By cell and part, the depth of the part's nearest surfel in the cell or those to its left
+    /// and right; infinite where there is none.
+    nearest: Vec<f32>,
 }
 
 impl DepthBuffer {
     /// Each surfel fills its cell and those about it.
     pub fn of(placed: &[Placed]) -> Self {
-        let cells_of = || placed.iter().map(|p| cell_of(p.pixel));
-        let low = |k: fn((usize, usize)) -> usize| cells_of().map(k).min().unwrap_or(1) - 1;
-        let high = |k: fn((usize, usize)) -> usize| cells_of().map(k).max().unwrap_or(1) + 1;
-        let (first, last) = ((low(|c| c.0), low(|c| c.1)), (high(|c| c.0), high(|c| c.1)));
-        let columns = last.0 - first.0 + 1;
-        let mut cells = vec![Nearest::NONE; columns * (last.1 - first.1 + 1)];
+        let (mut first, mut last) = ((usize::MAX, usize::MAX), (1, 1));
+        let mut parts = 0;
         for p in placed {
             let (u, v) = cell_of(p.pixel);
-            for row in v - 1 - first.1..=v + 1 - first.1 {
-                let from = row * columns + u - 1 - first.0;
-                cells[from..=from + 2].iter_mut().for_each(|c| c.take(p.point.z, p.part));
+            first = (first.0.min(u), first.1.min(v));
+            last = (last.0.max(u), last.1.max(v));
+            parts = parts.max(p.part + 1);
+        }
+        // A cell of margin about them, for what is beside them.
+        let first = (first.0.min(last.0) - 1, first.1.min(last.1) - 1);
+        let (columns, rows) = (last.0 + 2 - first.0, last.1 + 2 - first.1);
+        let mut nearest = vec![f32::INFINITY; columns * rows * parts];
+        for p in placed {
+            let (u, v) = cell_of(p.pixel);
+            let cell = (v - first.1) * columns + u - first.0;
+            for cell in cell - 1..=cell + 1 {
+                let nearest = &mut nearest[cell * parts + p.part];
+                *nearest = smaller(*nearest, p.point.z as f32);
             }
         }
-        Self { first, columns, cells }
+        Self { first, columns, parts, nearest }
     }
 
-    fn at(&self, pixel: (usize, usize)) -> &Nearest {
-        let (u, v) = cell_of(pixel);
-        &self.cells[(v - self.first.1) * self.columns + u - self.first.0]
-    }
-
-    /// Depth of the nearest surfel at a pixel that is none of a part's; infinite where there is
-    /// none.
-    pub fn nearest_other(&self, pixel: (usize, usize), part: usize) -> f64 {
+    /// Depths of a part's nearest surfel at a pixel, and of that of any other part; infinite where
+    /// there is none.
+    pub fn nearest(&self, pixel: (usize, usize), part: usize) -> (f64, f64) {
+        let (mut own, mut other) = (f32::INFINITY, f32::INFINITY);
         let (u, v) = cell_of(pixel);
         let column = u.checked_sub(self.first.0).filter(|column| *column < self.columns);
-        let row = v.checked_sub(self.first.1);
-        row.zip(column)
-            .and_then(|(row, column)| self.cells.get(row * self.columns + column))
-            .map_or(f64::INFINITY, |cell| cell.of(part).1)
+        for row in v - 1..=v + 1 {
+            let Some((row, column)) = row.checked_sub(self.first.1).zip(column) else { continue };
+            let from = (row * self.columns + column) * self.parts;
+            let by_part = self.nearest.get(from..from + self.parts).unwrap_or(&[]);
+            for (owner, z) in by_part.iter().enumerate() {
+                let nearest = if owner == part { &mut own } else { &mut other };
+                *nearest = smaller(*nearest, *z);
+            }
+        }
+        (f64::from(own), f64::from(other))
     }
+}
+
+// Of numbers; `f32::min` minds those that are none, and is slower.
+fn smaller(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
 }
 
 /// Counted from 1, so that each has neighbours.
@@ -194,7 +184,7 @@ pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     let buffer = DepthBuffer::of(&placed);
     placed.retain(|p| {
         let slack = 0.03 + 0.02 * (1.0 - p.cosine.clamp(0.0, 1.0));
-        let (own, other) = buffer.at(p.pixel).of(p.part);
+        let (own, other) = buffer.nearest(p.pixel, p.part);
         p.cosine > 0.2 && p.point.z <= own + slack && p.point.z <= other + 0.005
     });
     placed
