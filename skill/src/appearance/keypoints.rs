@@ -378,7 +378,7 @@ fn extrema(octave: &Octave, number: usize, first: usize, contrast: f32) -> Vec<K
         for level in 1..=INTERVALS {
             let values = &rows[level][middle % 3].values;
             mark(&mut is_extreme, values, &around[level - 1..=level + 1], least);
-            for (x, _) in is_extreme.iter().enumerate().filter(|(_, is)| **is != 0) {
+            for x in memchr::memchr_iter(1, &is_extreme) {
                 if inner(width).contains(&x)
                     && let Some(keypoint) = refined(octave, number, [x, middle, level], contrast)
                 {
