@@ -120,23 +120,25 @@ impl Library {
         Ok(recognise(scene, &objects, config, seed))
     }
 
-    /// Numbers of the objects that are worth looking for, the likeliest in the first list.
+    /// Numbers of the objects that are worth looking for, the likeliest in the first list: where
+    /// some stand out, these alone.
     pub fn shortlists(&self, scene: &Scene, config: &RecogniseConfig) -> Vec<Vec<usize>> {
         let most = config.shortlist.max(1);
-        let likely: Vec<usize> = if self.len() <= most {
-            (0..self.len()).collect()
-        } else {
-            let all = most * config.shortlists.max(1);
-            let ranked = self.index.rank(&scene.features, all);
-            let mut likely: Vec<usize> = ranked.into_iter().map(|(number, _)| number).collect();
-            // Where there is room for all, those without votes are compared last.
-            if self.len() <= all {
-                let others = (0..self.len()).filter(|number| !likely.contains(number));
-                likely.extend(others.collect::<Vec<_>>());
-            }
-            likely
-        };
-        likely.chunks(most).map(<[usize]>::to_vec).collect()
+        if self.len() <= most {
+            return (!self.is_empty()).then(|| (0..self.len()).collect()).into_iter().collect();
+        }
+        let all = most * config.shortlists.max(1);
+        let ranked = self.index.rank(&scene.features, all);
+        let mut likely: Vec<usize> = ranked.iter().map(|(number, _)| *number).collect();
+        // Where there is room for all, those without votes are compared last.
+        if self.len() <= all {
+            let others = (0..self.len()).filter(|number| !likely.contains(number));
+            likely.extend(others.collect::<Vec<_>>());
+        }
+        let votes: Vec<f64> = ranked.iter().map(|(_, votes)| *votes).collect();
+        let (first, rest) = likely.split_at(outstanding(&votes, most).min(likely.len()));
+        let lists = std::iter::once(first).chain(rest.chunks(most));
+        lists.filter(|list| !list.is_empty()).map(<[usize]>::to_vec).collect()
     }
 
     /// The number of an object.
@@ -157,6 +159,19 @@ impl Library {
             }
         }
     }
+}
+
+/// So many times the votes that chance gives, an object stands out,
+const OUTSTANDING: f64 = 4.0;
+/// and so many it may be there too.
+const NOTABLE: f64 = 2.0;
+
+/// How many objects are worth comparing at first, of those with these votes, most first. Beyond
+/// `most` objects votes are chance.
+fn outstanding(votes: &[f64], most: usize) -> usize {
+    let by_chance = votes.get(most).or(votes.last()).copied().unwrap_or(0.0);
+    let notable = votes.iter().take(most).take_while(|v| **v > NOTABLE * by_chance).count();
+    if votes.first().is_some_and(|v| *v > OUTSTANDING * by_chance) { notable } else { most }
 }
 
 #[cfg(test)]
@@ -182,6 +197,7 @@ mod tests {
         assert!(second.upgrade().is_none(), "used once, long ago");
         assert_eq!(library.object(1).unwrap().model.object, "drawer 001");
     }
+
     #[test]
     fn what_another_process_took_out_of_the_store_is_looked_for_no_more() {
         let dir = tempfile::tempdir().unwrap();
@@ -193,5 +209,17 @@ mod tests {
         let found = library.recognise(&scene, &RecogniseConfig::default(), 1).unwrap();
         assert!(found.matches.is_empty());
         assert!(matches!(library.object(0), Err(StoreError::UnknownObject { .. })));
+    }
+
+    #[test]
+    fn objects_that_stand_out_are_compared_alone() {
+        assert_eq!(outstanding(&[40.0, 9.0, 1.8, 1.1, 1.0, 0.9], 3), 2);
+    }
+
+    #[test]
+    fn where_none_stands_out_as_many_are_compared_as_is_allowed() {
+        assert_eq!(outstanding(&[3.0, 2.5, 1.8, 1.1, 1.0, 0.9], 3), 3);
+        assert_eq!(outstanding(&[3.0], 3), 3);
+        assert_eq!(outstanding(&[], 3), 3);
     }
 }
