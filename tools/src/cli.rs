@@ -443,6 +443,10 @@ pub struct BenchArgs {
     /// is there already, so that recognition is compared on the same models
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
+    /// recognise: the largest library that is written to a store too, and opened from it; 10 000
+    /// objects take 1 GB of the folder for temporary files
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    pub largest_store: usize,
     /// soak: so long, 30 frames a second
     #[arg(long, default_value_t = 60.0)]
     pub minutes: f64,

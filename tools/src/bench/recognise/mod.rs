@@ -156,7 +156,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     report.times = times::run(&learned, &questions, &config)?;
     if !args.brief {
         let stored: Vec<StoredObject> = learned.iter().map(|l| l.stored.clone()).collect();
-        report.scale = scale::run(&stored, &questions)?;
+        report.scale = scale::run(&stored, &questions, args.largest_store)?;
         report.ablation = ablation::run(&learned, &questions, &config)?;
     }
     if let Some(path) = &args.json {

@@ -15,8 +15,6 @@ use std::time::Instant;
 
 /// Sizes of libraries.
 const SIZES: [usize; 5] = [100, 1_000, 10_000, 30_000, 100_000];
-/// The largest that is written to a store as well: 1 GB.
-const LARGEST_STORE: usize = 10_000;
 /// Objects written at a time.
 const AT_ONCE: usize = 500;
 /// Features of a made-up object: more than the index takes.
@@ -46,8 +44,13 @@ struct StoreTimes {
     insertion: f64,
 }
 
-/// Looks for each question's thing in larger and larger libraries.
-pub fn run(learned: &[StoredObject], questions: &[Question]) -> Outcome<Vec<Row>> {
+/// Looks for each question's thing in larger and larger libraries, of which those of up to
+/// `largest_store` objects are written to a store as well.
+pub fn run(
+    learned: &[StoredObject],
+    questions: &[Question],
+    largest_store: usize,
+) -> Outcome<Vec<Row>> {
     println!("\nshortlists: learned things among made-up ones");
     println!("objects  recall@1    @5   @20  median ms  bytes/object  store: open ms  insert ms");
     let features: Vec<&ModelFeature> =
@@ -66,13 +69,13 @@ pub fn run(learned: &[StoredObject], questions: &[Question]) -> Outcome<Vec<Row>
                 .map(|seed| made_up(&features, seed as u64))
                 .collect();
             words.par_extend(more.par_iter().map(Words::of));
-            if objects <= LARGEST_STORE {
+            if objects <= largest_store {
                 store.put_all(&stored(more, first, &learned[0]))?;
             }
         }
         let (recall, milliseconds, bytes_per_object) =
             ask(&Index::new(words.iter().cloned()), questions);
-        let store = if objects <= LARGEST_STORE {
+        let store = if objects <= largest_store {
             Some(times(&mut store, &path, &learned[0])?)
         } else {
             None
