@@ -59,12 +59,17 @@ PRAGMA user_version = 5;
 ",
 ];
 
+/// A page of a new file: what is kept of an object is long, and its words, which are all read when
+/// a store is opened, should lie on few pages.
+const PAGE_BYTES: u32 = 16_384;
+
 /// Makes the tables of an empty file, or brings those of an old one up to date.
 pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     let sql = |e| explain(path, e);
     connection.busy_timeout(std::time::Duration::from_secs(5)).map_err(sql)?;
     let lacking = steps(path, connection)?;
     if lacking == [CREATE] {
+        connection.pragma_update(None, "page_size", PAGE_BYTES).map_err(sql)?;
         connection.pragma_update(None, "journal_mode", "WAL").map_err(sql)?;
     }
     if !lacking.is_empty() {
