@@ -172,7 +172,7 @@ impl Compared {
 /// Queries that are compared at a time.
 const BLOCK: usize = 64;
 
-/// All products of descriptors at once, as matrices: numbers so small are exact in floats.
+/// Many products of descriptors at once, as matrices: numbers so small are exact in floats.
 fn match_kind(seen: &[DescribedFeature], queries: &QueriesOfKind, table: &Table) -> Vec<Match> {
     if table.parts.len() < 2 {
         return Vec::new();
@@ -296,7 +296,9 @@ pub fn tolerance(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appearance::DESCRIPTOR_LENGTH;
+    use crate::appearance::product;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     /// A unit descriptor that differs from others by its number.
     fn descriptor(number: usize) -> [f32; DESCRIPTOR_LENGTH] {
@@ -352,5 +354,51 @@ mod tests {
     #[test]
     fn what_resembles_nothing_does_not_match() {
         assert_eq!(counts(3, &[(1, 0.0), (2, 0.3)]), (0, 0));
+    }
+
+    /// A unit descriptor near to another one's.
+    fn near(descriptor: &[f32], noise: f32, rng: &mut ChaCha8Rng) -> [f32; DESCRIPTOR_LENGTH] {
+        let noisy: [f32; DESCRIPTOR_LENGTH] =
+            std::array::from_fn(|i| descriptor[i] + noise * rng.random::<f32>());
+        let length = noisy.iter().map(|x| x * x).sum::<f32>().sqrt();
+        noisy.map(|x| x / length)
+    }
+
+    #[test]
+    fn each_feature_matches_the_nearest_one_of_about_its_size_however_many_there_are() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let model: Vec<ModelFeature> = (0..700)
+            .map(|i| ModelFeature {
+                size_m: rng.random_range(0.005..0.05),
+                descriptor: quantise(&near(&[0.0; DESCRIPTOR_LENGTH], 1.0, &mut rng)).to_vec(),
+                ..learned(0, i as f32)
+            })
+            .collect();
+        let queries: Vec<DescribedFeature> = (0..300)
+            .map(|i| {
+                let like = &model[rng.random_range(0..model.len())];
+                let descriptor: Vec<f32> =
+                    like.descriptor.iter().map(|x| f32::from(*x) / 510.0).collect();
+                let feature = DescribedFeature {
+                    pixel: [i as f32, 0.0],
+                    size: f64::from(like.size_m) * rng.random_range(0.5..2.0),
+                    descriptor: near(&descriptor, 0.05, &mut rng),
+                    ..seen(0)
+                };
+                DescribedFeature { point: feature.point.filter(|_| i % 10 != 0), ..feature }
+            })
+            .collect();
+        let table =
+            FeatureTable::new(&Appearance { features: model.clone(), ..Default::default() });
+        let matches = Compared::new(&queries, &Queries::new(&queries), &table).all();
+        for query in &queries {
+            let found = matches.iter().find(|m| m.pixel == query.pixel);
+            let likeness = |f: &&ModelFeature| product(&quantise(&query.descriptor), &f.descriptor);
+            let is_of_its_size = |f: &&ModelFeature| {
+                query.point.is_none() || (f.size_m / query.size as f32).ln().abs() < 1.6_f32.ln()
+            };
+            let nearest = model.iter().filter(is_of_its_size).max_by_key(likeness);
+            assert_eq!(found.map(|m| m.model_point.x as f32), nearest.map(|f| f.point[0]));
+        }
     }
 }
