@@ -7,6 +7,7 @@ pub mod articulate;
 pub mod base;
 pub mod config;
 pub mod encounter;
+mod extremes;
 pub mod geometry;
 pub mod grasp;
 pub mod joints;

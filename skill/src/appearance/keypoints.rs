@@ -4,6 +4,7 @@
 
 use super::gradients::eighths;
 use super::orientation::{BINS, peaks};
+use crate::extremes::{larger, smaller};
 use crate::vision::Gray;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -317,17 +318,6 @@ impl DifferenceRow {
             *least = smaller(smaller(*a, *b), *c);
         }
     }
-}
-
-// Of finite numbers; `f32::max` minds those that are none, and is slower.
-#[inline(always)]
-fn larger(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
-#[inline(always)]
-fn smaller(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
 }
 
 /// The most and the least of three rows of a difference, three pixels wide.

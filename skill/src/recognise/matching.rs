@@ -6,6 +6,7 @@ use crate::appearance::{
     Appearance, DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, ModelFeature, bytes_of, quantise,
     similarity,
 };
+use crate::extremes::larger;
 use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -265,12 +266,6 @@ fn nearest(products: &[f32], first: usize, table: &Table) -> Option<Nearest> {
         }
     }
     Some(Nearest { index, product, elsewhere })
-}
-
-// Of finite numbers; `f32::max` minds those that are none, and is slower.
-#[inline(always)]
-fn larger(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
 }
 
 /// The highest of up to so many products.

@@ -5,6 +5,7 @@ use super::articulated::{Articulated, State};
 use super::ends::{Ends, KnownEdge, edges_of, ends};
 use super::scene::Scene;
 use crate::appearance::Appearance;
+use crate::extremes::smaller;
 use crate::geometry::{Pose, matrix_pose};
 use linkage_driver::depth::depth_tolerance;
 use nalgebra::{Point3, Vector3};
@@ -151,11 +152,6 @@ impl DepthBuffer {
         }
         (f64::from(own), f64::from(other))
     }
-}
-
-// Of numbers; `f32::min` minds those that are none, and is slower.
-fn smaller(a: f32, b: f32) -> f32 {
-    if b < a { b } else { a }
 }
 
 /// Counted from 1, so that each has neighbours.
