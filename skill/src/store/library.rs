@@ -124,11 +124,10 @@ impl Library {
     /// some stand out, these alone.
     pub fn shortlists(&self, scene: &Scene, config: &RecogniseConfig) -> Vec<Vec<usize>> {
         let most = config.shortlist.max(1);
-        if self.len() <= most {
-            return (!self.is_empty()).then(|| (0..self.len()).collect()).into_iter().collect();
-        }
         let all = most * config.shortlists.max(1);
-        let ranked = self.index.rank(&scene.features, all);
+        // Few are all compared at once, whoever has most votes.
+        let is_asked = self.len() > most;
+        let ranked = if is_asked { self.index.rank(&scene.features, all) } else { Vec::new() };
         let mut likely: Vec<usize> = ranked.iter().map(|(number, _)| *number).collect();
         // Where there is room for all, those without votes are compared last.
         if self.len() <= all {
@@ -166,12 +165,14 @@ const OUTSTANDING: f64 = 4.0;
 /// and so many it may be there too.
 const NOTABLE: f64 = 2.0;
 
-/// How many objects are worth comparing at first, of those with these votes, most first. Beyond
-/// `most` objects votes are chance.
+/// How many objects are worth comparing at first, of those with these votes, most first. Votes
+/// beyond those of `most` objects are chance; where there are none, nothing tells what chance gives.
 fn outstanding(votes: &[f64], most: usize) -> usize {
-    let by_chance = votes.get(most).or(votes.last()).copied().unwrap_or(0.0);
-    let notable = votes.iter().take(most).take_while(|v| **v > NOTABLE * by_chance).count();
-    if votes.first().is_some_and(|v| *v > OUTSTANDING * by_chance) { notable } else { most }
+    let Some(by_chance) = votes.get(most) else { return most };
+    if votes[0] <= OUTSTANDING * by_chance {
+        return most;
+    }
+    votes[..most].iter().take_while(|v| **v > NOTABLE * by_chance).count()
 }
 
 #[cfg(test)]
@@ -219,7 +220,12 @@ mod tests {
     #[test]
     fn where_none_stands_out_as_many_are_compared_as_is_allowed() {
         assert_eq!(outstanding(&[3.0, 2.5, 1.8, 1.1, 1.0, 0.9], 3), 3);
-        assert_eq!(outstanding(&[3.0], 3), 3);
+    }
+
+    #[test]
+    fn where_no_votes_are_left_that_chance_gave_none_is_put_off() {
+        assert_eq!(outstanding(&[40.0, 9.0, 8.0], 3), 3);
+        assert_eq!(outstanding(&[40.0, 9.0], 3), 3);
         assert_eq!(outstanding(&[], 3), 3);
     }
 }
