@@ -25,8 +25,7 @@ mod taken;
 mod verify;
 
 pub use follow::{FollowConfig, Followed, Follower, Lost};
-pub(crate) use retrieval::Counted;
-pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
+pub use retrieval::{Index, NotAVocabulary, Posting, Postings, Vocabulary, Words};
 pub use scene::Scene;
 
 use crate::appearance::Appearance;

@@ -1,6 +1,8 @@
 //! All that is known, to be looked for in pictures.
 
+use super::lists::Lists;
 use super::{Store, StoreError, StoredObject};
+use crate::appearance::DescribedFeature;
 use crate::recognise::{Index, KnownObject, RecogniseConfig, Recognition, Scene, Words, recognise};
 use lru::LruCache;
 use std::num::NonZeroUsize;
@@ -19,18 +21,19 @@ pub struct Library {
 
 enum Objects {
     Ready(Vec<Arc<KnownObject>>),
-    Stored(Mutex<Reader>),
+    Stored(Box<Mutex<Reader>>),
 }
 
-/// Prepares a store's objects and keeps the most recently used.
+/// Reads what a library needs of a store, and prepares its objects; the most recently used are kept.
 struct Reader {
     store: Store,
+    lists: Lists,
     ready: LruCache<usize, Arc<KnownObject>>,
 }
 
 impl Reader {
     fn object(&mut self, number: usize, name: &str) -> Result<Arc<KnownObject>, StoreError> {
-        let Self { store, ready } = self;
+        let Self { store, ready, .. } = self;
         let prepare = || {
             let stored = store.get(name)?;
             Ok(Arc::new(KnownObject::new(stored.model, &stored.appearance)))
@@ -48,10 +51,10 @@ impl Library {
         Self { names, index, objects: Objects::Ready(objects.into_iter().map(ready).collect()) }
     }
 
-    /// Of a store's objects, by their names and index.
-    pub(super) fn lazy(store: Store, names: Vec<String>, index: Index) -> Self {
-        let reader = Reader { store, ready: LruCache::new(MOST_READY) };
-        Self { names, index, objects: Objects::Stored(Mutex::new(reader)) }
+    /// Of a store's objects, by their names, and by what is read of their index and what is not.
+    pub(super) fn lazy(store: Store, names: Vec<String>, index: Index, lists: Lists) -> Self {
+        let reader = Reader { store, lists, ready: LruCache::new(MOST_READY) };
+        Self { names, index, objects: Objects::Stored(Box::new(Mutex::new(reader))) }
     }
 
     /// Number of objects.
@@ -76,7 +79,7 @@ impl Library {
         seed: u64,
     ) -> Result<Recognition, StoreError> {
         let mut best_refused: f64 = 0.0;
-        for listed in self.shortlists(scene, config) {
+        for listed in self.shortlists(scene, config)? {
             let found = self.recognise_listed(scene, &listed, config, seed)?;
             best_refused = best_refused.max(found.best_refused);
             if !found.matches.is_empty() {
@@ -98,7 +101,7 @@ impl Library {
         seed: u64,
         turn: usize,
     ) -> Result<Recognition, StoreError> {
-        let lists = self.shortlists(scene, config);
+        let lists = self.shortlists(scene, config)?;
         let listed = lists.get(turn % lists.len().max(1)).map_or(&[][..], Vec::as_slice);
         self.recognise_listed(scene, listed, config, seed)
     }
@@ -122,12 +125,19 @@ impl Library {
 
     /// Numbers of the objects that are worth looking for, the likeliest in the first list: where
     /// some stand out, these alone.
-    pub fn shortlists(&self, scene: &Scene, config: &RecogniseConfig) -> Vec<Vec<usize>> {
+    ///
+    /// # Errors
+    /// [`StoreError::Database`] where lists cannot be read.
+    pub fn shortlists(
+        &self,
+        scene: &Scene,
+        config: &RecogniseConfig,
+    ) -> Result<Vec<Vec<usize>>, StoreError> {
         let most = config.shortlist.max(1);
         let all = most * config.shortlists.max(1);
         // Few are all compared at once, whoever has most votes.
         let is_asked = self.len() > most;
-        let ranked = if is_asked { self.index.rank(&scene.features, all) } else { Vec::new() };
+        let ranked = if is_asked { self.rank(&scene.features, all)? } else { Vec::new() };
         let mut likely: Vec<usize> = ranked.iter().map(|(number, _)| *number).collect();
         // Where there is room for all, those without votes are compared last.
         if self.len() <= all {
@@ -137,7 +147,26 @@ impl Library {
         let votes: Vec<f64> = ranked.iter().map(|(_, votes)| *votes).collect();
         let (first, rest) = likely.split_at(outstanding(&votes, most).min(likely.len()));
         let lists = std::iter::once(first).chain(rest.chunks(most));
-        lists.filter(|list| !list.is_empty()).map(<[usize]>::to_vec).collect()
+        Ok(lists.filter(|list| !list.is_empty()).map(<[usize]>::to_vec).collect())
+    }
+
+    /// The first `places` objects by the votes of a picture's features, with these.
+    ///
+    /// # Errors
+    /// As [`Self::shortlists`].
+    pub fn rank(
+        &self,
+        seen: &[DescribedFeature],
+        places: usize,
+    ) -> Result<Vec<(usize, f64)>, StoreError> {
+        match &self.objects {
+            Objects::Ready(_) => Ok(self.index.rank(seen, places)),
+            Objects::Stored(reader) => self.index.rank_reading(seen, places, |lists| {
+                let mut reader = reader.lock().unwrap_or_else(PoisonError::into_inner);
+                let Reader { store, lists: kept, .. } = &mut *reader;
+                kept.read(store, lists)
+            }),
+        }
     }
 
     /// The number of an object.

@@ -2,15 +2,17 @@
 //! change is one transaction, so a kill at any moment leaves what was there before.
 
 mod library;
+mod lists;
 mod schema;
 
 use crate::appearance::Appearance;
 use crate::model::ObjectModel;
-use crate::recognise::{Counted, Words};
+use crate::recognise::{Index, Words};
 use rusqlite::{Connection, OptionalExtension, params};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc;
+
+use lists::Lists;
 
 pub use library::Library;
 pub use schema::SCHEMA_VERSION;
@@ -94,8 +96,6 @@ pub struct StoredObject {
 
 /// Names that an error lists.
 const MOST_NAMED: usize = 20;
-/// Objects whose words are taken at once.
-const AT_ONCE: usize = 500;
 
 /// An open store.
 pub struct Store {
@@ -188,7 +188,8 @@ impl Store {
         self.put_all(std::slice::from_ref(object))
     }
 
-    /// Puts several objects in, all or none.
+    /// Puts several objects in, all or none. One time in many, what has been put in before is made
+    /// ready to be found among them, which takes longer.
     ///
     /// # Errors
     /// As [`Self::put`].
@@ -199,7 +200,16 @@ impl Store {
         for object in objects {
             write_object(&transaction, object).map_err(explain)?;
         }
-        transaction.commit().map_err(explain)
+        transaction.commit().map_err(explain)?;
+        self.list_if_many();
+        Ok(())
+    }
+
+    /// Where words cannot be listed, as on a full disk, they stay as they are until next time.
+    fn list_if_many(&self) {
+        if let Err(error) = lists::list_if_many(&self.path, &self.connection) {
+            tracing::warn!(%error, "words are not listed: the store opens more slowly");
+        }
     }
 
     /// Takes an object out.
@@ -212,64 +222,54 @@ impl Store {
         if removed == 0 { Err(self.unknown(name)?) } else { Ok(()) }
     }
 
-    /// Everything, to be recognised. Objects themselves are read when they are first needed.
+    /// Everything, to be recognised. Objects themselves, and the lists in which many are looked up,
+    /// are read when they are first needed.
     ///
     /// # Errors
     /// As [`Self::get`], for objects whose words were not kept.
     pub fn load(&self) -> Result<Library, StoreError> {
-        let transaction = self.sql(self.connection.unchecked_transaction())?;
-        let names = self.names()?;
-        let numbers: HashMap<&str, u32> = names.iter().map(String::as_str).zip(0..).collect();
-        let mut counted = Counted::new();
-        let mut is_kept = vec![false; names.len()];
-        self.each_kept(&numbers, |some| {
-            some.iter().for_each(|(number, _)| is_kept[*number as usize] = true);
-            counted.count(some);
-        })?;
-        let made = (0..).zip(&names).filter(|(number, _)| !is_kept[*number as usize]);
-        let made: Vec<(u32, Words)> = made
-            .map(|(number, name)| Ok((number, Words::of(&self.get(name)?.appearance))))
-            .collect::<Result<_, StoreError>>()?;
-        counted.count(&made);
-        let mut filled = counted.counted();
-        self.each_kept(&numbers, |some| filled.fill(some))?;
-        filled.fill(&made);
-        let write = |(number, words): &(u32, Words)| {
-            write_words(&transaction, &names[*number as usize], words)
-        };
-        // Where they cannot be written, or another process has meanwhile written to the store,
-        // they are made again next time.
-        if let Err(error) = made.iter().try_for_each(write).and_then(|()| transaction.commit()) {
-            tracing::debug!(%error, "words are not kept");
-        }
-        Ok(Library::lazy(Self::open(&self.path)?, names, filled.filled()))
-    }
-
-    /// Goes through the words that are kept whole, some objects at a time: while some are taken,
-    /// the next are read.
-    fn each_kept(
-        &self,
-        numbers: &HashMap<&str, u32>,
-        mut take: impl FnMut(&[(u32, Words)]) + Send,
-    ) -> Result<(), StoreError> {
-        let mut statement = self.sql(self.connection.prepare("SELECT object, words FROM words"))?;
-        let mut rows = self.sql(statement.query([]))?;
-        std::thread::scope(|scope| {
-            let (ready, to_take) = mpsc::sync_channel::<Vec<(u32, Words)>>(1);
-            scope.spawn(move || to_take.iter().for_each(|some| take(&some)));
-            let mut some = Vec::new();
-            while let Some(row) = self.sql(rows.next())? {
-                let name = self.sql(row.get_ref(0))?.as_str().ok();
-                let number = name.and_then(|name| numbers.get(name)).copied();
-                some.extend(number.zip(Words::from_bytes(self.sql(row.get(1))?)));
-                if some.len() == AT_ONCE && ready.send(std::mem::take(&mut some)).is_err() {
-                    break;
+        let snapshot = self.sql(self.connection.unchecked_transaction())?;
+        let mut rows: Vec<(String, u32, Option<Vec<u8>>)> =
+            self.sql(lists::all(&snapshot, "SELECT object, number, words FROM words", |row| {
+                row.try_into()
+            }))?;
+        rows.sort_unstable_by(|a, b| a.0.cmp(&b.0));
+        let mut names = Vec::with_capacity(rows.len());
+        let (mut listed, mut unlisted, mut made) = (HashMap::new(), Vec::new(), Vec::new());
+        for (own, (name, number, words)) in (0..).zip(rows) {
+            match words.map(Words::from_bytes) {
+                None => {
+                    listed.insert(number, own);
+                }
+                Some(Some(words)) => unlisted.push((own, words)),
+                Some(None) => {
+                    let words = Words::of(&self.get(&name)?.appearance);
+                    made.push((number, words.clone()));
+                    unlisted.push((own, words));
                 }
             }
-            // Nobody takes any more only after a panic, which leaving the scope passes on.
-            ready.send(some).ok();
-            Ok(())
-        })
+            names.push(name);
+        }
+        drop(snapshot);
+        self.keep(&made);
+        let index = Index::of_some(names.len(), &unlisted);
+        Ok(Library::lazy(Self::open(&self.path)?, names, index, Lists::of(listed)))
+    }
+
+    /// Keeps words that had to be made. Where they cannot be written they are made again next time.
+    fn keep(&self, made: &[(u32, Words)]) {
+        let written = || {
+            let together = self.connection.unchecked_transaction()?;
+            for (number, words) in made {
+                let row = params![number, words.as_bytes()];
+                together.execute("UPDATE words SET words = ?2 WHERE number = ?1", row)?;
+            }
+            together.commit()
+        };
+        if let Err(error) = written() {
+            tracing::debug!(%error, "words are not kept");
+        }
+        self.list_if_many();
     }
 
     fn provenance(&self, name: &str) -> Result<Vec<Provenance>, StoreError> {
@@ -319,19 +319,16 @@ fn write_object(
         "INSERT INTO object (name, model, appearance, edges) VALUES (?1, ?2, ?3, ?4)",
         params![name, model, appearance, edges],
     )?;
-    write_words(transaction, name, &Words::of(&object.appearance))?;
+    transaction.execute(
+        "INSERT INTO words (object, words) VALUES (?1, ?2)",
+        params![name, Words::of(&object.appearance).as_bytes()],
+    )?;
     for p in &object.provenance {
         transaction.execute(
             "INSERT INTO demonstration (object, source, learned_utime) VALUES (?1, ?2, ?3)",
             params![name, p.source, p.learned_utime],
         )?;
     }
-    Ok(())
-}
-
-fn write_words(connection: &Connection, name: &str, words: &Words) -> rusqlite::Result<()> {
-    let row = params![name, words.as_bytes()];
-    connection.execute("INSERT OR REPLACE INTO words (object, words) VALUES (?1, ?2)", row)?;
     Ok(())
 }
 
@@ -344,6 +341,7 @@ mod tests {
     use super::*;
     use crate::appearance::Edge;
     use crate::model::{MODEL_SCHEMA, ReferenceFrame};
+    use crate::specimen::{features, features_seen};
 
     pub fn object(name: &str) -> StoredObject {
         StoredObject {
@@ -360,6 +358,23 @@ mod tests {
             appearance: Appearance::default(),
             provenance: vec![Provenance { source: "tum:x".into(), learned_utime: 5 }],
         }
+    }
+
+    /// Takes back what version 6 brought.
+    const AS_IN_VERSION_5: &str = "
+        DROP TABLE postings;
+        DROP INDEX unlisted;
+        ALTER TABLE words RENAME TO numbered;
+        CREATE TABLE words (
+            object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
+            words BLOB NOT NULL
+        );
+        INSERT INTO words SELECT object, words FROM numbered;
+        DROP TABLE numbered;
+        PRAGMA user_version = 5;";
+
+    fn execute(path: &Path, sql: &str) {
+        Connection::open(path).unwrap().execute_batch(sql).unwrap();
     }
 
     #[test]
@@ -426,11 +441,12 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("s.linkage");
         Store::open_or_create(&path).unwrap().put(&object("door")).unwrap();
+        execute(&path, AS_IN_VERSION_5);
         let as_it_was = "DROP TABLE words;
             ALTER TABLE object DROP COLUMN edges;
             CREATE TABLE vocabulary (id INTEGER PRIMARY KEY, tree BLOB NOT NULL);
             PRAGMA user_version = 1;";
-        Connection::open(&path).unwrap().execute_batch(as_it_was).unwrap();
+        execute(&path, as_it_was);
         let mut store = Store::open(&path).unwrap();
         assert_eq!(store.load().unwrap().len(), 1);
         store.put(&object("fridge")).unwrap();
@@ -452,8 +468,9 @@ mod tests {
         let door = StoredObject { appearance, ..object("door") };
         Store::open_or_create(&path).unwrap().put(&door).unwrap();
         assert_eq!(Store::open(&path).unwrap().get("door").unwrap(), door);
+        execute(&path, AS_IN_VERSION_5);
         let as_it_was = "ALTER TABLE object DROP COLUMN edges; PRAGMA user_version = 2;";
-        Connection::open(&path).unwrap().execute_batch(as_it_was).unwrap();
+        execute(&path, as_it_was);
         let mut store = Store::open(&path).unwrap();
         assert_eq!(store.get("door").unwrap(), object("door"));
         store.put(&door).unwrap();
@@ -470,15 +487,33 @@ mod tests {
             let row = |row: &rusqlite::Row| row.get::<_, Vec<u8>>(0);
             Connection::open(&path).unwrap().query_row(sql, [], row).optional().unwrap()
         };
-        let of_our_vocabulary = written();
-        for version in 3..SCHEMA_VERSION {
+        let of_our_vocabulary = written().unwrap();
+        for version in [3, 4] {
             let other = format!("UPDATE words SET words = x'ff'; PRAGMA user_version = {version};");
-            Connection::open(&path).unwrap().execute_batch(&other).unwrap();
+            execute(&path, AS_IN_VERSION_5);
+            execute(&path, &other);
             let store = Store::open(&path).unwrap();
-            assert_eq!(written(), None);
+            assert_ne!(written().unwrap(), of_our_vocabulary);
             assert_eq!(store.load().unwrap().len(), 1);
-            assert!(of_our_vocabulary.is_some() && written() == of_our_vocabulary);
+            assert_eq!(written().unwrap(), of_our_vocabulary);
         }
+    }
+
+    #[test]
+    fn words_of_version_5_stay_and_those_that_lack_are_made() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        let mut store = Store::open_or_create(&path).unwrap();
+        let thing = |name, seed| StoredObject { appearance: features(seed), ..object(name) };
+        store.put_all(&[thing("door", 1), thing("fridge", 2)]).unwrap();
+        let rank = |store: &Store| store.load().unwrap().rank(&features_seen(2, 1.0), 2).unwrap();
+        let ranked = rank(&store);
+        drop(store);
+        execute(&path, AS_IN_VERSION_5);
+        execute(&path, "DELETE FROM words WHERE object = 'door'");
+        let store = Store::open(&path).unwrap();
+        assert_eq!(rank(&store), ranked);
+        assert_eq!(store.names().unwrap(), ["door", "fridge"]);
     }
 
     #[test]
@@ -496,8 +531,9 @@ mod tests {
         };
         open_at_once();
         Store::open(&path).unwrap().put(&object("door")).unwrap();
+        execute(&path, AS_IN_VERSION_5);
         let as_it_was = "ALTER TABLE object DROP COLUMN edges; PRAGMA user_version = 2;";
-        Connection::open(&path).unwrap().execute_batch(as_it_was).unwrap();
+        execute(&path, as_it_was);
         open_at_once();
         assert_eq!(Store::open(&path).unwrap().get("door").unwrap(), object("door"));
     }

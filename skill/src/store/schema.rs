@@ -5,7 +5,7 @@ use rusqlite::{Connection, Transaction, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this version knows.
-pub const SCHEMA_VERSION: i64 = 5;
+pub const SCHEMA_VERSION: i64 = 6;
 
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
@@ -25,18 +25,25 @@ CREATE TABLE demonstration (
 );
 CREATE INDEX demonstration_of_object ON demonstration (object);
 CREATE TABLE words (
-    object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
-    words BLOB NOT NULL
+    number INTEGER PRIMARY KEY AUTOINCREMENT,
+    object TEXT NOT NULL UNIQUE REFERENCES object (name) ON DELETE CASCADE,
+    words BLOB
+);
+CREATE INDEX unlisted ON words (number) WHERE words IS NOT NULL;
+CREATE TABLE postings (
+    list INTEGER PRIMARY KEY,
+    postings BLOB NOT NULL
 );
 PRAGMA application_id = 1280199495;
-PRAGMA user_version = 5;
+PRAGMA user_version = 6;
 ";
 
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
 /// store; objects of the second know no edges: an empty list is written as one zero; rectified
 /// features of the third are upright, and its words those of another vocabulary; words of the
-/// fourth are written otherwise.
-const UPGRADES: [&str; 4] = [
+/// fourth are written otherwise; the fifth has no lists, and words that are no words (`x'ff'`) are made
+/// when they are needed.
+const UPGRADES: [&str; 5] = [
     "
 DROP TABLE IF EXISTS vocabulary;
 CREATE TABLE IF NOT EXISTS words (
@@ -56,6 +63,23 @@ PRAGMA user_version = 4;
     "
 DELETE FROM words;
 PRAGMA user_version = 5;
+",
+    "
+CREATE TABLE numbered (
+    number INTEGER PRIMARY KEY AUTOINCREMENT,
+    object TEXT NOT NULL UNIQUE REFERENCES object (name) ON DELETE CASCADE,
+    words BLOB
+);
+INSERT INTO numbered (object, words)
+    SELECT name, coalesce(words, x'ff') FROM object LEFT JOIN words ON object = name;
+DROP TABLE words;
+ALTER TABLE numbered RENAME TO words;
+CREATE INDEX unlisted ON words (number) WHERE words IS NOT NULL;
+CREATE TABLE postings (
+    list INTEGER PRIMARY KEY,
+    postings BLOB NOT NULL
+);
+PRAGMA user_version = 6;
 ",
 ];
 

@@ -2,17 +2,20 @@
 //! what depth adds. A feature votes for the objects that have its word, in its metric size and
 //! with a like code; votes count together where they lie together in space.
 
+mod postings;
 mod vocabulary;
 mod words;
 
+pub use postings::{Posting, Postings};
 pub use vocabulary::{NotAVocabulary, Vocabulary};
 pub use words::Words;
 
 use crate::appearance::{DescribedFeature, FeatureKind, quantise};
 use rayon::prelude::*;
 use std::cmp::Ordering;
-use std::ops::Range;
-use words::{LISTS, SIZES, SMALLEST, list_of, size_step};
+use std::convert::Infallible;
+use std::sync::Arc;
+use words::{SIZES, SMALLEST, list_of, size_step};
 
 /// Bits in which codes of one surface point may differ.
 const MAX_BITS: u32 = 20;
@@ -21,122 +24,29 @@ const SIGMA_BITS: f64 = 12.0;
 /// Side of a region whose votes count together, metres.
 const REGION_M: f64 = 0.35;
 
-/// The inverted index of many objects.
+/// The inverted index of many objects. The postings of some may be kept elsewhere, and be read when
+/// they are asked for.
 pub struct Index {
     vocabulary: &'static Vocabulary,
-    shelves: Vec<Shelf>,
+    postings: Postings,
     objects: usize,
 }
 
-/// Postings of some neighbouring lists, one list after the other.
-struct Shelf {
-    lists: Range<usize>,
-    /// Where the postings of each list begin, and where those of the last one end.
-    starts: Vec<u32>,
-    postings: Vec<Posting>,
-}
-
-/// A feature of an object.
-#[derive(Debug, Clone, Copy, Default)]
-struct Posting {
-    /// In halves, the lower first: a whole one would leave gaps.
-    code: [u32; 2],
-    object: u32,
-}
-
-impl Posting {
-    fn bits_apart(&self, code: u64) -> u32 {
-        let [low, high] = self.code.map(u64::from);
-        ((low | high << 32) ^ code).count_ones()
-    }
-}
-
-/// An index in the making: postings are counted before any is put in its place, so that all words
-/// are gone through twice and need not be in memory at once.
-pub struct Counted {
-    shelves: Vec<Shelf>,
-    objects: usize,
-}
-
-/// Its postings have places: all that were counted are put there, in any order.
-pub struct Filled {
-    shelves: Vec<(Shelf, Vec<u32>)>,
-    objects: usize,
-}
-
-impl Counted {
-    /// Of no objects yet.
-    pub fn new() -> Self {
-        let lists = LISTS.div_ceil(rayon::current_num_threads());
-        let shelf = |first: usize| {
-            let lists = first..(first + lists).min(LISTS);
-            let starts = vec![0; lists.len() + 1];
-            Shelf { lists, starts, postings: Vec::new() }
-        };
-        Self { shelves: (0..LISTS).step_by(lists).map(shelf).collect(), objects: 0 }
-    }
-
-    /// Counts the words of some objects.
-    pub fn count(&mut self, objects: &[(u32, Words)]) {
-        self.objects += objects.len();
-        self.shelves.par_iter_mut().for_each(|shelf| {
-            for (list, _) in objects.iter().flat_map(|(_, words)| words.iter()) {
-                if shelf.lists.contains(&list) {
-                    shelf.starts[list - shelf.lists.start + 1] += 1;
-                }
-            }
-        });
-    }
-
-    /// All are counted.
-    pub fn counted(self) -> Filled {
-        let with_places = |mut shelf: Shelf| {
-            for list in 0..shelf.lists.len() {
-                shelf.starts[list + 1] += shelf.starts[list];
-            }
-            shelf.postings = vec![Posting::default(); shelf.starts[shelf.lists.len()] as usize];
-            let next = shelf.starts.clone();
-            (shelf, next)
-        };
-        let shelves = self.shelves.into_par_iter().map(with_places).collect();
-        Filled { shelves, objects: self.objects }
-    }
-}
-
-impl Filled {
-    /// Puts the words of some objects, which have these numbers, in their places.
-    pub fn fill(&mut self, objects: &[(u32, Words)]) {
-        self.shelves.par_iter_mut().for_each(|(shelf, next)| {
-            for &(object, ref words) in objects {
-                for (list, code) in words.iter().filter(|(list, _)| shelf.lists.contains(list)) {
-                    let place = &mut next[list - shelf.lists.start];
-                    let code = [code as u32, (code >> 32) as u32];
-                    shelf.postings[*place as usize] = Posting { code, object };
-                    *place += 1;
-                }
-            }
-        });
-    }
-
-    /// All are in their places.
-    pub fn filled(self) -> Index {
-        Index {
-            vocabulary: Vocabulary::standard(),
-            shelves: self.shelves.into_iter().map(|(shelf, _)| shelf).collect(),
-            objects: self.objects,
-        }
-    }
-}
+/// Where one feature's votes are looked for: lists and its codes in them.
+type Sought = Vec<(usize, u64)>;
 
 impl Index {
     /// Of objects, which are numbered in their order.
     pub fn new(objects: impl IntoIterator<Item = Words>) -> Self {
         let objects: Vec<(u32, Words)> = (0..).zip(objects).collect();
-        let mut counted = Counted::new();
-        counted.count(&objects);
-        let mut filled = counted.counted();
-        filled.fill(&objects);
-        filled.filled()
+        Self::of_some(objects.len(), &objects)
+    }
+
+    /// Of so many objects, with the words of some by their numbers. The postings of the others are
+    /// read by [`Self::rank_reading`].
+    pub fn of_some(all: usize, objects: &[(u32, Words)]) -> Self {
+        let vocabulary = Vocabulary::standard();
+        Self { vocabulary, postings: Postings::of(objects), objects: all }
     }
 
     /// Number of objects.
@@ -149,20 +59,48 @@ impl Index {
         self.objects == 0
     }
 
-    /// Bytes that the postings take.
+    /// Bytes that the postings in memory take.
     pub fn bytes(&self) -> usize {
-        self.shelves.iter().map(|shelf| size_of_val(&shelf.postings[..])).sum()
-    }
-
-    fn postings(&self, list: usize) -> &[Posting] {
-        let shelf = &self.shelves[list / self.shelves[0].lists.len()];
-        let own = list - shelf.lists.start;
-        &shelf.postings[shelf.starts[own] as usize..shelf.starts[own + 1] as usize]
+        self.postings.bytes()
     }
 
     /// The first `places` objects by their votes, most first; those with few are left out.
     pub fn rank(&self, seen: &[DescribedFeature], places: usize) -> Vec<(usize, f64)> {
-        let votes: Vec<Vec<Vote>> = seen.par_iter().map(|f| self.votes_of(f)).collect();
+        let nothing = |_: &[usize]| Ok::<_, Infallible>(Vec::new());
+        let Ok(ranked) = self.rank_reading(seen, places, nothing);
+        ranked
+    }
+
+    /// The same where more postings are kept elsewhere: `read` is given numbers of lists, each
+    /// once and in order, and answers with theirs.
+    ///
+    /// # Errors
+    /// Those of `read`.
+    pub fn rank_reading<E>(
+        &self,
+        seen: &[DescribedFeature],
+        places: usize,
+        read: impl FnOnce(&[usize]) -> Result<Vec<Arc<[Posting]>>, E>,
+    ) -> Result<Vec<(usize, f64)>, E> {
+        let sought: Vec<Sought> = seen.par_iter().map(|f| self.sought(f)).collect();
+        let mut lists: Vec<usize> = sought.iter().flatten().map(|(list, _)| *list).collect();
+        lists.sort_unstable();
+        lists.dedup();
+        let kept = read(&lists)?;
+        let of_list = |list: usize| {
+            let own = lists.binary_search(&list).ok().and_then(|place| kept.get(place));
+            self.postings.list(list).iter().chain(own.map_or(&[][..], |own| own))
+        };
+        let votes = sought.par_iter().map(|sought| self.votes_of(sought, of_list)).collect();
+        Ok(self.rank_by(votes, seen, places))
+    }
+
+    fn rank_by(
+        &self,
+        votes: Vec<Vec<Vote>>,
+        seen: &[DescribedFeature],
+        places: usize,
+    ) -> Vec<(usize, f64)> {
         // All votes of an object are no fewer than those of its best region: these alone are
         // counted for objects that may come among the first.
         let mut totals = vec![(0_u32, 0.0); self.objects];
@@ -221,22 +159,32 @@ impl Index {
         ranked
     }
 
-    /// Objects that a feature votes for, each once.
-    fn votes_of(&self, feature: &DescribedFeature) -> Vec<Vote> {
+    fn sought(&self, feature: &DescribedFeature) -> Sought {
         let size = size_step(feature.size as f32);
         let sizes = match (feature.point, feature.kind) {
             (None, _) => SMALLEST..=SMALLEST + SIZES - 1,
             (_, FeatureKind::Rectified | FeatureKind::Upright) => size..=size,
             (_, FeatureKind::Picture) => size - 2..=size + 2,
         };
+        let words = self.vocabulary.words(&quantise(&feature.descriptor)).into_iter();
+        let lists = words.flat_map(|coded| {
+            sizes.clone().map(move |size| (list_of(coded.word, feature.kind, size), coded.code))
+        });
+        lists.collect()
+    }
+
+    /// Objects that a feature votes for, each once.
+    fn votes_of<'p, P: Iterator<Item = &'p Posting>>(
+        &self,
+        sought: &Sought,
+        of_list: impl Fn(usize) -> P,
+    ) -> Vec<Vote> {
         let mut fitting: Vec<(u32, u32)> = Vec::new();
-        for coded in self.vocabulary.words(&quantise(&feature.descriptor)) {
-            for size in sizes.clone() {
-                for posting in self.postings(list_of(coded.word, feature.kind, size)) {
-                    let bits = posting.bits_apart(coded.code);
-                    if bits <= MAX_BITS {
-                        fitting.push((posting.object, bits));
-                    }
+        for &(list, code) in sought {
+            for posting in of_list(list) {
+                let bits = posting.bits_apart(code);
+                if bits <= MAX_BITS {
+                    fitting.push((posting.object, bits));
                 }
             }
         }
@@ -288,56 +236,16 @@ fn most_in_a_region(mut votes: Vec<(Cell, f64)>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appearance::{Appearance, DESCRIPTOR_LENGTH, ModelFeature};
-    use nalgebra::{Point3, Vector3};
-    use rand::{Rng, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
-
-    fn descriptor(rng: &mut ChaCha8Rng) -> [f32; DESCRIPTOR_LENGTH] {
-        let raw: [f32; DESCRIPTOR_LENGTH] = std::array::from_fn(|_| rng.random::<f32>().powi(4));
-        let norm = raw.iter().map(|x| x * x).sum::<f32>().sqrt();
-        raw.map(|x| x / norm)
-    }
-
-    fn object(seed: u64) -> Appearance {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let features = (0..200)
-            .map(|_| ModelFeature {
-                part: 0,
-                kind: FeatureKind::Rectified,
-                point: [0.0; 3],
-                normal: [0.0; 3],
-                size_m: 0.016,
-                descriptor: quantise(&descriptor(&mut rng)).to_vec(),
-            })
-            .collect();
-        Appearance { features, ..Appearance::default() }
-    }
-
-    /// Every third feature of an object, `size` times as large as it is.
-    fn seen(seed: u64, size: f64) -> Vec<DescribedFeature> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        (0..200)
-            .map(|_| descriptor(&mut rng))
-            .step_by(3)
-            .map(|descriptor| DescribedFeature {
-                kind: FeatureKind::Rectified,
-                pixel: [0.0; 2],
-                point: Some(Point3::new(0.1, 0.1, 1.0)),
-                normal: Vector3::zeros(),
-                size: 0.016 * size,
-                descriptor,
-            })
-            .collect()
-    }
+    use crate::specimen::{features, features_seen};
+    use nalgebra::Point3;
 
     fn twenty_objects() -> Index {
-        Index::new((0..20).map(|seed| Words::of(&object(seed))))
+        Index::new((0..20).map(|seed| Words::of(&features(seed))))
     }
 
     #[test]
     fn the_object_whose_features_are_seen_ranks_first() {
-        let ranked = twenty_objects().rank(&seen(13, 1.0), 5);
+        let ranked = twenty_objects().rank(&features_seen(13, 1.0), 5);
         assert_eq!(ranked[0].0, 13);
         assert!(ranked.get(1).is_none_or(|second| ranked[0].1 > 3.0 * second.1), "{ranked:?}");
     }
@@ -347,7 +255,7 @@ mod tests {
         // Of each object something is seen, the more of it in one place the lower its number.
         let seen: Vec<DescribedFeature> = (0..20)
             .flat_map(|number| {
-                seen(number, 1.0).into_iter().enumerate().map(move |(i, feature)| {
+                features_seen(number, 1.0).into_iter().enumerate().map(move |(i, feature)| {
                     let apart = (i % (1 + number as usize)) as f64;
                     DescribedFeature { point: Some(Point3::new(apart, 0.0, 1.0)), ..feature }
                 })
@@ -362,22 +270,36 @@ mod tests {
     }
 
     #[test]
-    fn objects_may_come_in_any_order_and_a_few_at_a_time() {
+    fn where_postings_are_kept_makes_no_difference() {
         let objects: Vec<(u32, Words)> =
-            (0..20).rev().map(|n| (n, Words::of(&object(u64::from(n))))).collect();
-        let mut counted = Counted::new();
-        objects.chunks(7).for_each(|some| counted.count(some));
-        let mut filled = counted.counted();
-        objects.chunks(3).for_each(|some| filled.fill(some));
-        let seen = seen(13, 1.0);
-        assert_eq!(filled.filled().rank(&seen, 5), twenty_objects().rank(&seen, 5));
+            (0..20).map(|n| (n, Words::of(&features(n.into())))).collect();
+        let (elsewhere, here) = objects.split_at(13);
+        let elsewhere = Postings::of(elsewhere);
+        let index = Index::of_some(20, here);
+        for seed in [3, 12, 13, 19] {
+            let seen = features_seen(seed, 1.0);
+            let read = |lists: &[usize]| {
+                assert!(lists.is_sorted_by(|a, b| a < b));
+                Ok::<_, ()>(lists.iter().map(|l| elsewhere.list(*l).into()).collect())
+            };
+            let ranked = index.rank_reading(&seen, 5, read).unwrap();
+            assert_eq!(ranked, twenty_objects().rank(&seen, 5));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_told() {
+        let ranked =
+            twenty_objects().rank_reading(&features_seen(13, 1.0), 5, |_| Err("no such file"));
+        assert_eq!(ranked.unwrap_err(), "no such file");
     }
 
     #[test]
     fn what_has_another_size_is_another_thing() {
         let index = twenty_objects();
-        let votes =
-            |size| index.rank(&seen(13, size), 20).iter().find(|r| r.0 == 13).map_or(0.0, |r| r.1);
+        let votes = |size| {
+            index.rank(&features_seen(13, size), 20).iter().find(|r| r.0 == 13).map_or(0.0, |r| r.1)
+        };
         assert!(votes(2.0) < 0.1 * votes(1.0));
     }
 }

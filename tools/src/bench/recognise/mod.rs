@@ -231,7 +231,7 @@ fn look(
     let mut times = StageTimes::default();
     let scene = times.measure("describe", || Scene::new(&frame))?;
     let mut lists =
-        times.measure("shortlist", || library.shortlists(&scene, &config.recognise)).into_iter();
+        times.measure("shortlist", || library.shortlists(&scene, &config.recognise))?.into_iter();
     let compare = |listed: Vec<usize>| {
         library.recognise_listed(&scene, &listed, &config.recognise, config.seed)
     };

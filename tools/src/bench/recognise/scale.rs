@@ -2,6 +2,7 @@
 
 use super::Question;
 use crate::commands::Outcome;
+use anyhow::Context;
 use linkage_skill::appearance::{Appearance, ModelFeature};
 use linkage_skill::geometry::median;
 use linkage_skill::recognise::{Index, Words};
@@ -20,7 +21,8 @@ const AT_ONCE: usize = 500;
 /// Features of a made-up object: more than the index takes.
 const FEATURES: usize = 700;
 /// Places in the shortlist that are asked about.
-const PLACES: [usize; 3] = [1, 5, 20];
+const PLACES: [usize; 3] = [1, 5, MOST_PLACES];
+const MOST_PLACES: usize = 20;
 
 /// A library of one size.
 #[derive(Serialize)]
@@ -40,6 +42,10 @@ pub struct Row {
 struct StoreTimes {
     /// To be opened and made ready for the first picture.
     opening: f64,
+    /// The shortlist of the first picture after that, for which what it needs is read,
+    first_shortlist: f64,
+    /// and the median over the others, each seen for the first time.
+    shortlist: f64,
     /// To take up one more object.
     insertion: f64,
 }
@@ -52,7 +58,10 @@ pub fn run(
     largest_store: usize,
 ) -> Outcome<Vec<Row>> {
     println!("\nshortlists: learned things among made-up ones");
-    println!("objects  recall@1    @5   @20  median ms  bytes/object  store: open ms  insert ms");
+    println!("{:>57}   of a store, ms", "");
+    println!(
+        "objects  recall@1    @5   @20  median ms  bytes/object      open    first   others   insert"
+    );
     let features: Vec<&ModelFeature> =
         learned.iter().flat_map(|l| &l.appearance.features).collect();
     let folder = tempfile::tempdir()?;
@@ -76,7 +85,7 @@ pub fn run(
         let (recall, milliseconds, bytes_per_object) =
             ask(&Index::new(words.iter().cloned()), questions);
         let store = if objects <= largest_store {
-            Some(times(&mut store, &path, &learned[0])?)
+            Some(times(&mut store, &path, &learned[0], questions)?)
         } else {
             None
         };
@@ -90,12 +99,15 @@ pub fn run(
 fn print_row(row: &Row) {
     let [first, five, twenty] = row.recall;
     let of_store = row.store.as_ref().map_or_else(
-        || format!("{:>15} {:>10}", "-", "-"),
-        |s| format!("{:>15.0} {:>10.1}", s.opening, s.insertion),
+        || ["-"; 4].map(|none| format!("{none:>8}")),
+        |s| [s.opening, s.first_shortlist, s.shortlist, s.insertion].map(|ms| format!("{ms:>8.1}")),
     );
     println!(
-        "{:>7} {first:>9.2} {five:>5.2} {twenty:>5.2} {:>10.1} {:>13.0} {of_store}",
-        row.objects, row.milliseconds, row.bytes_per_object,
+        "{:>7} {first:>9.2} {five:>5.2} {twenty:>5.2} {:>10.1} {:>13.0}  {}",
+        row.objects,
+        row.milliseconds,
+        row.bytes_per_object,
+        of_store.join(" "),
     );
 }
 
@@ -109,18 +121,36 @@ fn stored(appearances: Vec<Appearance>, first: usize, like: &StoredObject) -> Ve
     (first..).zip(appearances).map(named).collect()
 }
 
-/// Opens a store that holds many objects, and puts one more in and out.
-fn times(store: &mut Store, path: &Path, object: &StoredObject) -> Outcome<StoreTimes> {
+/// Opens a store that holds many objects, asks what is in pictures, and puts one more in and out.
+fn times(
+    store: &mut Store,
+    path: &Path,
+    object: &StoredObject,
+    questions: &[Question],
+) -> Outcome<StoreTimes> {
     let mut another = object.clone();
     another.model.object = "one more".to_owned();
-    let start = Instant::now();
-    store.put(&another)?;
-    let insertion = start.elapsed().as_secs_f64() * 1e3;
+    let (put, insertion) = timed(|| store.put(&another));
+    put?;
     store.remove("one more")?;
+    let (library, opening) = timed(|| Store::open(path)?.load());
+    let library = library?;
+    let mut shortlists = Vec::new();
+    for question in questions {
+        let (ranked, milliseconds) = timed(|| library.rank(&question.features, MOST_PLACES));
+        ranked?;
+        shortlists.push(milliseconds);
+    }
+    let (first, others) = shortlists.split_first_mut().context("no stills to look at")?;
+    let shortlist = median(others).unwrap_or(0.0);
+    Ok(StoreTimes { opening, first_shortlist: *first, shortlist, insertion })
+}
+
+/// What comes of it, and after how many milliseconds.
+fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
-    let _library = Store::open(path)?.load()?;
-    let opening = start.elapsed().as_secs_f64() * 1e3;
-    Ok(StoreTimes { opening, insertion })
+    let result = run();
+    (result, start.elapsed().as_secs_f64() * 1e3)
 }
 
 /// Recall of a shortlist, its median time in milliseconds, and bytes an object takes.
@@ -128,9 +158,8 @@ fn ask(index: &Index, questions: &[Question]) -> ([f64; 3], f64, f64) {
     let mut times = Vec::new();
     let mut found = [0_usize; PLACES.len()];
     for question in questions {
-        let start = Instant::now();
-        let ranked = index.rank(&question.features, PLACES[PLACES.len() - 1]);
-        times.push(start.elapsed().as_secs_f64() * 1e3);
+        let (ranked, milliseconds) = timed(|| index.rank(&question.features, MOST_PLACES));
+        times.push(milliseconds);
         let place = ranked.iter().position(|(object, _)| Some(*object) == question.number);
         for (count, places) in found.iter_mut().zip(PLACES) {
             *count += usize::from(place.is_some_and(|p| p < places));

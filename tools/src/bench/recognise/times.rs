@@ -62,7 +62,7 @@ fn with(
             let mut times = StageTimes::default();
             let scene = times.measure("describe", || Scene::new(&question.frame))?;
             let lists =
-                times.measure("shortlist", || library.shortlists(&scene, &config.recognise));
+                times.measure("shortlist", || library.shortlists(&scene, &config.recognise))?;
             let first = lists.first().map_or(&[][..], Vec::as_slice);
             let recognition = times.measure("compare", || {
                 library.recognise_listed(&scene, first, &config.recognise, config.seed)
