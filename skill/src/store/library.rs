@@ -51,9 +51,9 @@ impl Library {
         Self { names, index, objects: Objects::Ready(objects.into_iter().map(ready).collect()) }
     }
 
-    /// Of a store's objects, by their names, and by what is read of their index and what is not.
-    pub(super) fn lazy(store: Store, names: Vec<String>, index: Index, lists: Lists) -> Self {
-        let reader = Reader { store, lists, ready: LruCache::new(MOST_READY) };
+    /// Of a store's objects, by their names and index.
+    pub(super) fn lazy(store: Store, names: Vec<String>, index: Index) -> Self {
+        let reader = Reader { store, lists: Lists::new(), ready: LruCache::new(MOST_READY) };
         Self { names, index, objects: Objects::Stored(Box::new(Mutex::new(reader))) }
     }
 

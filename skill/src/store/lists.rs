@@ -1,13 +1,11 @@
 //! What the inverted index needs of each object, as the store keeps it: its words, until those of
 //! many have come together; then their postings by lists, of which a picture asks for a few.
 
-use super::{Store, StoreError, schema};
+use super::{Store, StoreError};
 use crate::recognise::{Posting, Postings, Words};
 use lru::LruCache;
-use rayon::prelude::*;
-use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
-use std::collections::{HashMap, HashSet};
-use std::path::Path;
+use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Objects whose words are not listed: so many at least may be before all are,
@@ -15,6 +13,8 @@ const FEW: u32 = 2_000;
 /// and one of so many that are listed. The first keeps small stores simple; the second bounds both
 /// what is read when a store is opened and how often lists are written anew.
 const ONE_OF: u32 = 8;
+/// Lists that are written at a time: some ten megabytes where 100 000 objects are listed.
+const LISTS_AT_ONCE: usize = 4_096;
 
 /// Whether the words of so many objects should be listed, where those of so many are.
 fn are_many(unlisted: u32, listed: u32) -> bool {
@@ -22,48 +22,68 @@ fn are_many(unlisted: u32, listed: u32) -> bool {
 }
 
 /// Lists the words of all objects if they are many.
-pub fn list_if_many(path: &Path, connection: &Connection) -> Result<(), StoreError> {
-    let sql = |e| schema::explain(path, e);
+pub fn list_if_many(connection: &Connection) -> rusqlite::Result<()> {
     let count = |of: &str| -> rusqlite::Result<u32> {
         connection.query_row(&format!("SELECT count(*) FROM words {of}"), [], |row| row.get(0))
     };
-    let unlisted = count("WHERE words IS NOT NULL").map_err(sql)?;
-    if are_many(unlisted, 0) && are_many(unlisted, count("").map_err(sql)? - unlisted) {
-        list(connection, unlisted).map_err(sql)?;
+    let unlisted = count("WHERE words IS NOT NULL")?;
+    if are_many(unlisted, 0) && are_many(unlisted, count("")? - unlisted) {
+        tracing::info!(objects = unlisted, "listing words: once for many objects");
+        list(connection)?;
     }
     Ok(())
 }
 
-/// Puts the words of all objects in lists, in place of postings of what is no more.
-fn list(connection: &Connection, unlisted: u32) -> rusqlite::Result<()> {
-    tracing::info!(objects = unlisted, "listing words: once for many objects");
-    let alone = Transaction::new_unchecked(connection, TransactionBehavior::Immediate)?;
-    let objects: Vec<(u32, Words)> = all(
-        &alone,
-        "SELECT number, words FROM words WHERE words IS NOT NULL ORDER BY number",
-        |row| Ok((row.get(0)?, row.get(1)?)),
-    )?
-    .into_iter()
-    .filter_map(|(number, words)| Some((number, Words::from_bytes(words)?)))
-    .collect();
+/// Puts the words of all objects in lists. Some lists at a time: other processes wait for no more,
+/// and until the words are taken away, which is last, they are what counts.
+fn list(connection: &Connection) -> rusqlite::Result<()> {
+    let objects = unlisted(connection)?;
+    let numbers: HashSet<u32> = objects.iter().map(|(number, _)| *number).collect();
+    let postings = Postings::of(&objects);
+    let lists: Vec<(usize, &[Posting])> = postings.lists().collect();
+    lists.chunks(LISTS_AT_ONCE).try_for_each(|some| lengthen(connection, some, &numbers))?;
+    let together = begin(connection)?;
+    let mut listed = together.prepare("UPDATE words SET words = NULL WHERE number = ?1")?;
+    numbers.iter().try_for_each(|number| listed.execute([number]).map(drop))?;
+    drop(listed);
+    together.commit()
+}
+
+/// Words that are not listed, by the numbers of their objects, in order.
+fn unlisted(connection: &Connection) -> rusqlite::Result<Vec<(u32, Words)>> {
+    let query = "SELECT number, words FROM words WHERE words IS NOT NULL ORDER BY number";
+    let rows = all(connection, query, |row| Ok((row.get(0)?, Words::from_bytes(row.get(1)?))))?;
+    Ok(rows.into_iter().filter_map(|(number, words)| Some((number, words?))).collect())
+}
+
+/// Puts postings of objects with these numbers at the ends of lists. Postings that they have there
+/// already, and those of objects that are no more, go.
+fn lengthen(
+    connection: &Connection,
+    lists: &[(usize, &[Posting])],
+    numbers: &HashSet<u32>,
+) -> rusqlite::Result<()> {
+    let together = begin(connection)?;
     let known: HashSet<u32> =
-        all(&alone, "SELECT number FROM words", |row| row.get(0))?.into_iter().collect();
-    let mut read = alone.prepare("SELECT postings FROM postings WHERE list = ?1")?;
+        all(&together, "SELECT number FROM words", |row| row.get(0))?.into_iter().collect();
+    let is_kept = |p: &Posting| known.contains(&p.object) && !numbers.contains(&p.object);
+    let mut read = together.prepare("SELECT postings FROM postings WHERE list = ?1")?;
     let mut write =
-        alone.prepare("INSERT OR REPLACE INTO postings (list, postings) VALUES (?1, ?2)")?;
-    for (list, postings) in Postings::of(&objects).lists() {
-        let kept: Option<Vec<u8>> = read.query_row([list as u32], |row| row.get(0)).optional()?;
-        let kept = Posting::all_from_bytes(kept.as_deref().unwrap_or_default());
-        let all = kept.filter(|p| known.contains(&p.object)).chain(postings.iter().copied());
-        let bytes: Vec<u8> = all.flat_map(Posting::to_bytes).collect();
-        write.execute(params![list as u32, bytes])?;
+        together.prepare("INSERT OR REPLACE INTO postings (list, postings) VALUES (?1, ?2)")?;
+    for &(list, postings) in lists {
+        let list = list as u32;
+        let before: Option<Vec<u8>> = read.query_row([list], |row| row.get(0)).optional()?;
+        let before = Posting::all_from_bytes(before.as_deref().unwrap_or_default());
+        let all = before.filter(is_kept).chain(postings.iter().copied());
+        write.execute(params![list, all.flat_map(Posting::to_bytes).collect::<Vec<u8>>()])?;
     }
-    let mut listed = alone.prepare("UPDATE words SET words = NULL WHERE number = ?1")?;
-    for (number, _) in &objects {
-        listed.execute([number])?;
-    }
-    drop((read, write, listed));
-    alone.commit()
+    drop((read, write));
+    together.commit()
+}
+
+/// A change during which no other process makes one.
+fn begin(connection: &Connection) -> rusqlite::Result<Transaction<'_>> {
+    Transaction::new_unchecked(connection, TransactionBehavior::Immediate)
 }
 
 /// All rows of a query.
@@ -78,35 +98,28 @@ pub fn all<T>(
 /// Memory for lists that were read: those of many pictures, however many objects are listed.
 const MOST_BYTES: usize = 256 << 20;
 
-/// A store's lists as a library reads them: the most recently used stay in memory.
+/// A store's lists as a library reads them: the most recently used stay in memory. Numbers of
+/// objects are never used again, so that the store may change meanwhile.
 pub struct Lists {
-    /// What is listed: the library's own numbers by the store's. Those of the store are never used
-    /// again, so that it may change meanwhile.
-    numbers: HashMap<u32, u32>,
     recent: LruCache<usize, Arc<[Posting]>>,
     bytes: usize,
 }
 
 impl Lists {
-    /// Of objects by their numbers in the store, with their numbers in the library.
-    pub fn of(numbers: HashMap<u32, u32>) -> Self {
-        Self { numbers, recent: LruCache::unbounded(), bytes: 0 }
+    /// None read yet.
+    pub fn new() -> Self {
+        Self { recent: LruCache::unbounded(), bytes: 0 }
     }
 
-    /// The postings of some lists, in their order, with the library's numbers.
+    /// The postings of some lists, in their order, with the store's numbers.
     pub fn read(
         &mut self,
         store: &Store,
         lists: &[usize],
     ) -> Result<Vec<Arc<[Posting]>>, StoreError> {
-        if self.numbers.is_empty() {
-            return Ok(Vec::new());
-        }
         let unread: Vec<usize> =
             lists.iter().copied().filter(|list| !self.recent.contains(list)).collect();
-        let kept = store.sql(kept(&store.connection, &unread))?;
-        let read: Vec<Arc<[Posting]>> =
-            kept.par_iter().map(|bytes| self.in_library(bytes)).collect();
+        let read = store.sql(read(&store.connection, &unread))?;
         for (list, postings) in unread.into_iter().zip(read) {
             self.bytes += size_of_val(&postings[..]);
             self.recent.put(list, postings);
@@ -124,26 +137,18 @@ impl Lists {
             self.bytes -= size_of_val(&postings[..]);
         }
     }
-
-    fn in_library(&self, bytes: &[u8]) -> Arc<[Posting]> {
-        let own = |mut posting: Posting| {
-            posting.object = *self.numbers.get(&posting.object)?;
-            Some(posting)
-        };
-        Posting::all_from_bytes(bytes).filter_map(own).collect()
-    }
 }
 
-/// The postings of each list as they are kept.
-fn kept(connection: &Connection, lists: &[usize]) -> rusqlite::Result<Vec<Vec<u8>>> {
+/// The postings of each list.
+fn read(connection: &Connection, lists: &[usize]) -> rusqlite::Result<Vec<Arc<[Posting]>>> {
     // One transaction: the file is locked once, not for every list.
     let together = connection.unchecked_transaction()?;
     let mut statement = together.prepare_cached("SELECT postings FROM postings WHERE list = ?1")?;
-    let mut kept = |list: &usize| {
-        let row = statement.query_row([*list as u32], |row| row.get(0)).optional()?;
-        Ok(row.unwrap_or_default())
+    let mut postings = |list: &usize| {
+        let of_row = |row: &Row| Ok(Posting::all_from_bytes(row.get_ref(0)?.as_blob()?).collect());
+        Ok(statement.query_row([*list as u32], of_row).optional()?.unwrap_or_default())
     };
-    lists.iter().map(&mut kept).collect()
+    lists.iter().map(&mut postings).collect()
 }
 
 #[cfg(test)]
@@ -169,9 +174,14 @@ mod tests {
     }
 
     fn list_all(store: &Store) {
-        list(&store.connection, 0).unwrap();
-        let unlisted = "SELECT number FROM words WHERE words IS NOT NULL";
-        assert!(all(&store.connection, unlisted, |row| row.get::<_, u32>(0)).unwrap().is_empty());
+        list(&store.connection).unwrap();
+        assert!(unlisted(&store.connection).unwrap().is_empty());
+    }
+
+    /// Bytes of all postings.
+    fn bytes(store: &Store) -> u32 {
+        let sum = "SELECT sum(length(postings)) FROM postings";
+        store.connection.query_row(sum, [], |row| row.get(0)).unwrap()
     }
 
     fn ranked(library: &Library, seed: u64) -> Vec<(usize, f64)> {
@@ -210,10 +220,6 @@ mod tests {
     #[test]
     fn postings_of_what_is_no_more_go_when_others_come() {
         let (_dir, mut store) = empty_store();
-        let bytes = |store: &Store| -> u32 {
-            let sum = "SELECT sum(length(postings)) FROM postings";
-            store.connection.query_row(sum, [], |row| row.get(0)).unwrap()
-        };
         store.put(&thing("door", 1)).unwrap();
         list_all(&store);
         let of_one = bytes(&store);
@@ -221,6 +227,25 @@ mod tests {
         store.put(&thing("fridge", 1)).unwrap();
         list_all(&store);
         assert_eq!(bytes(&store), of_one);
+    }
+
+    #[test]
+    fn listing_that_was_killed_is_begun_anew() {
+        let (_dir, mut store) = empty_store();
+        store.put_all(&things(0..5)).unwrap();
+        list_all(&store);
+        store.put_all(&things(5..10)).unwrap();
+        let whole = ranked(&store.load().unwrap(), 7);
+        let of_five = bytes(&store);
+        let objects = unlisted(&store.connection).unwrap();
+        let numbers = objects.iter().map(|(number, _)| *number).collect();
+        let postings = Postings::of(&objects);
+        let lists: Vec<(usize, &[Posting])> = postings.lists().collect();
+        lengthen(&store.connection, &lists[..lists.len() / 2], &numbers).unwrap();
+        assert_eq!(ranked(&store.load().unwrap(), 7), whole);
+        list_all(&store);
+        assert_eq!(ranked(&store.load().unwrap(), 7), whole);
+        assert_eq!(bytes(&store), 2 * of_five);
     }
 
     #[test]
@@ -259,8 +284,7 @@ mod tests {
                 .into_iter()
                 .map(|list: u32| list as usize)
                 .collect();
-        let numbers = [1, 2, 3].into_iter().zip(0..).collect();
-        let mut kept = Lists::of(numbers);
+        let mut kept = Lists::new();
         let read = kept.read(&store, &lists).unwrap();
         let whole = kept.bytes;
         kept.forget_beyond(whole / 2);

@@ -12,8 +12,6 @@ use rusqlite::{Connection, OptionalExtension, params};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use lists::Lists;
-
 pub use library::Library;
 pub use schema::SCHEMA_VERSION;
 
@@ -207,8 +205,9 @@ impl Store {
 
     /// Where words cannot be listed, as on a full disk, they stay as they are until next time.
     fn list_if_many(&self) {
-        if let Err(error) = lists::list_if_many(&self.path, &self.connection) {
-            tracing::warn!(%error, "words are not listed: the store opens more slowly");
+        if let Err(error) = lists::list_if_many(&self.connection) {
+            let store = self.path.display();
+            tracing::warn!(%store, %error, "words are not listed: it opens more slowly");
         }
     }
 
@@ -252,8 +251,7 @@ impl Store {
         }
         drop(snapshot);
         self.keep(&made);
-        let index = Index::of_some(names.len(), &unlisted);
-        Ok(Library::lazy(Self::open(&self.path)?, names, index, Lists::of(listed)))
+        Ok(Library::lazy(Self::open(&self.path)?, names, Index::of_some(&unlisted, listed)))
     }
 
     /// Keeps words that had to be made. Where they cannot be written they are made again next time.

@@ -1,8 +1,9 @@
 //! The store's tables and their versions.
 
 use super::StoreError;
-use rusqlite::{Connection, Transaction, TransactionBehavior};
+use rusqlite::{Connection, ErrorCode, Transaction, TransactionBehavior};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 /// The newest schema that this version knows.
 pub const SCHEMA_VERSION: i64 = 6;
@@ -86,15 +87,17 @@ PRAGMA user_version = 6;
 /// A page of a new file: what is kept of an object is long, and its words, which are all read when
 /// a store is opened, should lie on few pages.
 const PAGE_BYTES: u32 = 16_384;
+/// Longest wait for another process that writes.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Makes the tables of an empty file, or brings those of an old one up to date.
 pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     let sql = |e| explain(path, e);
-    connection.busy_timeout(std::time::Duration::from_secs(5)).map_err(sql)?;
+    connection.busy_timeout(PATIENCE).map_err(sql)?;
     let lacking = steps(path, connection)?;
     if lacking == [CREATE] {
         connection.pragma_update(None, "page_size", PAGE_BYTES).map_err(sql)?;
-        connection.pragma_update(None, "journal_mode", "WAL").map_err(sql)?;
+        patiently(|| connection.pragma_update(None, "journal_mode", "WAL")).map_err(sql)?;
     }
     if !lacking.is_empty() {
         let alone = Transaction::new_unchecked(connection, TransactionBehavior::Immediate);
@@ -107,6 +110,23 @@ pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     }
     connection.pragma_update(None, "foreign_keys", true).map_err(sql)?;
     connection.pragma_update(None, "synchronous", "FULL").map_err(sql)
+}
+
+/// Tries again while another process that does the same has the file: SQLite itself does not wait
+/// where a reader becomes a writer.
+fn patiently(mut change: impl FnMut() -> rusqlite::Result<()>) -> rusqlite::Result<()> {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        match change() {
+            Err(error)
+                if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy)
+                    && Instant::now() < end =>
+            {
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            result => return result,
+        }
+    }
 }
 
 /// What a file lacks of the newest schema.
@@ -138,7 +158,7 @@ fn steps(path: &Path, connection: &Connection) -> Result<Vec<&'static str>, Stor
 pub fn explain(path: &Path, source: rusqlite::Error) -> StoreError {
     let path = path.display().to_string();
     match source.sqlite_error_code() {
-        Some(rusqlite::ErrorCode::NotADatabase) => StoreError::NotAStore { path },
+        Some(ErrorCode::NotADatabase) => StoreError::NotAStore { path },
         _ => StoreError::Database { path, source },
     }
 }

@@ -13,6 +13,7 @@ pub use words::Words;
 use crate::appearance::{DescribedFeature, FeatureKind, quantise};
 use rayon::prelude::*;
 use std::cmp::Ordering;
+use std::collections::HashMap;
 use std::convert::Infallible;
 use std::sync::Arc;
 use words::{SIZES, SMALLEST, list_of, size_step};
@@ -29,6 +30,8 @@ const REGION_M: f64 = 0.35;
 pub struct Index {
     vocabulary: &'static Vocabulary,
     postings: Postings,
+    /// Numbers of the others, by the numbers that they have in postings that are read.
+    others: HashMap<u32, u32>,
     objects: usize,
 }
 
@@ -39,14 +42,15 @@ impl Index {
     /// Of objects, which are numbered in their order.
     pub fn new(objects: impl IntoIterator<Item = Words>) -> Self {
         let objects: Vec<(u32, Words)> = (0..).zip(objects).collect();
-        Self::of_some(objects.len(), &objects)
+        Self::of_some(&objects, HashMap::new())
     }
 
-    /// Of so many objects, with the words of some by their numbers. The postings of the others are
-    /// read by [`Self::rank_reading`].
-    pub fn of_some(all: usize, objects: &[(u32, Words)]) -> Self {
-        let vocabulary = Vocabulary::standard();
-        Self { vocabulary, postings: Postings::of(objects), objects: all }
+    /// Of some objects by their numbers, and of others whose postings are read by
+    /// [`Self::rank_reading`]: their numbers by those that they have there.
+    pub fn of_some(some: &[(u32, Words)], others: HashMap<u32, u32>) -> Self {
+        let objects = some.len() + others.len();
+        let postings = Postings::of(some);
+        Self { vocabulary: Vocabulary::standard(), postings, others, objects }
     }
 
     /// Number of objects.
@@ -71,8 +75,8 @@ impl Index {
         ranked
     }
 
-    /// The same where more postings are kept elsewhere: `read` is given numbers of lists, each
-    /// once and in order, and answers with theirs.
+    /// The same where postings of some objects are kept elsewhere: `read` is given numbers of
+    /// lists, each once and in order, and answers with theirs.
     ///
     /// # Errors
     /// Those of `read`.
@@ -86,10 +90,10 @@ impl Index {
         let mut lists: Vec<usize> = sought.iter().flatten().map(|(list, _)| *list).collect();
         lists.sort_unstable();
         lists.dedup();
-        let kept = read(&lists)?;
-        let of_list = |list: usize| {
-            let own = lists.binary_search(&list).ok().and_then(|place| kept.get(place));
-            self.postings.list(list).iter().chain(own.map_or(&[][..], |own| own))
+        let kept = if self.others.is_empty() { Vec::new() } else { read(&lists)? };
+        let of_list = |list: usize| -> &[Posting] {
+            let place = lists.binary_search(&list).ok();
+            place.and_then(|place| kept.get(place)).map_or(&[], |postings| postings)
         };
         let votes = sought.par_iter().map(|sought| self.votes_of(sought, of_list)).collect();
         Ok(self.rank_by(votes, seen, places))
@@ -173,20 +177,17 @@ impl Index {
         lists.collect()
     }
 
-    /// Objects that a feature votes for, each once.
-    fn votes_of<'p, P: Iterator<Item = &'p Posting>>(
-        &self,
-        sought: &Sought,
-        of_list: impl Fn(usize) -> P,
-    ) -> Vec<Vote> {
+    /// Objects that a feature votes for, each once; `read` gives the lists that were read.
+    fn votes_of<'p>(&self, sought: &Sought, read: impl Fn(usize) -> &'p [Posting]) -> Vec<Vote> {
         let mut fitting: Vec<(u32, u32)> = Vec::new();
         for &(list, code) in sought {
-            for posting in of_list(list) {
-                let bits = posting.bits_apart(code);
-                if bits <= MAX_BITS {
-                    fitting.push((posting.object, bits));
-                }
-            }
+            let fits = |p: &Posting| {
+                let bits = p.bits_apart(code);
+                (bits <= MAX_BITS).then_some((p.object, bits))
+            };
+            fitting.extend(self.postings.list(list).iter().filter_map(fits));
+            let of_others = |(object, bits)| Some((*self.others.get(&object)?, bits));
+            fitting.extend(read(list).iter().filter_map(fits).filter_map(of_others));
         }
         fitting.sort_unstable();
         fitting.dedup_by_key(|v| v.0);
@@ -273,9 +274,13 @@ mod tests {
     fn where_postings_are_kept_makes_no_difference() {
         let objects: Vec<(u32, Words)> =
             (0..20).map(|n| (n, Words::of(&features(n.into())))).collect();
-        let (elsewhere, here) = objects.split_at(13);
-        let elsewhere = Postings::of(elsewhere);
-        let index = Index::of_some(20, here);
+        let (others, some) = objects.split_at(13);
+        let there = |number: u32| 1_000 + 7 * number;
+        let numbers = others.iter().map(|(number, _)| (there(*number), *number)).collect();
+        let others: Vec<(u32, Words)> =
+            others.iter().map(|(number, words)| (there(*number), words.clone())).collect();
+        let elsewhere = Postings::of(&others);
+        let index = Index::of_some(some, numbers);
         for seed in [3, 12, 13, 19] {
             let seen = features_seen(seed, 1.0);
             let read = |lists: &[usize]| {
@@ -289,8 +294,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_read_is_told() {
-        let ranked =
-            twenty_objects().rank_reading(&features_seen(13, 1.0), 5, |_| Err("no such file"));
+        let index = Index::of_some(&[], HashMap::from([(1, 0)]));
+        let ranked = index.rank_reading(&features_seen(13, 1.0), 5, |_| Err("no such file"));
         assert_eq!(ranked.unwrap_err(), "no such file");
     }
 

@@ -8,10 +8,10 @@ use std::ops::Range;
 /// A feature of an object.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Posting {
-    /// In halves, the lower first: a whole one would leave gaps.
-    code: [u32; 2],
     /// The object's number.
     pub object: u32,
+    /// In halves, the lower first: a whole one would leave gaps.
+    code: [u32; 2],
 }
 
 /// Bytes of a posting as it is kept.
