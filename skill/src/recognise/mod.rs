@@ -25,7 +25,8 @@ mod taken;
 mod verify;
 
 pub use follow::{FollowConfig, Followed, Follower, Lost};
-pub use retrieval::{Index, NotAVocabulary, Posting, Postings, Vocabulary, Words};
+pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
+pub(crate) use retrieval::{Posting, Postings};
 pub use scene::Scene;
 
 use crate::appearance::Appearance;

@@ -24,7 +24,8 @@ enum Objects {
     Stored(Box<Mutex<Reader>>),
 }
 
-/// Reads what a library needs of a store, and prepares its objects; the most recently used are kept.
+/// Reads what a library needs of a store and prepares its objects; the most recently used are
+/// kept.
 struct Reader {
     store: Store,
     lists: Lists,

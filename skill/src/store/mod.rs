@@ -251,6 +251,7 @@ impl Store {
         }
         drop(snapshot);
         self.keep(&made);
+        self.list_if_many();
         Ok(Library::lazy(Self::open(&self.path)?, names, Index::of_some(&unlisted, listed)))
     }
 
@@ -267,7 +268,6 @@ impl Store {
         if let Err(error) = written() {
             tracing::debug!(%error, "words are not kept");
         }
-        self.list_if_many();
     }
 
     fn provenance(&self, name: &str) -> Result<Vec<Provenance>, StoreError> {

@@ -42,8 +42,8 @@ PRAGMA user_version = 6;
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
 /// store; objects of the second know no edges: an empty list is written as one zero; rectified
 /// features of the third are upright, and its words those of another vocabulary; words of the
-/// fourth are written otherwise; the fifth has no lists, and words that are no words (`x'ff'`) are made
-/// when they are needed.
+/// fourth are written otherwise; the fifth has no lists, and words that lack are marked (`x'ff'`)
+/// to be made when they are needed.
 const UPGRADES: [&str; 5] = [
     "
 DROP TABLE IF EXISTS vocabulary;
@@ -84,8 +84,8 @@ PRAGMA user_version = 6;
 ",
 ];
 
-/// A page of a new file: what is kept of an object is long, and its words, which are all read when
-/// a store is opened, should lie on few pages.
+/// A page of a new file: what is kept of an object is long, and words and lists, of which many are
+/// read at a time, should lie on few pages.
 const PAGE_BYTES: u32 = 16_384;
 /// Longest wait for another process that writes.
 const PATIENCE: Duration = Duration::from_secs(5);

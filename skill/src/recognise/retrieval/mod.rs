@@ -6,7 +6,7 @@ mod postings;
 mod vocabulary;
 mod words;
 
-pub use postings::{Posting, Postings};
+pub(crate) use postings::{Posting, Postings};
 pub use vocabulary::{NotAVocabulary, Vocabulary};
 pub use words::Words;
 
@@ -47,7 +47,7 @@ impl Index {
 
     /// Of some objects by their numbers, and of others whose postings are read by
     /// [`Self::rank_reading`]: their numbers by those that they have there.
-    pub fn of_some(some: &[(u32, Words)], others: HashMap<u32, u32>) -> Self {
+    pub(crate) fn of_some(some: &[(u32, Words)], others: HashMap<u32, u32>) -> Self {
         let objects = some.len() + others.len();
         let postings = Postings::of(some);
         Self { vocabulary: Vocabulary::standard(), postings, others, objects }
@@ -80,17 +80,15 @@ impl Index {
     ///
     /// # Errors
     /// Those of `read`.
-    pub fn rank_reading<E>(
+    pub(crate) fn rank_reading<E>(
         &self,
         seen: &[DescribedFeature],
         places: usize,
         read: impl FnOnce(&[usize]) -> Result<Vec<Arc<[Posting]>>, E>,
     ) -> Result<Vec<(usize, f64)>, E> {
         let sought: Vec<Sought> = seen.par_iter().map(|f| self.sought(f)).collect();
-        let mut lists: Vec<usize> = sought.iter().flatten().map(|(list, _)| *list).collect();
-        lists.sort_unstable();
-        lists.dedup();
-        let kept = if self.others.is_empty() { Vec::new() } else { read(&lists)? };
+        let lists = if self.others.is_empty() { Vec::new() } else { lists_of(&sought) };
+        let kept = read(&lists)?;
         let of_list = |list: usize| -> &[Posting] {
             let place = lists.binary_search(&list).ok();
             place.and_then(|place| kept.get(place)).map_or(&[], |postings| postings)
@@ -196,6 +194,14 @@ impl Index {
         let weight = |bits: u32| rarity * (-(f64::from(bits) / SIGMA_BITS).powi(2)).exp();
         fitting.into_iter().map(|(object, bits)| Vote { object, weight: weight(bits) }).collect()
     }
+}
+
+/// All lists, each once and in order.
+fn lists_of(sought: &[Sought]) -> Vec<usize> {
+    let mut lists: Vec<usize> = sought.iter().flatten().map(|(list, _)| *list).collect();
+    lists.sort_unstable();
+    lists.dedup();
+    lists
 }
 
 /// By weight, then by number.
