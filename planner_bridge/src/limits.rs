@@ -3,7 +3,8 @@
 use linkage_skill::articulate::JointKind;
 use linkage_skill::config::merge;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::net::IpAddr;
+use std::path::{Path, PathBuf};
 
 /// Greatest velocity, acceleration and jerk of a joint; metres or radians, seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,19 @@ pub struct Rig {
     pub prismatic: MotionLimits,
     /// What is refused.
     pub safety: Safety,
+    /// Who may command the service.
+    pub access: Access,
+}
+
+/// Who may command the service.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Access {
+    /// Addresses of the hosts that may; any where none is named.
+    pub addresses: Vec<IpAddr>,
+    /// File of the key that commands must be signed with; none where none is named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub key_file: Option<PathBuf>,
 }
 
 /// Beyond these no plan is made.
@@ -41,6 +55,8 @@ pub struct Safety {
     pub hinge_deviation: f64,
     /// Age of the frame that a plan starts from, seconds.
     pub frame_age: f64,
+    /// Time after which a command that was sent is not begun any more, seconds.
+    pub command_age: f64,
 }
 
 impl Default for Rig {
@@ -89,6 +105,7 @@ impl Rig {
             ("safety", "axis_deviation", self.safety.axis_deviation),
             ("safety", "hinge_deviation", self.safety.hinge_deviation),
             ("safety", "frame_age", self.safety.frame_age),
+            ("safety", "command_age", self.safety.command_age),
         ];
         let all = [of("revolute", &self.revolute), of("prismatic", &self.prismatic), safety];
         for (name, key, value) in all.into_iter().flatten() {

@@ -12,13 +12,19 @@ use linkage_skill::model::{Joint, ObjectModel};
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 use linkage_skill::track::Trajectory;
 
-/// Version of our own messages.
-pub const MESSAGE_SCHEMA: i32 = 1;
+/// Version of `linkage.model_t`: 2 has joints with a deviation and a reason.
+pub const MODEL_MESSAGE_SCHEMA: i32 = 2;
+/// Version of `linkage.status_t`: 2 tells the session.
+pub const STATUS_MESSAGE_SCHEMA: i32 = 2;
 /// Version of `linkage.recognition_t`: 2 tells whether the base is known, and why a configuration
-/// is not.
-pub const RECOGNITION_MESSAGE_SCHEMA: i32 = 2;
-/// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2.
-pub const PREDICTION_MESSAGE_SCHEMA: i32 = 3;
+/// is not; 3 tells each configuration's deviation.
+pub const RECOGNITION_MESSAGE_SCHEMA: i32 = 3;
+/// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2, 4 one of
+/// version 3.
+pub const PREDICTION_MESSAGE_SCHEMA: i32 = 4;
+
+/// What a message says of a deviation that is not known.
+const UNKNOWN_DEVIATION: f64 = -1.0;
 
 /// Bytes of the long lists of a message: with the rest it stays below the 64 KiB that a UDP
 /// datagram holds, beyond which losing any fragment would lose it all.
@@ -46,7 +52,7 @@ fn count(n: usize) -> i32 {
 pub fn model(model: &ObjectModel, utime: i64) -> linkage::Model {
     linkage::Model {
         utime,
-        schema: MESSAGE_SCHEMA,
+        schema: MODEL_MESSAGE_SCHEMA,
         object: model.object.clone(),
         demonstrations: count(model.demonstrations),
         part_names: model.parts.iter().map(|p| p.name.clone()).collect(),
@@ -71,6 +77,8 @@ fn joint(joint: &Joint) -> linkage::Joint {
         configuration_known: joint.configuration.last().is_some(),
         configuration: joint.configuration.last().map_or(0.0, |c| c[1]),
         covariance,
+        configuration_deviation: UNKNOWN_DEVIATION,
+        reason: String::new(),
     }
 }
 
@@ -103,6 +111,8 @@ fn joint_state(state: &JointState, learned: Option<&Joint>) -> linkage::Joint {
         range: state.range,
         configuration_known: state.configuration.is_some(),
         configuration: state.configuration.unwrap_or(0.0),
+        configuration_deviation: state.deviation.unwrap_or(UNKNOWN_DEVIATION),
+        reason: state.reason.clone().unwrap_or_default(),
         ..base
     }
 }
@@ -363,6 +373,7 @@ mod tests {
         let told = recognised(&found, Some(&model));
         assert!(!told.base_known && !told.joints[0].configuration_known);
         assert_eq!(told.reasons, ["hidden"]);
+        assert_eq!(told.joints[0].reason, "hidden");
     }
 
     proptest! {
@@ -444,7 +455,7 @@ mod tests {
         let received: linkage::Setpoint = linkage_lcm::decode(&out[body..length]).unwrap();
         let sent = linkage::Setpoint {
             utime: 500_000,
-            schema: MESSAGE_SCHEMA,
+            schema: MODEL_MESSAGE_SCHEMA,
             sequence: 1,
             last: false,
             object: "fridge".into(),

@@ -307,6 +307,7 @@ pub(crate) mod tests {
                 origin: [0.4, 0.0, 1.3],
                 pitch: 0.0,
                 configuration: Some(0.3),
+                deviation: Some(0.01),
                 reason: None,
                 range: [0.0, 1.5],
             }],

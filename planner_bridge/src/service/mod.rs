@@ -3,20 +3,24 @@
 //! A thread captures, one perceives, one publishes, one listens for commands, and one streams
 //! setpoints; bounded queues join them, and none of them waits for a slower one.
 
+mod authority;
 mod capture;
 mod command;
 mod learning;
 mod perception;
 mod publisher;
+mod reacquire;
 mod stream;
 
-pub use command::{Action, Command, Refusal};
+pub use authority::{CommandKey, KeyError, Unauthorised};
+pub use command::{Action, Command, Fault, Refusal, SCHEMA as COMMAND_SCHEMA};
 pub use stream::{StreamError, StreamReport, Streamer};
 
 use crate::limits::Rig;
+use authority::Authority;
 use capture::Capture;
 use command::Listener;
-use linkage_driver::live::latest;
+use linkage_driver::live::{host_utime, latest};
 use linkage_driver::{RgbdSource, SourceError};
 use linkage_lcm::{Lcm, LcmError};
 use linkage_realtime::OrderQueue;
@@ -70,6 +74,9 @@ pub enum ServiceError {
     /// The network.
     #[error(transparent)]
     Lcm(#[from] LcmError),
+    /// The key of the commands.
+    #[error(transparent)]
+    Key(#[from] KeyError),
     /// The store.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -131,8 +138,11 @@ pub fn serve(
     let out = publisher::Outbox { packets: packet_writer, notes: note_writer };
 
     let capture = Capture::new(source, open, config.playback, frame_writer, out.clone());
-    let listener = Listener::new(&config.url, command_writer, out.clone())?;
-    let publisher = Publisher::new(lcm, packets, notes);
+    // The time at which it begins names this run.
+    let session = host_utime();
+    let authority = Authority::new(session, config.rig.safety.command_age, &config.rig.access)?;
+    let listener = Listener::new(&config.url, authority, command_writer, out.clone())?;
+    let publisher = Publisher::new(lcm, session, packets, notes);
     let mut queue = OrderQueue::new();
     let (orders, taken) = queue.split();
     let streamer = config.stream_hz.map(|hz| Streamer::new(&config.url, hz, taken)).transpose()?;

@@ -6,14 +6,15 @@ use super::capture::Arrived;
 use super::command::{Action, Command};
 use super::learning::{Learning, Teacher};
 use super::publisher::{Answer, Note, Outbox, Situation};
+use super::reacquire::Reacquisition;
 use super::stream::Orders;
 use crate::channel;
 use crate::messages;
 use crate::plan::{PlanError, Request, predict};
 use crossbeam_channel::Receiver;
 use linkage_driver::RgbdFrame;
-use linkage_driver::live::{LatestReader, Nothing};
-use linkage_skill::predict::Target;
+use linkage_driver::live::{LatestReader, Nothing, host_utime};
+use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
 use linkage_skill::store::{Library, Store, StoreError};
 use linkage_skill::{LearnError, Learner, ObjectModel, SkillConfig};
@@ -83,6 +84,7 @@ struct Tracking {
     utime: i64,
     arrived: Instant,
     pending: Option<Pending>,
+    reacquisition: Reacquisition,
 }
 
 /// A prediction that waits for its object to be found.
@@ -101,6 +103,8 @@ const POLL: Duration = Duration::from_millis(20);
 const TELL_EVERY: Duration = Duration::from_millis(450);
 /// A prediction whose object is not found for so long is refused.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// A prediction whose joint is not known for so long is refused: recognition is asked meanwhile.
+const JOINT_PATIENCE: Duration = Duration::from_secs(2);
 /// Arrivals that the frame rate is taken over, and how old they may be.
 const RATE_FRAMES: usize = 30;
 const RATE_WINDOW: Duration = Duration::from_secs(3);
@@ -166,7 +170,12 @@ impl<'q> Perception<'q> {
         self.out.note(Note::Answer(answer));
     }
 
-    fn obey(&mut self, Command { utime, action }: Command) {
+    fn obey(&mut self, Command { utime, valid_until, action }: Command) {
+        // Whatever held this thread up, an order from before that is not carried out late.
+        if host_utime() > valid_until {
+            let reason = "it came too late to be begun: send it again".to_owned();
+            return self.answer(utime, Err(reason));
+        }
         let begun = match action {
             Action::StartDemonstration { object } => {
                 return self.answer_with(utime, |it| it.start_demonstration(object));
@@ -394,6 +403,7 @@ impl<'q> Perception<'q> {
                 utime: frame.utime,
                 arrived: *at,
                 pending,
+                reacquisition: Reacquisition::begun_now(),
             }));
             self.fulfil();
         }
@@ -402,6 +412,11 @@ impl<'q> Perception<'q> {
     /// Follows the object that was found.
     fn follow(&mut self, Arrived { frame, at }: &Arrived) {
         let State::Tracking(t) = &mut self.state else { return };
+        let Tracking { reacquisition, follower, object, recognised, .. } = &mut **t;
+        let skill = &self.config.skill;
+        if let Err(e) = reacquisition.attend(follower, object, recognised, frame, skill) {
+            self.out.note(Note::Error(format!("recognition cannot be asked again: {e}")));
+        }
         match t.follower.follow(frame) {
             Ok(followed) => {
                 (t.seen, t.utime, t.arrived) = (followed.seen, frame.utime, *at);
@@ -439,12 +454,17 @@ impl<'q> Perception<'q> {
             grasp: pending.grasp,
         };
         let model = &t.object.model;
-        let planned = predict(model, &t.recognised, &request, &self.config.rig)
-            .map_err(|e: PlanError| e.to_string())
-            .and_then(|plan| {
-                let robot_plan = messages::robot_plan(&plan, t.utime).map_err(|e| e.to_string())?;
-                Ok((plan, robot_plan))
-            });
+        let planned = predict(model, &t.recognised, &request, &self.config.rig);
+        if let Err(PlanError::Predict(PredictError::Unseen { .. })) = &planned
+            && pending.since.elapsed() < JOINT_PATIENCE
+        {
+            t.pending = Some(pending);
+            return;
+        }
+        let planned = planned.map_err(|e: PlanError| e.to_string()).and_then(|plan| {
+            let robot_plan = messages::robot_plan(&plan, t.utime).map_err(|e| e.to_string())?;
+            Ok((plan, robot_plan))
+        });
         let (plan, robot_plan) = match planned {
             Ok(planned) => planned,
             Err(reason) => return self.answer(pending.command, Err(reason)),
