@@ -107,8 +107,8 @@ impl Rig {
             ("safety", "frame_age", self.safety.frame_age),
             ("safety", "command_age", self.safety.command_age),
         ];
-        let all = [of("revolute", &self.revolute), of("prismatic", &self.prismatic), safety];
-        for (name, key, value) in all.into_iter().flatten() {
+        let limits = [of("revolute", &self.revolute), of("prismatic", &self.prismatic)];
+        for (name, key, value) in limits.into_iter().flatten().chain(safety) {
             if !(value.is_finite() && value > 0.0) {
                 return Err(format!("{name}.{key} is {value}: it must be finite and above 0"));
             }

@@ -463,6 +463,7 @@ mod tests {
             position: vec![expected.position],
             velocity: vec![expected.velocity],
             acceleration: vec![expected.acceleration],
+            reason: String::new(),
         };
         assert_eq!(received, sent);
     }

@@ -167,6 +167,9 @@ fn check_what_a_service_hears_and_tells(dir: &Path) {
             outside_range: false,
             has_grasp: true,
             grasp: [0.1, 0.2, 1.3],
+            session: 4,
+            expiry_utime: 9,
+            signature: vec![7; 32],
         },
     );
     check(
