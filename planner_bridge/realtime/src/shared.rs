@@ -10,16 +10,16 @@ use core::sync::atomic::{AtomicU32, Ordering, fence};
 /// The milliseconds wrap after 49 days. A signal that is too old is forgotten by the stream's next
 /// tick, so an old one is never taken for a new one.
 #[derive(Debug, Default)]
-pub(crate) struct Signal(AtomicU32);
+struct Signal(AtomicU32);
 
 impl Signal {
     /// It was there at that time.
-    pub fn note(&self, at_us: u64) {
+    fn note(&self, at_us: u64) {
         self.0.store(milliseconds(at_us).max(1), Ordering::Relaxed);
     }
 
     /// True where it was there within so many microseconds before now; forgets it where not.
-    pub fn is_fresh(&self, now_us: u64, greatest_age_us: u64) -> bool {
+    fn is_fresh(&self, now_us: u64, greatest_age_us: u64) -> bool {
         let noted = self.0.load(Ordering::Relaxed);
         if noted == 0 {
             return false;
