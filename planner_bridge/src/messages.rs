@@ -17,8 +17,9 @@ pub const MESSAGE_SCHEMA: i32 = 1;
 /// Version of `linkage.recognition_t`: 2 tells whether the base is known, and why a configuration
 /// is not.
 pub const RECOGNITION_MESSAGE_SCHEMA: i32 = 2;
-/// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2.
-pub const PREDICTION_MESSAGE_SCHEMA: i32 = 3;
+/// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2, 4 the time at
+/// which it was made.
+pub const PREDICTION_MESSAGE_SCHEMA: i32 = 4;
 
 /// Bytes of the long lists of a message: with the rest it stays below the 64 KiB that a UDP
 /// datagram holds, beyond which losing any fragment would lose it all.
@@ -124,8 +125,21 @@ fn microseconds(seconds: f64) -> i64 {
     (seconds * 1e6).round() as i64
 }
 
+/// When a prediction comes from; microseconds since 1970.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stamps {
+    /// When the frame that it starts from was captured, by the camera's clock.
+    pub captured: i64,
+    /// When it was made, by the host's clock.
+    pub made: i64,
+}
+
 /// A prediction; of long motions so many knots that the message stays small.
-pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> linkage::Prediction {
+pub fn prediction(
+    prediction: &Prediction,
+    model: &ObjectModel,
+    stamps: Stamps,
+) -> linkage::Prediction {
     let states: Vec<JointState> = prediction.joints.iter().map(|j| j.state.clone()).collect();
     let as_recognised = Recognised {
         object: prediction.object.clone(),
@@ -167,12 +181,13 @@ pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> l
         }
     };
     linkage::Prediction {
-        utime,
+        utime: stamps.captured,
         schema: PREDICTION_MESSAGE_SCHEMA,
         recognition: recognised(&as_recognised, Some(model)),
         trajectories: moving().map(trajectory).collect(),
         paths: prediction.parts.iter().map(path).collect(),
         handles: prediction.handles.iter().map(path).collect(),
+        made_utime: stamps.made,
     }
 }
 
@@ -194,11 +209,12 @@ pub enum PlanMessageError {
 }
 
 /// Drake's plan of the object's joints, named `<object>/<joint>`: at least two knots, times
-/// from 0 and strictly increasing, positions rounded to single floats inside the range.
+/// from 0 and strictly increasing, positions rounded to single floats inside the range. Stamped, as
+/// Drake's own, with the time at which it was made: the prediction that goes with it has the same.
 ///
 /// # Errors
 /// [`PlanMessageError`].
-pub fn robot_plan(plan: &Plan, utime: i64) -> Result<drake::LcmtRobotPlan, PlanMessageError> {
+pub fn robot_plan(plan: &Plan, stamps: Stamps) -> Result<drake::LcmtRobotPlan, PlanMessageError> {
     let object = &plan.prediction.object;
     let longest = plan.motions.iter().max_by(|a, b| a.duration().total_cmp(&b.duration()));
     let knots = longest.map_or_else(Vec::new, knots);
@@ -218,16 +234,20 @@ pub fn robot_plan(plan: &Plan, utime: i64) -> Result<drake::LcmtRobotPlan, PlanM
             return Err(PlanMessageError::Times { knot: knot + 1 });
         }
     }
-    Ok(drake::LcmtRobotPlan { utime, plan: states })
+    Ok(drake::LcmtRobotPlan { utime: stamps.made, plan: states })
 }
 
-/// A joint's configuration at a time as a single float, towards the inside of its motion's ends.
+/// A joint's configuration at a time as a single float, rounded towards the inside of what it moves
+/// between: its ends, or its range where it goes beyond them.
 fn single_inside(motion: &JointMotion, t: f64) -> f32 {
-    let (from, to) = (motion.at(0.0).position, motion.at(motion.duration()).position);
-    let rounded = motion.at(t).position as f32;
-    if f64::from(rounded) > from.max(to) {
+    let (from, to, exact) = (motion.at(0.0).position, motion.target(), motion.at(t).position);
+    let ends = [from.min(to), from.max(to)];
+    let is_between = (ends[0]..=ends[1]).contains(&exact);
+    let [low, high] = if is_between { ends } else { motion.bounds().range };
+    let rounded = exact as f32;
+    if f64::from(rounded) > high {
         rounded.next_down()
-    } else if f64::from(rounded) < from.min(to) {
+    } else if f64::from(rounded) < low {
         rounded.next_up()
     } else {
         rounded

@@ -265,6 +265,11 @@ impl JointMotion {
         self.target
     }
 
+    /// Its pieces.
+    pub fn segments(&self) -> &[Segment] {
+        &self.segments
+    }
+
     /// What it stays within.
     pub fn bounds(&self) -> &Bounds {
         &self.bounds

@@ -83,7 +83,7 @@ fn joint() -> Result<JointMotion, MotionError> {
     let segments = segments.get(..black_box(2)).ok_or(MotionError::TooMuch)?;
     let stop = black_box(stop(from, &limits));
     let joint = JointMotion::new(black_box("j"), segments, stop.duration, stop.position, bounds)?;
-    black_box((joint.name(), joint.target(), joint.bounds(), joint.duration()));
+    black_box((joint.name(), joint.target(), joint.bounds(), joint.segments(), joint.duration()));
     let piece = joint.at(black_box(0.2));
     black_box((piece.is_rest(), segments.first().map(|s| s.after(black_box(0.1)))));
     Ok(joint.brake(black_box(0.4)))
