@@ -3,7 +3,8 @@
 use linkage_skill::articulate::JointKind;
 use linkage_skill::config::merge;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::net::IpAddr;
+use std::path::{Path, PathBuf};
 
 /// Greatest velocity, acceleration and jerk of a joint; metres or radians, seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -31,6 +32,19 @@ pub struct Rig {
     pub safety: Safety,
     /// How a motion is executed.
     pub streaming: Streaming,
+    /// Who may command the service.
+    pub access: Access,
+}
+
+/// Who may command the service.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Access {
+    /// Addresses of the hosts that may; any where none is named.
+    pub addresses: Vec<IpAddr>,
+    /// File of the key that commands must be signed with; none where none is named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub key_file: Option<PathBuf>,
 }
 
 /// Beyond these no plan is made.
@@ -48,6 +62,8 @@ pub struct Safety {
     /// Age of the newest frame that shows the object, seconds: when a plan is made, and while it is
     /// executed.
     pub frame_age: f64,
+    /// Time after which a command that was sent is not begun any more, seconds.
+    pub command_age: f64,
 }
 
 /// How a motion is executed as a stream of setpoints. Seconds.
@@ -131,6 +147,7 @@ impl Rig {
             ("streaming", "lead_time", self.streaming.lead_time),
             ("streaming", "longest_gap", self.streaming.longest_gap),
             ("streaming", "heartbeat_age", self.streaming.heartbeat_age),
+            ("safety", "command_age", self.safety.command_age),
         ];
         let limits = [of("revolute", &self.revolute), of("prismatic", &self.prismatic)];
         for (name, key, value) in limits.into_iter().flatten().chain(safety) {

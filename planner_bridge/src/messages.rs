@@ -12,14 +12,19 @@ use linkage_skill::model::{Joint, ObjectModel};
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 use linkage_skill::track::Trajectory;
 
-/// Version of our own messages.
-pub const MESSAGE_SCHEMA: i32 = 1;
+/// Version of `linkage.model_t`: 2 has joints with a deviation and a reason.
+pub const MODEL_MESSAGE_SCHEMA: i32 = 2;
+/// Version of `linkage.status_t`: 2 tells the session.
+pub const STATUS_MESSAGE_SCHEMA: i32 = 2;
 /// Version of `linkage.recognition_t`: 2 tells whether the base is known, and why a configuration
-/// is not.
-pub const RECOGNITION_MESSAGE_SCHEMA: i32 = 2;
-/// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2, 4 the time at
-/// which it was made.
+/// is not; 3 tells each configuration's deviation.
+pub const RECOGNITION_MESSAGE_SCHEMA: i32 = 3;
+/// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2, 4 one of
+/// version 3 and the time at which it was made.
 pub const PREDICTION_MESSAGE_SCHEMA: i32 = 4;
+
+/// What a message says of a deviation that is not known.
+const UNKNOWN_DEVIATION: f64 = -1.0;
 
 /// Bytes of the long lists of a message: with the rest it stays below the 64 KiB that a UDP
 /// datagram holds, beyond which losing any fragment would lose it all.
@@ -47,7 +52,7 @@ fn count(n: usize) -> i32 {
 pub fn model(model: &ObjectModel, utime: i64) -> linkage::Model {
     linkage::Model {
         utime,
-        schema: MESSAGE_SCHEMA,
+        schema: MODEL_MESSAGE_SCHEMA,
         object: model.object.clone(),
         demonstrations: count(model.demonstrations),
         part_names: model.parts.iter().map(|p| p.name.clone()).collect(),
@@ -72,6 +77,8 @@ fn joint(joint: &Joint) -> linkage::Joint {
         configuration_known: joint.configuration.last().is_some(),
         configuration: joint.configuration.last().map_or(0.0, |c| c[1]),
         covariance,
+        configuration_deviation: UNKNOWN_DEVIATION,
+        reason: String::new(),
     }
 }
 
@@ -104,6 +111,8 @@ fn joint_state(state: &JointState, learned: Option<&Joint>) -> linkage::Joint {
         range: state.range,
         configuration_known: state.configuration.is_some(),
         configuration: state.configuration.unwrap_or(0.0),
+        configuration_deviation: state.deviation.unwrap_or(UNKNOWN_DEVIATION),
+        reason: state.reason.clone().unwrap_or_default(),
         ..base
     }
 }
@@ -364,6 +373,8 @@ mod tests {
     use linkage_skill::predict::Target;
     use proptest::prelude::*;
 
+    const STAMPS: Stamps = Stamps { captured: 77, made: 99 };
+
     /// A fridge's door from somewhere to somewhere, under limits.
     fn planned(from: f64, to: f64, rig: &Rig) -> Plan {
         let (model, mut recognised) = fridge();
@@ -383,6 +394,7 @@ mod tests {
         let told = recognised(&found, Some(&model));
         assert!(!told.base_known && !told.joints[0].configuration_known);
         assert_eq!(told.reasons, ["hidden"]);
+        assert_eq!(told.joints[0].reason, "hidden");
     }
 
     proptest! {
@@ -393,7 +405,7 @@ mod tests {
         ) {
             let revolute = crate::limits::MotionLimits { velocity, acceleration, jerk };
             let rig = Rig { revolute, ..Rig::default() };
-            let plan = robot_plan(&planned(from, to, &rig), 5).unwrap();
+            let plan = robot_plan(&planned(from, to, &rig), STAMPS).unwrap();
             prop_assert!(plan.plan.len() >= 2 && plan.plan[0].utime == 0);
             let names_fit = plan.plan.iter().all(|s| s.joint_name == ["fridge/joint1"]);
             prop_assert!(names_fit);
@@ -419,15 +431,17 @@ mod tests {
     fn a_prediction_without_motion_is_no_plan() {
         let mut plan = planned(0.3, 1.5, &Rig::default());
         plan.motions.clear();
-        assert_eq!(robot_plan(&plan, 5), Err(PlanMessageError::TooFewKnots { found: 0 }));
+        assert_eq!(robot_plan(&plan, STAMPS), Err(PlanMessageError::TooFewKnots { found: 0 }));
     }
 
     #[test]
     fn the_message_carries_what_the_prediction_says() {
         let (model, _) = fridge();
         let p = planned(0.3, 1.5, &Rig::default()).prediction;
-        let message = prediction(&p, &model, 77);
-        assert_eq!(message.utime, 77);
+        let message = prediction(&p, &model, STAMPS);
+        assert_eq!((message.utime, message.made_utime), (77, 99));
+        let plan = planned(0.3, 1.5, &Rig::default());
+        assert_eq!(robot_plan(&plan, STAMPS).unwrap().utime, message.made_utime);
         assert_eq!(message.trajectories[0].position.len(), p.joints[0].trajectory.len());
         assert_eq!(message.recognition.joints[0].child, 1);
         let bytes = linkage_lcm::encode(&message).unwrap();
@@ -441,7 +455,7 @@ mod tests {
         p.parts[0].poses = vec![p.parts[0].poses[0]; 2000];
         p.parts[0].poses[1999][0] = 40.0;
         p.handles = vec![p.parts[0].clone(); 3];
-        let message = prediction(&p, &model, 77);
+        let message = prediction(&p, &model, STAMPS);
         assert!(linkage_lcm::encode(&message).unwrap().len() < 64 * 1024);
         assert_eq!(message.handles[2].time_from_start_us.last(), Some(&40_000_000));
         assert_eq!(message.trajectories[0].position.last(), Some(&1.5));
@@ -449,22 +463,30 @@ mod tests {
 
     #[test]
     fn the_real_time_half_writes_the_same_setpoint() {
+        use linkage_realtime::{OrderQueue, Orders, Reason, Shared, Stream, Tick, Watch};
         let plan = planned(0.3, 1.5, &Rig::default());
-        let mut queue = linkage_realtime::OrderQueue::new();
-        let (mut orders, taken) = queue.split();
-        let mut stream = linkage_realtime::Stream::new(taken, crate::channel::SETPOINT);
-        orders.enqueue(Some(plan.motion().unwrap())).unwrap();
-        let mut out = [0; linkage_realtime::DATAGRAM_CAPACITY];
-        stream.tick(0, &mut out).unwrap();
-        let linkage_realtime::Tick::Send(length) = stream.tick(500_000, &mut out).unwrap() else {
-            panic!("it moves for longer than half a second")
+        let (mut queue, shared) = (OrderQueue::new(), Shared::default());
+        let (given, taken) = queue.split();
+        let watch =
+            Watch { frame_age_us: 500_000, heartbeat_age_us: None, longest_gap_us: 1_000_000 };
+        let mut stream = Stream::new(taken, &shared, crate::channel::SETPOINT, watch);
+        let mut orders = Orders::new(given, &shared);
+        let motion = plan.motion().unwrap();
+        orders.run(&motion, None).unwrap();
+        let mut at = |due_us: u64, utime| {
+            shared.frame_seen(due_us);
+            let mut out = [0; linkage_realtime::DATAGRAM_CAPACITY];
+            let Tick::Send(length) = stream.tick(due_us, utime, &mut out).unwrap() else {
+                panic!("it moves")
+            };
+            let body = 8 + crate::channel::SETPOINT.len() + 1;
+            linkage_lcm::decode::<linkage::Setpoint>(&out[body..length]).unwrap()
         };
-        let body = 8 + crate::channel::SETPOINT.len() + 1;
-        let expected = plan.motions[0].at(0.5);
-        let received: linkage::Setpoint = linkage_lcm::decode(&out[body..length]).unwrap();
-        let sent = linkage::Setpoint {
-            utime: 500_000,
-            schema: MESSAGE_SCHEMA,
+        at(1_000_000, 0);
+        let mut expected = plan.motions[0].at(0.5);
+        let mut setpoint = linkage::Setpoint {
+            utime: 77,
+            schema: linkage_realtime::SETPOINT_SCHEMA,
             sequence: 1,
             last: false,
             object: "fridge".into(),
@@ -472,7 +494,16 @@ mod tests {
             position: vec![expected.position],
             velocity: vec![expected.velocity],
             acceleration: vec![expected.acceleration],
+            reason: String::new(),
         };
-        assert_eq!(received, sent);
+        assert_eq!(at(1_500_000, 77), setpoint);
+        orders.brake(Reason::Cancelled);
+        expected = plan.motions[0].at(0.6);
+        setpoint.position = vec![expected.position];
+        setpoint.velocity = vec![expected.velocity];
+        setpoint.acceleration = vec![expected.acceleration];
+        (setpoint.utime, setpoint.sequence) = (78, 2);
+        setpoint.reason = "cancelled".into();
+        assert_eq!(at(1_600_000, 78), setpoint);
     }
 }

@@ -208,7 +208,7 @@ fn asked_for(
     for m in &wanted {
         let joint = &model.joints[m.joint];
         assure(joint, &rig.safety)?;
-        assure_configuration(joint, deviation_of(&recognised.joints[m.joint]), &rig.safety)?;
+        assure_configuration(joint, recognised.joints[m.joint].deviation, &rig.safety)?;
         let limits = *rig.limits(joint.kind);
         tasks.push(match request.moving.and_then(|moving| moving.joint(&joint.name)) {
             Some(now) => Task::within(&joint.name, now, m.to, limits, joint.range),
@@ -286,11 +286,6 @@ fn deviation_across(joint: &Joint, from: usize) -> Option<f64> {
     variances.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
     let (least, greatest) = (variances[1].min(variances[2]), variances[1].max(variances[2]));
     (least > LEAST_SHARE * greatest && least > 0.0).then(|| greatest.sqrt())
-}
-
-/// Standard deviation of the present configuration, rad or m, where recognition tells it.
-fn deviation_of(_state: &JointState) -> Option<f64> {
-    None
 }
 
 /// Refuses a joint whose present configuration was not seen well enough.
@@ -425,6 +420,7 @@ pub(crate) mod tests {
                 origin: [0.4, 0.0, 1.3],
                 pitch: 0.0,
                 configuration: Some(0.3),
+                deviation: Some(0.01),
                 reason: None,
                 range: [0.0, 1.5],
             }],

@@ -305,6 +305,9 @@ fn pieces(profile: &Profile) -> (Vec<Segment>, f64) {
 /// Motions from rest that run in proportion to each other, so that all arrive at once: one motion
 /// from 0 to 1, as slow as the joint that limits it most.
 fn in_proportion(tasks: &[Task]) -> Result<Vec<JointMotion>, String> {
+    if tasks.is_empty() {
+        return Ok(Vec::new());
+    }
     let way = |task: &Task| task.to - task.from.position;
     let least = |limit: fn(&MotionLimits) -> f64| {
         let share = |t: &Task| limit(&t.limits_with_room_for_rounding()) / way(t).abs();

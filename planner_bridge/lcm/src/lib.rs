@@ -1,11 +1,15 @@
-//! LCM: message types generated from `types/*.lcm`, their codec, and transport over liblcm.
+//! LCM: message types generated from `types/*.lcm`, their codec, and transport: over multicast
+//! in Rust, over other networks through liblcm.
 //!
 //! The codec is plain Rust and gives the bytes that lcm-gen's C gives. Decoding never
 //! trusts a length: what a packet claims to hold is compared with what is left of it.
 
 pub mod codec;
+mod inbox;
 pub mod log;
+mod subscriptions;
 pub mod transport;
+pub mod udpm;
 
 /// The messages, a module a package.
 pub mod messages {
@@ -14,7 +18,8 @@ pub mod messages {
 
 pub use codec::{DecodeError, EncodeError, Message, decode, encode};
 pub use log::{Event, LogReader, LogWriter};
-pub use transport::{Lcm, LcmError, Packet, Subscription};
+pub use subscriptions::Subscriptions;
+pub use transport::{DEFAULT_MAX_BYTES, Lcm, LcmError, Packet, Reception, Subscription};
 
 /// The default network: this host only (DESIGN 4.7).
 pub const DEFAULT_URL: &str = "udpm://239.255.76.67:7667?ttl=0";

@@ -1,39 +1,55 @@
-//! Sending and receiving through liblcm.
+//! Sending and receiving: `udpm://` in safe Rust, the other kinds of networks through liblcm.
 
 #[allow(unsafe_code)]
 mod sys;
+mod tcpq;
 
 use crate::codec::{Message, encode};
-use std::time::Duration;
+use crate::udpm::{MAX_CHANNEL, Network, Publisher, Receiver};
+use std::net::SocketAddr;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// Largest message that is received where a subscription says nothing else, bytes: an image of
+/// 8K is half of it.
+pub const DEFAULT_MAX_BYTES: usize = 64 << 20;
 
 /// What can go wrong on the network.
 #[derive(Debug, thiserror::Error)]
 pub enum LcmError {
     /// The network cannot be joined.
-    #[error(
-        "{url}: LCM cannot join; check the URL, and that multicast has a route: \"ip route add 224.0.0.0/4 dev lo\" for this host only"
-    )]
+    #[error("{url}: LCM cannot join: {reason}")]
     Join {
         /// As asked.
         url: String,
+        /// Why not, and what to do.
+        reason: String,
     },
     /// A packet was not sent.
-    #[error("{channel}: {bytes} bytes could not be published")]
+    #[error("{channel}: {bytes} bytes could not be published: {reason}")]
     Publish {
         /// Channel.
         channel: String,
         /// Size.
         bytes: usize,
+        /// The system's word.
+        reason: String,
     },
-    /// A channel name with a NUL, or a subscription that liblcm refuses.
-    #[error("\"{channel}\" is no channel")]
+    /// A channel name that none can have, or a subscription that is no regular expression.
+    #[error("\"{channel}\" is no channel: {reason}")]
     Channel {
         /// As given.
         channel: String,
+        /// Why not.
+        reason: String,
     },
     /// Receiving failed.
-    #[error("LCM cannot receive any more")]
-    Receive,
+    #[error("{url}: LCM cannot receive: {reason}")]
+    Receive {
+        /// The network.
+        url: String,
+        /// Why not.
+        reason: String,
+    },
     /// A message has no encoding.
     #[error("{channel}: {source}")]
     Encode {
@@ -54,6 +70,16 @@ pub enum LcmError {
     },
 }
 
+impl LcmError {
+    /// A multicast network that cannot be joined for a reason of the system.
+    pub(crate) fn join(url: &str, reason: String) -> Self {
+        let reason = format!(
+            "{reason}; does multicast have a route? \"ip route add 224.0.0.0/4 dev lo\" gives it one for this host only"
+        );
+        Self::Join { url: url.to_owned(), reason }
+    }
+}
+
 /// A received packet.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packet {
@@ -63,12 +89,60 @@ pub struct Packet {
     pub bytes: Vec<u8>,
     /// When it was received, microseconds.
     pub received_utime: i64,
+    /// Who sent it; known of `udpm://` alone.
+    pub sender: Option<SocketAddr>,
+}
+
+/// What a connection has received since it first subscribed, and what it has not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reception {
+    /// Messages that were received.
+    pub received: u64,
+    /// Messages of which nothing arrived: gaps in the numbers of senders that have sent something
+    /// that is subscribed to. Such a sender's messages on other channels count too.
+    pub lost: u64,
+    /// Messages of which a part did not arrive.
+    pub incomplete: u64,
+    /// Messages that were received and pushed out, for nobody took them in time.
+    pub pushed_out: u64,
+    /// Messages larger than their subscription allows.
+    pub oversized: u64,
+    /// Datagrams that no LCM sends.
+    pub refused: u64,
+    /// Datagrams of other hosts on a network of this host only (`ttl=0`).
+    pub foreign: u64,
+    /// The receive buffer that the system was asked for, bytes.
+    pub requested_buffer: usize,
+    /// The receive buffer that the system granted, bytes, without what Linux adds for its own
+    /// bookkeeping; 0 where there is no socket.
+    pub granted_buffer: usize,
+}
+
+impl Reception {
+    /// Messages that were sent and will not be received.
+    pub fn missing(&self) -> u64 {
+        self.lost + self.incomplete + self.pushed_out
+    }
 }
 
 /// A connection to an LCM network.
 pub struct Lcm {
     url: String,
-    handle: sys::Handle,
+    backend: Backend,
+}
+
+/// What carries the messages.
+enum Backend {
+    Multicast { network: Network, publisher: Publisher, receiver: Option<Receiver> },
+    Liblcm(sys::Handle),
+}
+
+/// Whether there is a server at the address of `tcpq://ADDRESS`; other kinds have none.
+fn server_answers(url: &str) -> Result<(), String> {
+    match url.strip_prefix("tcpq://") {
+        Some(rest) => tcpq::greet(rest.split('?').next().unwrap_or_default()),
+        None => Ok(()),
+    }
 }
 
 /// What [`Lcm::subscribe`] gives; packets are read from the connection.
@@ -76,14 +150,29 @@ pub struct Lcm {
 pub struct Subscription(usize);
 
 impl Lcm {
-    /// Joins the network of a URL: `udpm://…`, `memq://`, `file://…`.
+    /// Joins the network of a URL: `udpm://…`, `tcpq://…`, `memq://`, `file://…`.
     ///
     /// # Errors
     /// [`LcmError::Join`].
     pub fn new(url: &str) -> Result<Self, LcmError> {
-        let handle =
-            sys::Handle::create(url).ok_or_else(|| LcmError::Join { url: url.to_owned() })?;
-        Ok(Self { url: url.to_owned(), handle })
+        let failed = |reason: String| LcmError::Join { url: url.to_owned(), reason };
+        let backend = match url.split_once("://") {
+            Some(("udpm", _)) => {
+                let network = Network::parse(url).map_err(|e| failed(e.to_string()))?;
+                let sender = network.sender().map_err(|e| LcmError::join(url, e.to_string()))?;
+                Backend::Multicast { network, publisher: Publisher::new(sender), receiver: None }
+            }
+            Some(("tcpq" | "memq" | "file", _)) => {
+                server_answers(url).map_err(failed)?;
+                let handle = sys::Handle::create(url);
+                Backend::Liblcm(handle.ok_or_else(|| failed("liblcm cannot open it".to_owned()))?)
+            }
+            _ => {
+                let kinds = "there are udpm://GROUP:PORT?ttl=N, tcpq://ADDRESS:PORT, file://PATH and memq://";
+                return Err(failed(kinds.to_owned()));
+            }
+        };
+        Ok(Self { url: url.to_owned(), backend })
     }
 
     /// The network's URL.
@@ -97,10 +186,23 @@ impl Lcm {
     /// [`LcmError::Publish`], [`LcmError::Channel`].
     pub fn publish_bytes(&self, channel: &str, bytes: &[u8]) -> Result<(), LcmError> {
         let name = channel_name(channel)?;
-        if self.handle.publish(&name, bytes) {
-            Ok(())
-        } else {
-            Err(LcmError::Publish { channel: channel.to_owned(), bytes: bytes.len() })
+        let failed = |reason: String| LcmError::Publish {
+            channel: channel.to_owned(),
+            bytes: bytes.len(),
+            reason,
+        };
+        match &self.backend {
+            Backend::Multicast { publisher, .. } => {
+                publisher.publish(channel, bytes).map_err(|e| failed(e.to_string()))
+            }
+            Backend::Liblcm(handle) => {
+                if !handle.is_connected() {
+                    // liblcm connects again by itself, and waits without end for a server's answer.
+                    server_answers(&self.url).map_err(failed)?;
+                }
+                let sent = handle.publish(&name, bytes).then_some(());
+                sent.ok_or_else(|| failed("the connection is gone".to_owned()))
+            }
         }
     }
 
@@ -114,16 +216,40 @@ impl Lcm {
         self.publish_bytes(channel, &bytes)
     }
 
-    /// Receives from now on what is sent on channels matching a regular expression.
+    /// Receives from now on what is sent on channels that match a regular expression as a whole,
+    /// up to [`DEFAULT_MAX_BYTES`] a message.
     ///
     /// # Errors
-    /// [`LcmError::Channel`].
+    /// [`LcmError::Channel`], [`LcmError::Join`].
     pub fn subscribe(&mut self, channel: &str) -> Result<Subscription, LcmError> {
-        let name = channel_name(channel)?;
-        self.handle
-            .subscribe(&name)
-            .map(Subscription)
-            .ok_or_else(|| LcmError::Channel { channel: channel.to_owned() })
+        self.subscribe_up_to(channel, DEFAULT_MAX_BYTES)
+    }
+
+    /// The same with messages of at most `max_bytes`. A larger one is counted and takes no
+    /// memory.
+    ///
+    /// # Errors
+    /// [`LcmError::Channel`], [`LcmError::Join`].
+    pub fn subscribe_up_to(
+        &mut self,
+        channel: &str,
+        max_bytes: usize,
+    ) -> Result<Subscription, LcmError> {
+        let failed = |reason: String| LcmError::Channel { channel: channel.to_owned(), reason };
+        match &mut self.backend {
+            Backend::Multicast { network, receiver, .. } => {
+                let receiver = match receiver {
+                    Some(receiver) => receiver,
+                    None => receiver.insert(
+                        Receiver::start(network)
+                            .map_err(|e| LcmError::join(&self.url, e.to_string()))?,
+                    ),
+                };
+                receiver.subscribe(channel, max_bytes).map_err(|e| failed(e.to_string()))?;
+            }
+            Backend::Liblcm(handle) => handle.subscribe(channel, max_bytes).map_err(failed)?,
+        }
+        Ok(Subscription(max_bytes))
     }
 
     /// The next packet of any subscription; `None` when none comes in time.
@@ -131,7 +257,31 @@ impl Lcm {
     /// # Errors
     /// [`LcmError::Receive`].
     pub fn receive(&mut self, timeout: Duration) -> Result<Option<Packet>, LcmError> {
-        self.handle.receive(timeout).map_err(|()| LcmError::Receive)
+        let received = match &mut self.backend {
+            Backend::Multicast { receiver: Some(receiver), .. } => receiver.receive(timeout),
+            Backend::Multicast { receiver: None, .. } => {
+                std::thread::sleep(timeout);
+                Ok(None)
+            }
+            Backend::Liblcm(handle) => handle.receive(timeout),
+        };
+        received.map_err(|reason| LcmError::Receive { url: self.url.clone(), reason })
+    }
+
+    /// What was received and what was not, since the first subscription.
+    pub fn reception(&self) -> Reception {
+        match &self.backend {
+            Backend::Multicast { network, receiver: Some(receiver), .. } => {
+                receiver.reception(network)
+            }
+            Backend::Multicast { network, receiver: None, .. } => {
+                Reception { requested_buffer: network.receive_buffer, ..Reception::default() }
+            }
+            Backend::Liblcm(handle) => {
+                let [received, pushed_out, oversized, refused] = handle.counts();
+                Reception { received, pushed_out, oversized, refused, ..Reception::default() }
+            }
+        }
     }
 
     /// Sends a packet to itself: proof that the network carries anything at all.
@@ -139,10 +289,13 @@ impl Lcm {
     /// # Errors
     /// [`LcmError::NoLoopback`] with what to do.
     pub fn self_test(&self, wait: Duration) -> Result<(), LcmError> {
+        if let Backend::Multicast { network, publisher, .. } = &self.backend {
+            return network.self_test(publisher.socket(), wait);
+        }
         let channel = format!("LINKAGE_SELF_TEST_{}", std::process::id());
         let mut listener = Self::new(&self.url)?;
         listener.subscribe(&channel)?;
-        let start = std::time::Instant::now();
+        let start = Instant::now();
         while start.elapsed() < wait {
             self.publish_bytes(&channel, b"are you there")?;
             if listener.receive(Duration::from_millis(100))?.is_some() {
@@ -153,9 +306,17 @@ impl Lcm {
     }
 }
 
+/// The host's time in microseconds.
+pub(crate) fn host_utime() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_micros() as i64)
+}
+
 fn channel_name(channel: &str) -> Result<std::ffi::CString, LcmError> {
     std::ffi::CString::new(channel)
         .ok()
-        .filter(|_| !channel.is_empty() && channel.len() < 64)
-        .ok_or_else(|| LcmError::Channel { channel: channel.to_owned() })
+        .filter(|_| !channel.is_empty() && channel.len() <= MAX_CHANNEL)
+        .ok_or_else(|| LcmError::Channel {
+            channel: channel.to_owned(),
+            reason: format!("a channel has 1 to {MAX_CHANNEL} bytes, none of them NUL"),
+        })
 }

@@ -1,33 +1,205 @@
-//! Messages over a real network of this host.
+//! Messages over real networks of this host.
+
+mod support;
 
 use linkage_lcm::messages::linkage::Status;
 use linkage_lcm::{Lcm, LcmError, decode};
-use std::time::Duration;
+use std::io::{Read, Write};
+use std::net::{TcpListener, UdpSocket};
+use std::time::{Duration, Instant};
+use support::{attacker, group, image, listener, next, url};
 
-const URL: &str = "udpm://239.255.76.67:7691?ttl=0";
+const PATIENCE: Duration = Duration::from_secs(5);
 
 #[test]
 fn what_is_published_is_received() {
-    let mut listener = Lcm::new(URL).unwrap();
+    let url = url(50);
+    let mut listener = Lcm::new(&url).unwrap();
     listener.subscribe("LINKAGE_TEST_STATUS").unwrap();
-    let sender = Lcm::new(URL).unwrap();
-    sender.self_test(Duration::from_secs(5)).unwrap();
+    let sender = Lcm::new(&url).unwrap();
+    sender.self_test(PATIENCE).unwrap();
     let status = Status { state: "idle".into(), frames: 3, ..Default::default() };
     sender.publish("LINKAGE_TEST_STATUS", &status).unwrap();
-    let packet = listener.receive(Duration::from_secs(5)).unwrap().expect("a packet");
+    let packet = listener.receive(PATIENCE).unwrap().expect("a packet");
     assert_eq!(packet.channel, "LINKAGE_TEST_STATUS");
+    assert!(packet.sender.is_some_and(|s| s.port() != 0));
     assert_eq!(decode::<Status>(&packet.bytes).unwrap(), status);
 }
 
 #[test]
-fn a_url_that_is_none_is_refused_with_what_to_do() {
-    let error = Lcm::new("carrier-pigeon://coop").err().unwrap();
-    assert!(matches!(error, LcmError::Join { .. }));
-    assert!(error.to_string().contains("carrier-pigeon"), "{error}");
+fn messages_of_all_lengths_are_received() {
+    let url = url(51);
+    let mut listener = listener(&url);
+    let sender = Lcm::new(&url).unwrap();
+    // With its channel and a NUL, a message of 65497 bytes is the longest that goes in one piece.
+    for length in [0, 1, 65_496, 65_497, 65_498, 130_971, 130_972, 130_973, 1_000_000, 4_000_000] {
+        sender.publish_bytes("C", &image(length)).unwrap();
+        let received = next(&mut listener, "C", PATIENCE);
+        assert!(received.is_some_and(|bytes| bytes == image(length)), "{length}");
+    }
+    assert_eq!(listener.reception().missing(), 0);
 }
 
 #[test]
-fn an_empty_channel_is_refused() {
-    let lcm = Lcm::new(URL).unwrap();
-    assert!(matches!(lcm.publish_bytes("", b"x"), Err(LcmError::Channel { .. })));
+fn another_group_on_the_same_port_is_not_heard() {
+    let ours = url(52);
+    let others = ours.replacen("239.255", "239.254", 1);
+    let mut listener = listener(&ours);
+    // This host has joined the other group too.
+    let mut others_listener = support::listener(&others);
+    Lcm::new(&others).unwrap().publish_bytes("LINKAGE_COMMAND", b"theirs").unwrap();
+    let unicast = b"LC02\0\0\0\0LINKAGE_COMMAND\0unicast";
+    attacker().send_to(unicast, ("127.0.0.1", group(&ours).port())).unwrap();
+    assert!(next(&mut others_listener, "LINKAGE_COMMAND", PATIENCE).is_some());
+    Lcm::new(&ours).unwrap().publish_bytes("LINKAGE_COMMAND", b"ours").unwrap();
+    let received = next(&mut listener, "LINKAGE_COMMAND", PATIENCE);
+    assert_eq!(received.as_deref(), Some(&b"ours"[..]));
+    assert_eq!(listener.reception().received, 1);
+}
+
+#[test]
+fn messages_that_a_sender_left_out_are_counted_as_lost() {
+    let url = url(53);
+    let mut listener = listener(&url);
+    let socket = attacker();
+    for sequence in [0_u32, 1, 5, 6] {
+        let datagram = [b"LC02", &sequence.to_be_bytes()[..], b"KINECT_FRAME\0abc"].concat();
+        socket.send_to(&datagram, group(&url)).unwrap();
+    }
+    for _ in 0..4 {
+        assert!(next(&mut listener, "KINECT_FRAME", PATIENCE).is_some());
+    }
+    assert_eq!((listener.reception().lost, listener.reception().missing()), (3, 3));
+}
+
+#[test]
+fn what_nobody_takes_in_time_is_counted() {
+    let url = url(54);
+    let listener = listener(&url);
+    let sender = Lcm::new(&url).unwrap();
+    for number in 0..1500_u32 {
+        sender.publish_bytes("C", &number.to_be_bytes()).unwrap();
+        if number % 50 == 0 {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+    let start = Instant::now();
+    let all_are_there = || listener.reception().received + listener.reception().lost >= 1500;
+    while !all_are_there() && start.elapsed() < PATIENCE {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let reception = listener.reception();
+    assert_eq!(reception.received - reception.pushed_out, 1024);
+    assert_eq!(reception.missing(), 1500 - 1024);
+}
+
+#[test]
+fn the_receive_buffer_that_was_granted_is_told() {
+    let url = format!("{}&recv_buf_size=100000", url(55));
+    let reception = listener(&url).reception();
+    assert_eq!((reception.requested_buffer, reception.granted_buffer), (100_000, 100_000));
+    let most: usize =
+        std::fs::read_to_string("/proc/sys/net/core/rmem_max").unwrap().trim().parse().unwrap();
+    let reception = listener(&support::url(56)).reception();
+    assert_eq!(reception.granted_buffer, reception.requested_buffer.min(most));
+}
+
+#[test]
+fn urls_that_name_no_network_are_refused_with_what_to_do() {
+    for (url, word) in [
+        ("carrier-pigeon://coop", "udpm://"),
+        ("mpudpm://239.255.76.67:7667", "udpm://"),
+        ("", "udpm://"),
+        ("udpm://127.0.0.1:7716?ttl=0", "multicast"),
+        ("udpm://239.255.76.67:7667?ttl=x", "ttl"),
+        ("file:///nowhere/at/all.lcmlog", "file:///nowhere/at/all.lcmlog"),
+        ("file:///", "cannot open"),
+        ("file://", "cannot open"),
+        ("tcpq://127.0.0.1:1", "tcpq://127.0.0.1:1"),
+        ("tcpq://robot:7700", "no address"),
+        ("tcpq://127.0.0.1:x", "no address"),
+    ] {
+        let error = Lcm::new(url).err().unwrap_or_else(|| panic!("{url} is joined"));
+        assert!(matches!(error, LcmError::Join { .. }), "{error}");
+        let text = error.to_string();
+        assert!(text.contains("LCM cannot join") && text.contains(word), "{text}");
+    }
+}
+
+/// A peer that accepts connections and answers with some bytes; then it is gone.
+fn peer(answer: &'static [u8], connections: usize) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("tcpq://{}", listener.local_addr().unwrap());
+    std::thread::spawn(move || {
+        for _ in 0..connections {
+            let (mut socket, _) = listener.accept().unwrap();
+            let mut hello = [0; 8];
+            let _ = socket.read_exact(&mut hello);
+            let _ = socket.write_all(answer);
+        }
+    });
+    url
+}
+
+#[test]
+fn a_peer_that_is_no_server_is_told_and_does_not_hold_us_up() {
+    let error = Lcm::new(&peer(b"SSH-2.0-OpenSSH", 1)).err().unwrap().to_string();
+    assert!(error.contains("no LCM server"), "{error}");
+    let silent = TcpListener::bind("127.0.0.1:0").unwrap();
+    let start = Instant::now();
+    let url = format!("tcpq://{}", silent.local_addr().unwrap());
+    assert!(matches!(Lcm::new(&url), Err(LcmError::Join { .. })));
+    assert!(start.elapsed() < Duration::from_secs(10));
+}
+
+#[test]
+fn a_server_that_vanishes_is_an_error() {
+    // The first connection is the one that asks whether there is a server at all.
+    let mut lcm = Lcm::new(&peer(b"\x28\x76\x17\xfa\0\0\x01\0", 2)).unwrap();
+    lcm.subscribe("C").unwrap();
+    for _ in 0..3 {
+        assert!(matches!(lcm.receive(Duration::from_secs(1)), Err(LcmError::Receive { .. })));
+        assert!(matches!(lcm.publish_bytes("C", b"abc"), Err(LcmError::Publish { .. })));
+    }
+}
+
+#[test]
+fn a_server_that_returns_is_published_to_again() {
+    let mut lcm = Lcm::new(&peer(b"\x28\x76\x17\xfa\0\0\x01\0", 4)).unwrap();
+    lcm.subscribe("C").unwrap();
+    assert!(lcm.receive(Duration::from_secs(1)).is_err());
+    assert!(lcm.publish_bytes("C", b"abc").is_ok());
+}
+
+#[test]
+fn memory_carries_messages_up_to_their_limit() {
+    let mut lcm = Lcm::new("memq://").unwrap();
+    lcm.subscribe_up_to("LINKAGE_COMMAND", 1000).unwrap();
+    for length in [1001, 0, 1000] {
+        lcm.publish_bytes("LINKAGE_COMMAND", &image(length)).unwrap();
+    }
+    for length in [0, 1000] {
+        assert_eq!(lcm.receive(PATIENCE).unwrap().unwrap().bytes, image(length));
+    }
+    assert_eq!(lcm.receive(Duration::from_millis(10)).unwrap(), None);
+    assert_eq!((lcm.reception().oversized, lcm.reception().received), (1, 2));
+}
+
+#[test]
+fn a_channel_that_none_can_have_is_refused() {
+    let mut lcm = Lcm::new(&url(57)).unwrap();
+    for channel in ["", "A\0B", &"C".repeat(64)] {
+        let refused = lcm.publish_bytes(channel, b"x");
+        assert!(matches!(refused, Err(LcmError::Channel { .. })), "{channel:?}");
+    }
+    assert!(lcm.publish_bytes(&"C".repeat(63), b"x").is_ok());
+    assert!(matches!(lcm.subscribe("(unfinished"), Err(LcmError::Channel { .. })));
+}
+
+#[test]
+fn a_connection_without_subscription_leaves_the_port_alone() {
+    let url = url(58);
+    let lcm = Lcm::new(&url).unwrap();
+    lcm.publish_bytes("C", b"x").unwrap();
+    assert!(UdpSocket::bind(("0.0.0.0", group(&url).port())).is_ok());
 }

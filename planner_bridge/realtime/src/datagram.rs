@@ -7,7 +7,7 @@ use crate::reason::Reason;
 pub const DATAGRAM_CAPACITY: usize = 1400;
 
 /// Fingerprint of `linkage.setpoint_t`; a test holds it against the type's own.
-pub const SETPOINT_FINGERPRINT: u64 = 0x7bb0682d5fedf374;
+pub const SETPOINT_FINGERPRINT: u64 = 0x22e370f297d73615;
 
 /// Version of `linkage.setpoint_t`: 2 has the reason.
 pub const SETPOINT_SCHEMA: i32 = 2;

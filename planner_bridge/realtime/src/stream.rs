@@ -152,13 +152,23 @@ impl<'q> Stream<'q> {
         let heartbeat = self.has_heartbeat(due_us);
         let (cancelled, why) = self.shared.cancelled();
         self.status.cancelled = cancelled;
-        let State::Running(run) = &self.state else { return };
         let gap = self.watch.longest_gap_us;
-        let (last_us, number) = (self.last_us, run.number);
+        let paused_us = due_us.saturating_sub(self.last_us);
+        // What follows the setpoints stands where the last of them was.
+        let is_stalled = paused_us > gap;
         let is_unsent = self.unsent_since_us.is_some_and(|s| due_us.saturating_sub(s) > gap);
-        if due_us.saturating_sub(last_us) > gap {
-            // What follows the setpoints stands where the last of them was.
-            self.brake(last_us, due_us, Reason::Stalled);
+        let number = match &mut self.state {
+            State::Rest => return,
+            State::Braking(run, _) => {
+                if is_stalled {
+                    run.start_us = run.start_us.saturating_add(paused_us);
+                }
+                return;
+            }
+            State::Running(run) => run.number,
+        };
+        if is_stalled {
+            self.brake(self.last_us, due_us, Reason::Stalled);
         } else if self.is_ending {
             self.brake(due_us, due_us, Reason::ServiceEnds);
         } else if is_up_to(number, cancelled) {
@@ -440,6 +450,11 @@ mod tests {
             // Joints stand where the last setpoint left them.
             let joints = 8 + CHANNEL.len() + 1 + 8 + 8 + 4 + 8 + 1;
             let length = 4 + 5 + 4 + 4 + 7 + 3 * 8;
+            assert_eq!(before[joints..joints + length], it.out[joints..joints + length]);
+            // A pause in the brake is none of the brake's time.
+            it.tick();
+            let before = it.out;
+            it.after(1_000_000);
             assert_eq!(before[joints..joints + length], it.out[joints..joints + length]);
             assert!(it.to_the_end().1.last);
         });

@@ -1,13 +1,16 @@
 //! Commands: `linkage.command_t` as it is received, checked, and never done twice.
 
-use super::publisher::{Note, Outbox};
+use super::authority::{Authority, Unauthorised};
+use super::publisher::{Answer, Note, Outbox};
 use crate::channel;
 use crossbeam_channel::{Sender, TrySendError};
+use linkage_driver::live::host_utime;
 use linkage_lcm::messages::linkage;
-use linkage_lcm::{DecodeError, Lcm, LcmError, decode};
+use linkage_lcm::{DecodeError, Lcm, LcmError, Packet, decode};
 use linkage_skill::predict::{PredictError, Target};
 use nalgebra::Point3;
 use std::collections::VecDeque;
+use std::net::IpAddr;
 use std::time::{Duration, Instant};
 
 /// A command that is understood.
@@ -15,6 +18,8 @@ use std::time::{Duration, Instant};
 pub struct Command {
     /// Its name: one that comes again is the same command.
     pub utime: i64,
+    /// It is not begun after this time, microseconds since 1970.
+    pub valid_until: i64,
     /// What is to be done.
     pub action: Action,
 }
@@ -49,121 +54,107 @@ pub enum Action {
     Cancel,
 }
 
-/// A packet that is no command.
+/// Why a packet or a command is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum Refusal {
     /// Not a message of this type, or damaged.
     #[error("a packet on LINKAGE_COMMAND is no command: {0}")]
     Packet(#[from] DecodeError),
+    /// A command that cannot be obeyed.
+    #[error("command {utime}: {fault}")]
+    Command {
+        /// Its name.
+        utime: i64,
+        /// What is wrong with it.
+        fault: Fault,
+    },
+}
+
+/// What is wrong with a command.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum Fault {
     /// A version that is not known.
-    #[error("command {utime} has schema {schema}; this service knows {SCHEMA}")]
-    Schema {
-        /// Its name.
-        utime: i64,
-        /// Its version.
-        schema: i32,
-    },
+    #[error("it has schema {0}; this service knows {SCHEMA}")]
+    Schema(i32),
     /// An action that is not known.
-    #[error("command {utime} has action {action}, which is none")]
-    Action {
-        /// Its name.
-        utime: i64,
-        /// As given.
-        action: i8,
-    },
-    /// An object's name that cannot be.
-    #[error(
-        "command {utime}: an object's name has 1 to {MAX_NAME} bytes and no control characters"
-    )]
-    Name {
-        /// The command's name.
-        utime: i64,
-    },
+    #[error("it has action {0}, which is none")]
+    Action(i8),
+    /// A name that cannot be.
+    #[error("its {0} must have 1 to {MAX_NAME} bytes and no control characters")]
+    Name(&'static str),
     /// A target that is none.
-    #[error("command {utime}: {source}")]
-    Target {
-        /// Its name.
-        utime: i64,
-        /// Why.
-        source: PredictError,
-    },
+    #[error(transparent)]
+    Target(#[from] PredictError),
     /// A grasp that is no point.
-    #[error("command {utime}: the grasp is not finite")]
-    Grasp {
-        /// Its name.
-        utime: i64,
-    },
+    #[error("its grasp is not finite")]
+    Grasp,
+    /// The sender may not command, or not any more.
+    #[error(transparent)]
+    Unauthorised(#[from] Unauthorised),
     /// More than can be done.
-    #[error("command {utime}: too many commands at once; send it again")]
-    TooMany {
-        /// Its name.
-        utime: i64,
-    },
+    #[error("too many commands came at once; send it again")]
+    TooMany,
 }
 
 /// Version of the commands that are understood.
-const SCHEMA: i32 = 1;
-/// Bytes of an object's name: those that the real-time half has room for.
+pub const SCHEMA: i32 = 2;
+/// Bytes of a name: those that the real-time half has room for.
 const MAX_NAME: usize = 63;
+/// Bytes of a packet on the channel of commands; the longest command has some 400.
+const MAX_PACKET: usize = 4096;
 
-impl Command {
-    /// Reads a packet.
+impl Action {
+    /// What a command asks for.
     ///
     /// # Errors
-    /// [`Refusal`] says what is wrong with it.
-    pub fn read(packet: &[u8]) -> Result<Self, Refusal> {
-        let message: linkage::Command = decode(packet)?;
-        let utime = message.utime;
+    /// [`Fault`] says what is wrong with it.
+    pub fn read(message: &linkage::Command) -> Result<Self, Fault> {
         if message.schema != SCHEMA {
-            return Err(Refusal::Schema { utime, schema: message.schema });
+            return Err(Fault::Schema(message.schema));
         }
-        let action = match message.action {
+        Ok(match message.action {
             linkage::Command::START_DEMONSTRATION => {
-                Action::StartDemonstration { object: named(utime, message.object)? }
+                Self::StartDemonstration { object: named("object", &message.object)? }
             }
-            linkage::Command::FINISH_DEMONSTRATION => Action::FinishDemonstration,
+            linkage::Command::FINISH_DEMONSTRATION => Self::FinishDemonstration,
             linkage::Command::RECOGNISE => {
-                Action::Recognise { object: optional(utime, message.object)? }
+                Self::Recognise { object: optional("object", &message.object)? }
             }
-            linkage::Command::PREDICT => Action::Predict {
-                target: target(&message)?,
-                grasp: grasp(&message)?,
-                object: optional(utime, message.object)?,
-                joint: optional(utime, message.joint)?,
+            linkage::Command::PREDICT => Self::Predict {
+                target: target(message)?,
+                grasp: grasp(message)?,
+                object: optional("object", &message.object)?,
+                joint: optional("joint", &message.joint)?,
             },
-            linkage::Command::CANCEL => Action::Cancel,
-            action => return Err(Refusal::Action { utime, action }),
-        };
-        Ok(Self { utime, action })
+            linkage::Command::CANCEL => Self::Cancel,
+            action => return Err(Fault::Action(action)),
+        })
     }
 }
 
-fn named(utime: i64, name: String) -> Result<String, Refusal> {
+fn named(what: &'static str, name: &str) -> Result<String, Fault> {
     let fits = !name.is_empty() && name.len() <= MAX_NAME && !name.chars().any(char::is_control);
-    if fits { Ok(name) } else { Err(Refusal::Name { utime }) }
+    if fits { Ok(name.to_owned()) } else { Err(Fault::Name(what)) }
 }
 
-fn optional(utime: i64, name: String) -> Result<Option<String>, Refusal> {
-    if name.is_empty() { Ok(None) } else { named(utime, name).map(Some) }
+fn optional(what: &'static str, name: &str) -> Result<Option<String>, Fault> {
+    if name.is_empty() { Ok(None) } else { named(what, name).map(Some) }
 }
 
-fn target(message: &linkage::Command) -> Result<Target, Refusal> {
-    let target: Target = message
-        .target
-        .parse()
-        .map_err(|source| Refusal::Target { utime: message.utime, source })?;
+fn target(message: &linkage::Command) -> Result<Target, Fault> {
+    let target: Target = named("target", &message.target)?.parse()?;
     Ok(match target {
         Target::Value(q) if message.outside_range => Target::Unseen(q),
         within => within,
     })
 }
 
-fn grasp(message: &linkage::Command) -> Result<Option<Point3<f64>>, Refusal> {
+fn grasp(message: &linkage::Command) -> Result<Option<Point3<f64>>, Fault> {
     if !message.has_grasp {
         return Ok(None);
     }
     if !message.grasp.iter().all(|x| x.is_finite()) {
-        return Err(Refusal::Grasp { utime: message.utime });
+        return Err(Fault::Grasp);
     }
     Ok(Some(Point3::from(message.grasp)))
 }
@@ -171,9 +162,47 @@ fn grasp(message: &linkage::Command) -> Result<Option<Point3<f64>>, Refusal> {
 /// The thread that listens.
 pub struct Listener {
     lcm: Lcm,
+    desk: Desk,
+}
+
+/// Longest wait for a packet without a look whether to stop.
+const POLL: Duration = Duration::from_millis(50);
+
+impl Listener {
+    pub fn new(
+        url: &str,
+        authority: Authority,
+        commands: Sender<Command>,
+        out: Outbox,
+    ) -> Result<Self, LcmError> {
+        let mut lcm = Lcm::new(url)?;
+        lcm.subscribe_up_to(channel::COMMAND, MAX_PACKET)?;
+        Ok(Self { lcm, desk: Desk::new(authority, commands, out) })
+    }
+
+    pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
+        while !is_stopped() {
+            match self.lcm.receive(POLL) {
+                Ok(Some(Packet { bytes, sender, .. })) => {
+                    self.desk.take(&bytes, sender.map(|s| s.ip()), host_utime());
+                }
+                Ok(None) => {}
+                Err(e) => {
+                    self.desk.out.note(Note::Error(e.to_string()));
+                    std::thread::sleep(POLL);
+                }
+            }
+            self.desk.tell();
+        }
+    }
+}
+
+/// Takes commands in: each is passed on once, or refused with its reason.
+struct Desk {
+    authority: Authority,
     commands: Sender<Command>,
     out: Outbox,
-    /// Names of the commands that came last.
+    /// Names of the commands that were passed on last.
     known: VecDeque<i64>,
     refusals: Refusals,
     repeats: Repeats,
@@ -181,44 +210,41 @@ pub struct Listener {
 
 /// Commands that are known again.
 const REMEMBERED: usize = 256;
-/// Longest wait for a packet without a look whether to stop.
-const POLL: Duration = Duration::from_millis(50);
 
-impl Listener {
-    pub fn new(url: &str, commands: Sender<Command>, out: Outbox) -> Result<Self, LcmError> {
-        let mut lcm = Lcm::new(url)?;
-        lcm.subscribe(channel::COMMAND)?;
+impl Desk {
+    fn new(authority: Authority, commands: Sender<Command>, out: Outbox) -> Self {
         let (refusals, repeats) = (Refusals::default(), Repeats::default());
-        Ok(Self { lcm, commands, out, known: VecDeque::new(), refusals, repeats })
+        Self { authority, commands, out, known: VecDeque::new(), refusals, repeats }
     }
 
-    pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
-        while !is_stopped() {
-            match self.lcm.receive(POLL) {
-                Ok(Some(packet)) => {
-                    if let Err(refusal) = self.take(&packet.bytes) {
-                        self.refusals.add(refusal.to_string());
-                    }
-                }
-                Ok(None) => {}
-                Err(e) => {
-                    self.out.note(Note::Error(e.to_string()));
-                    std::thread::sleep(POLL);
-                }
-            }
-            self.refusals.tell(&self.out);
-            self.repeats.tell(&self.out);
+    /// A packet that came from somewhere, `now` in microseconds since 1970.
+    fn take(&mut self, packet: &[u8], sender: Option<IpAddr>, now: i64) {
+        let message: linkage::Command = match decode(packet) {
+            Ok(message) => message,
+            Err(e) => return self.refusals.add(Refusal::Packet(e)),
+        };
+        let utime = message.utime;
+        if let Err(fault) = self.pass_on(&message, sender, now) {
+            self.refusals.add(Refusal::Command { utime, fault });
         }
     }
 
-    fn take(&mut self, packet: &[u8]) -> Result<(), Refusal> {
-        let command = Command::read(packet)?;
-        let utime = command.utime;
+    fn pass_on(
+        &mut self,
+        message: &linkage::Command,
+        sender: Option<IpAddr>,
+        now: i64,
+    ) -> Result<(), Fault> {
+        self.authority.identify(message, sender)?;
+        let utime = message.utime;
+        // One that was passed on is answered again for as long as anybody asks.
         if self.known.contains(&utime) {
             self.repeats.add(utime);
             return Ok(());
         }
-        match self.commands.try_send(command) {
+        let action = Action::read(message)?;
+        let valid_until = self.authority.valid_until(message, now)?;
+        match self.commands.try_send(Command { utime, valid_until, action }) {
             Ok(()) => {
                 if self.known.len() == REMEMBERED {
                     self.known.pop_front();
@@ -226,34 +252,67 @@ impl Listener {
                 self.known.push_back(utime);
                 Ok(())
             }
-            Err(TrySendError::Full(_)) => Err(Refusal::TooMany { utime }),
+            Err(TrySendError::Full(_)) => Err(Fault::TooMany),
             // Perception is gone, and this thread is about to go.
             Err(TrySendError::Disconnected(_)) => Ok(()),
         }
     }
+
+    fn tell(&mut self) {
+        self.refusals.tell(&self.out);
+        self.repeats.tell(&self.out);
+    }
 }
 
-/// Refusals since they were told last: a flood of them is one note.
+/// Time between two tellings of refusals, or of repeats: a flood of them is a few notes.
+const TELL_EVERY: Duration = Duration::from_millis(50);
+/// Commands of which one telling speaks by name.
+const TOLD_BY_NAME: usize = 8;
+
+/// Refusals since they were told last.
 #[derive(Debug, Default)]
 struct Refusals {
     count: u64,
     latest: String,
+    /// Those whose senders may know: name and reason.
+    answers: Vec<(i64, String)>,
     told: Option<Instant>,
 }
 
-/// Commands that came again since they were told last: a flood of them is a few notes.
+impl Refusals {
+    fn add(&mut self, refusal: Refusal) {
+        self.count += 1;
+        self.latest = refusal.to_string();
+        let Refusal::Command { utime, fault } = refusal else { return };
+        let is_answered = !matches!(&fault, Fault::Unauthorised(u) if !u.is_answered());
+        if is_answered && self.answers.len() < TOLD_BY_NAME {
+            self.answers.push((utime, fault.to_string()));
+        }
+    }
+
+    fn tell(&mut self, out: &Outbox) {
+        if self.count == 0 || self.told.is_some_and(|t| t.elapsed() < TELL_EVERY) {
+            return;
+        }
+        let reason = std::mem::take(&mut self.latest);
+        out.note(Note::Refused { count: std::mem::take(&mut self.count), reason });
+        for (utime, text) in self.answers.drain(..) {
+            out.note(Note::NotTaken(Answer { utime, accepted: false, done: true, text }));
+        }
+        self.told = Some(Instant::now());
+    }
+}
+
+/// Commands that came again since they were told last.
 #[derive(Debug, Default)]
 struct Repeats {
     utimes: Vec<i64>,
     told: Option<Instant>,
 }
 
-/// Commands that came again of which one telling speaks.
-const REPEATS: usize = 8;
-
 impl Repeats {
     fn add(&mut self, utime: i64) {
-        if self.utimes.len() < REPEATS && !self.utimes.contains(&utime) {
+        if self.utimes.len() < TOLD_BY_NAME && !self.utimes.contains(&utime) {
             self.utimes.push(utime);
         }
     }
@@ -266,44 +325,67 @@ impl Repeats {
     }
 }
 
-/// Time between two notes of refusals or of repeats.
-const TELL_EVERY: Duration = Duration::from_millis(50);
-
-impl Refusals {
-    fn add(&mut self, reason: String) {
-        self.count += 1;
-        self.latest = reason;
-    }
-
-    fn tell(&mut self, out: &Outbox) {
-        if self.count > 0 && self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY) {
-            let reason = std::mem::take(&mut self.latest);
-            out.note(Note::Refused { count: std::mem::take(&mut self.count), reason });
-            self.told = Some(Instant::now());
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_driver::live::latest;
+    use crate::limits::Access;
+    use crossbeam_channel::Receiver;
+    use linkage_driver::live::{LatestReader, latest};
     use linkage_lcm::encode;
     use proptest::prelude::*;
 
+    const SESSION: i64 = 1_000_000_000_000;
+    const NOW: i64 = SESSION + 60_000_000;
+
     fn message(action: i8) -> linkage::Command {
         linkage::Command {
-            utime: 7,
+            utime: NOW,
             schema: SCHEMA,
             action,
             object: "fridge".into(),
             target: "open".into(),
+            session: SESSION,
             ..Default::default()
         }
     }
 
-    fn read(message: &linkage::Command) -> Result<Command, Refusal> {
-        Command::read(&encode(message).unwrap())
+    struct Bench {
+        desk: Desk,
+        commands: Receiver<Command>,
+        notes: LatestReader<Note>,
+    }
+
+    fn bench(room: usize) -> Bench {
+        let (sender, commands) = crossbeam_channel::bounded(room);
+        let (packets, _unread) = latest(4);
+        let (writer, notes) = latest(64);
+        let authority = Authority::new(SESSION, 1.0, &Access::default()).unwrap();
+        let out = Outbox { packets, notes: writer };
+        Bench { desk: Desk::new(authority, sender, out), commands, notes }
+    }
+
+    impl Bench {
+        /// What becomes of a packet: the notes that tell of it.
+        fn take(&mut self, packet: &[u8]) -> Vec<Note> {
+            self.desk.take(packet, None, NOW);
+            self.desk.refusals.told = None;
+            self.desk.tell();
+            std::iter::from_fn(|| self.notes.pop(Duration::ZERO).ok()).collect()
+        }
+
+        fn refusal(&mut self, change: impl FnOnce(&mut linkage::Command)) -> (i64, String) {
+            let mut wrong = message(linkage::Command::PREDICT);
+            change(&mut wrong);
+            let notes = self.take(&encode(&wrong).unwrap());
+            assert!(self.commands.try_recv().is_err(), "it was passed on");
+            let answer = notes.into_iter().find_map(|n| match n {
+                Note::NotTaken(answer) => Some(answer),
+                _ => None,
+            });
+            let Answer { utime, accepted, done, text } = answer.expect("an answer");
+            assert!(!accepted && done);
+            (utime, text)
+        }
     }
 
     #[test]
@@ -317,44 +399,73 @@ mod tests {
             Action::Cancel,
         ];
         for (code, action) in (0..).zip(understood) {
-            assert_eq!(read(&message(code)), Ok(Command { utime: 7, action }));
+            assert_eq!(Action::read(&message(code)), Ok(action));
         }
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
-        let refusal = |change: fn(&mut linkage::Command)| {
-            let mut wrong = message(linkage::Command::PREDICT);
-            change(&mut wrong);
-            read(&wrong).unwrap_err().to_string()
+    fn a_command_that_is_refused_while_it_is_read_is_answered_under_its_name() {
+        let mut bench = bench(4);
+        let mut refusal = |change: fn(&mut linkage::Command)| {
+            let (utime, text) = bench.refusal(change);
+            assert_eq!(utime, NOW);
+            text
         };
         assert!(refusal(|m| m.schema = 9).contains("schema 9"));
         assert!(refusal(|m| m.action = 17).contains("action 17"));
         assert!(refusal(|m| m.target = "NaN".into()).contains("\"NaN\" is no target"));
         assert!(refusal(|m| m.target = "inf".into()).contains("\"inf\" is no target"));
+        assert!(refusal(|m| m.target = "x".repeat(100)).contains("target must have"));
         assert!(refusal(|m| m.object = "x".repeat(64)).contains("63 bytes"));
         assert!(refusal(|m| m.object = "a\nb".into()).contains("control characters"));
+        assert!(refusal(|m| m.joint = "a\u{7}".into()).contains("its joint"));
         assert!(refusal(|m| (m.has_grasp, m.grasp[1]) = (true, f64::NAN)).contains("grasp"));
+        assert!(refusal(|m| m.session = 3).contains("session 3"));
+        assert!(refusal(|m| m.expiry_utime = NOW - 1).contains("holds for"));
     }
 
     #[test]
-    fn a_flood_of_repeats_is_a_few_notes() {
-        let (packets, _unread) = latest(4);
-        let (notes, told) = latest(64);
-        let out = Outbox { packets, notes };
-        let mut repeats = Repeats::default();
-        for utime in 0..10_000 {
-            repeats.add(utime % 100);
-            repeats.tell(&out);
+    fn one_that_finds_no_room_is_answered_too() {
+        let mut bench = bench(1);
+        bench.take(&encode(&message(4)).unwrap());
+        let second = linkage::Command { utime: NOW + 1, ..message(4) };
+        let notes = bench.take(&encode(&second).unwrap());
+        let answered = |n: &Note| matches!(n, Note::NotTaken(a) if a.utime == NOW + 1);
+        assert!(notes.iter().any(answered));
+        // It was not done, so it may come again.
+        bench.commands.try_recv().unwrap();
+        bench.take(&encode(&second).unwrap());
+        assert_eq!(bench.commands.try_recv().map(|c| c.utime), Ok(NOW + 1));
+    }
+
+    #[test]
+    fn what_comes_again_is_not_done_again_however_late() {
+        let mut bench = bench(4);
+        let packet = encode(&message(4)).unwrap();
+        bench.take(&packet);
+        assert!(bench.commands.try_recv().is_ok());
+        bench.desk.take(&packet, None, NOW + 3_600_000_000);
+        bench.desk.tell();
+        assert!(matches!(bench.notes.pop(Duration::ZERO), Ok(Note::Again(NOW))));
+        assert!(bench.commands.try_recv().is_err());
+    }
+
+    #[test]
+    fn a_flood_is_a_few_notes() {
+        let mut bench = bench(4);
+        for i in 0..10_000 {
+            let utime = NOW + i % 100;
+            let order = linkage::Command { utime, ..message((i % 7) as i8) };
+            bench.desk.take(&encode(&order).unwrap(), None, NOW);
+            bench.desk.tell();
         }
-        assert_eq!(told.dropped(), 0);
-        assert!(matches!(told.pop(Duration::ZERO), Ok(Note::Again(0))));
+        assert_eq!(bench.notes.dropped(), 0);
     }
 
     #[test]
     fn a_target_outside_the_range_must_be_allowed() {
         let mut wide = linkage::Command { target: "2.5".into(), ..message(3) };
-        let target_of = |m: &linkage::Command| match read(m).unwrap().action {
+        let target_of = |m: &linkage::Command| match Action::read(m).unwrap() {
             Action::Predict { target, .. } => target,
             other => panic!("{other:?}"),
         };
@@ -366,9 +477,11 @@ mod tests {
     proptest! {
         #[test]
         fn no_packet_is_too_strange(bytes in proptest::collection::vec(any::<u8>(), 0..200), cut in 0..80_usize) {
-            prop_assert!(Command::read(&bytes).is_err());
+            let mut bench = bench(4);
+            bench.take(&bytes);
             let whole = encode(&message(3)).unwrap();
-            prop_assert!(Command::read(&whole[..cut.min(whole.len() - 1)]).is_err());
+            bench.take(&whole[..cut.min(whole.len() - 1)]);
+            prop_assert!(bench.commands.try_recv().is_err());
         }
     }
 }

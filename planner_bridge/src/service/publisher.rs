@@ -2,7 +2,7 @@
 //! once when it changes.
 
 use crate::channel;
-use crate::messages::MESSAGE_SCHEMA;
+use crate::messages::STATUS_MESSAGE_SCHEMA;
 use linkage_driver::live::{LatestReader, LatestWriter, Nothing, host_utime};
 use linkage_lcm::messages::linkage;
 use linkage_lcm::{Lcm, Message, encode};
@@ -30,8 +30,10 @@ pub enum Note {
     Answer(Answer),
     /// A command came again: its answer is given again.
     Again(i64),
-    /// Packets or commands that were refused, and why the last of them.
+    /// Packets or commands that were refused when they came in, and why the last of them.
     Refused { count: u64, reason: String },
+    /// Why one of them was refused. It is not remembered: the same command may come again.
+    NotTaken(Answer),
     /// Something went wrong.
     Error(String),
 }
@@ -78,8 +80,13 @@ pub struct Publisher {
     lcm: Lcm,
     packets: LatestReader<Packet>,
     notes: LatestReader<Note>,
+    session: i64,
     situation: Situation,
+    /// By command, the last that was said of it.
     answers: VecDeque<Answer>,
+    /// Answers that no status has told yet, the oldest first.
+    untold: VecDeque<Answer>,
+    /// The one that the status tells.
     answer: Answer,
     refused: u64,
     last_error: String,
@@ -89,21 +96,32 @@ pub struct Publisher {
 
 /// Answers that are remembered.
 const REMEMBERED: usize = 256;
+/// Answers that wait for a status; more push out the oldest, which its sender asks for again.
+const UNTOLD: usize = 64;
 /// Longest wait for a packet, so for a change to be told.
 const POLL: Duration = Duration::from_millis(5);
-/// Longest time between two statuses,
+/// Longest time between two statuses.
 const STATUS_EVERY: Duration = Duration::from_millis(400);
-/// and shortest, however often things change.
+/// Shortest time between two statuses, however often things change.
 const STATUS_AT_MOST: Duration = Duration::from_millis(10);
+/// Characters of a text of the status at most: a text may quote what somebody sent.
+const TEXT_LENGTH: usize = 400;
 
 impl Publisher {
-    pub fn new(lcm: Lcm, packets: LatestReader<Packet>, notes: LatestReader<Note>) -> Self {
+    pub fn new(
+        lcm: Lcm,
+        session: i64,
+        packets: LatestReader<Packet>,
+        notes: LatestReader<Note>,
+    ) -> Self {
         Self {
             lcm,
             packets,
             notes,
+            session,
             situation: Situation { state: "idle", ..Situation::default() },
             answers: VecDeque::new(),
+            untold: VecDeque::new(),
             answer: Answer::default(),
             refused: 0,
             last_error: String::new(),
@@ -156,24 +174,39 @@ impl Publisher {
                 if !answer.accepted {
                     self.refused += 1;
                 }
-                self.answer = answer;
-                self.changed = true;
+                self.say(answer);
             }
             Note::Again(utime) => {
                 if let Some(answer) = self.answers.iter().find(|a| a.utime == utime) {
-                    self.answer = answer.clone();
+                    self.say(answer.clone());
                 }
-                self.changed = true;
             }
             Note::Refused { count, reason } => {
                 self.refused += count;
                 self.error(reason);
             }
+            Note::NotTaken(answer) => {
+                // Whoever repeats a command's name does not speak for that command.
+                if self.answers.iter().all(|a| a.utime != answer.utime) {
+                    self.say(answer);
+                }
+            }
             Note::Error(reason) => self.error(reason),
         }
     }
 
+    /// Each answer is told by a status of its own; of one command the newest is enough.
+    fn say(&mut self, answer: Answer) {
+        self.untold.retain(|a| a.utime != answer.utime);
+        if self.untold.len() == UNTOLD {
+            self.untold.pop_front();
+        }
+        self.untold.push_back(answer);
+        self.changed = true;
+    }
+
     fn error(&mut self, reason: String) {
+        let reason = harmless(&reason);
         if self.last_error != reason {
             tracing::warn!("{reason}");
             self.last_error = reason;
@@ -183,7 +216,10 @@ impl Publisher {
 
     fn tell(&mut self) {
         self.told = Some(Instant::now());
-        self.changed = false;
+        if let Some(answer) = self.untold.pop_front() {
+            self.answer = answer;
+        }
+        self.changed = !self.untold.is_empty();
         let status = self.status();
         match encode(&status) {
             Ok(bytes) => self.publish(channel::STATUS, &bytes),
@@ -196,21 +232,95 @@ impl Publisher {
         let number = |n: u64| i64::try_from(n).unwrap_or(i64::MAX);
         linkage::Status {
             utime: host_utime(),
-            schema: MESSAGE_SCHEMA,
+            schema: STATUS_MESSAGE_SCHEMA,
             state: now.state.to_owned(),
             frame_rate: now.frame_rate,
             frames: number(now.frames),
             dropped_frames: number(now.dropped_frames),
             tracks: i32::try_from(now.tracks).unwrap_or(i32::MAX),
-            object: now.object.clone(),
+            object: harmless(&now.object),
             joint_kind: now.joints.iter().map(|j| j.0.to_owned()).collect(),
             joint_certainty: now.joints.iter().map(|j| j.1).collect(),
             command_utime: self.answer.utime,
             command_accepted: self.answer.accepted,
             command_done: self.answer.done,
-            command_answer: self.answer.text.clone(),
+            command_answer: harmless(&self.answer.text),
             refused: number(self.refused),
             last_error: self.last_error.clone(),
+            session: self.session,
         }
+    }
+}
+
+/// A text as it may be sent and shown, whatever it quotes: control characters are written as
+/// their escapes, and it ends somewhere.
+fn harmless(text: &str) -> String {
+    let mut out = String::new();
+    for c in text.chars() {
+        if out.len() >= TEXT_LENGTH {
+            out.push('…');
+            break;
+        }
+        match c.is_control() {
+            true => out.extend(c.escape_default()),
+            false => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use linkage_driver::live::latest;
+
+    fn publisher() -> Publisher {
+        let (_, packets) = latest(4);
+        let (_, notes) = latest(4);
+        Publisher::new(Lcm::new("memq://").unwrap(), 7, packets, notes)
+    }
+
+    fn answer(utime: i64, accepted: bool) -> Answer {
+        Answer { utime, accepted, done: true, text: "so".to_owned() }
+    }
+
+    #[test]
+    fn whatever_was_quoted_every_status_can_be_sent() {
+        let mut publisher = publisher();
+        for hostile in ["\0", "a\0b\u{1b}[31m", "\r\n", &"x".repeat(100_000)] {
+            publisher.take(Note::Error(format!("{hostile} is no channel")));
+            publisher.take(Note::Answer(Answer { text: hostile.to_owned(), ..answer(1, false) }));
+            publisher.take(Note::Situation(Situation {
+                object: hostile.to_owned(),
+                ..Situation::default()
+            }));
+            publisher.tell();
+            let status = publisher.status();
+            assert!(encode(&status).unwrap().len() < 4096);
+            let told = [&status.last_error, &status.command_answer, &status.object];
+            assert!(told.into_iter().all(|t| !t.is_empty() && !t.contains(char::is_control)));
+        }
+    }
+
+    #[test]
+    fn answers_that_come_at_once_are_told_one_after_the_other() {
+        let mut publisher = publisher();
+        (1..=5).for_each(|utime| publisher.take(Note::Answer(answer(utime, true))));
+        let mut told = Vec::new();
+        while publisher.changed {
+            publisher.tell();
+            told.push(publisher.status().command_utime);
+        }
+        assert_eq!(told, [1, 2, 3, 4, 5]);
+    }
+
+    #[test]
+    fn a_refusal_of_the_same_name_does_not_speak_for_a_command_that_was_done() {
+        let mut publisher = publisher();
+        publisher.take(Note::Answer(answer(5, true)));
+        publisher.take(Note::NotTaken(answer(5, false)));
+        publisher.tell();
+        assert!(publisher.status().command_accepted);
+        assert!(publisher.untold.is_empty());
     }
 }

@@ -26,7 +26,23 @@ pub fn told_within(kind: JointKind) -> f64 {
     if kind == JointKind::Prismatic { 0.02 } else { 0.087 }
 }
 
-/// The configuration of `joint` that the picture leaves possible, all else being as in
+/// The interval of configurations that a picture leaves possible.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Remaining {
+    /// Its middle.
+    pub middle: f64,
+    /// Half its width.
+    pub half_width: f64,
+}
+
+impl Remaining {
+    /// Standard deviation of a configuration that may lie anywhere in it.
+    pub fn deviation(&self) -> f64 {
+        self.half_width / 3.0_f64.sqrt()
+    }
+}
+
+/// The configurations of `joint` that the picture leaves possible, all else being as in
 /// `state`; `None` where it leaves several apart, too wide an interval, or none.
 pub fn remaining(
     scene: &Scene,
@@ -34,7 +50,7 @@ pub fn remaining(
     cloud: &Cloud,
     state: &State,
     joint: usize,
-) -> Option<f64> {
+) -> Option<Remaining> {
     let j = &articulated.joints[joint];
     let moved = articulated.moved_by(joint);
     let step = (j.high - j.low) / (STEPS - 1) as f64;
@@ -63,8 +79,9 @@ pub fn remaining(
     tracing::debug!(joint, low, high, most, surface, of = possible.len(), "by elimination");
     // A configuration beyond the range would leave its end as the only possible one.
     let inside = low > j.low + 0.5 * step && high < j.high - 0.5 * step;
+    let (middle, half_width) = (0.5 * (low + high), 0.5 * (high - low) + 0.5 * step);
     let narrow = 0.5 * (high - low) < told_within(j.geometry.kind);
-    (inside && narrow).then_some(0.5 * (low + high))
+    (inside && narrow).then_some(Remaining { middle, half_width })
 }
 
 /// A configuration and what speaks against it.
@@ -150,7 +167,7 @@ mod tests {
     fn told(scene: &Scene) -> Option<f64> {
         let (articulated, cloud) = flap();
         let state = State { camera_from_object: Pose::identity(), q: vec![0.7] };
-        remaining(scene, &articulated, &cloud, &state, 0)
+        remaining(scene, &articulated, &cloud, &state, 0).map(|left| left.middle)
     }
 
     #[test]

@@ -1,18 +1,26 @@
 //! A recognised object followed from frame to frame: its surface is brought to agreement with
 //! depth and with lightness, base pose and configurations together. Depth alone would not see a
-//! sliding door slide; lightness tells where on its surface one is. A configuration that was told
-//! is told on while both sides of its joint are seen; another is first asked for rivals, as in
-//! recognition.
+//! sliding door slide; lightness tells where on its surface one is.
+//!
+//! What recognition told is kept while the picture agrees with it: a configuration stays told as
+//! long as surface stands on both sides of its joint, and its standard deviation stays small. A
+//! part need not look like itself in every frame for that, which a door that is seen at an angle
+//! hardly ever does. Where neither depth nor lightness tells how far a joint has moved, its
+//! deviation grows with time. [`Follower::is_unsure`] then says that recognition should be asked
+//! again, and [`Follower::consider`] takes its answer. A configuration that was not told before is
+//! asked for rivals, as in recognition.
 
 use super::articulated::{Articulated, State};
+use super::elimination::told_within;
 use super::scene::Scene;
 use super::system::{System, add_surface};
 use super::verify::{Cloud, Verdict, verify, visible};
 use super::{
-    Found, KnownObject, RecogniseConfig, Recognised, Refiner, doubt_rivalled, evident_joints,
-    report,
+    Found, KnownObject, RecogniseConfig, Recognised, Refiner, configuration_deviations,
+    doubt_rivalled, evident_joints, report,
 };
-use crate::geometry::pose_from_array;
+use crate::articulate::JointKind;
+use crate::geometry::{Pose, pose_from_array};
 use linkage_driver::RgbdFrame;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -90,22 +98,103 @@ pub struct Follower {
     base_seen: bool,
     /// Joints whose configuration was told in the last frame.
     told: Vec<bool>,
+    /// Joints whose configuration was told at any time.
+    ever_told: Vec<bool>,
+    /// Standard deviation of each configuration in the last frame, rad or m.
+    deviations: Vec<Option<f64>>,
+    /// Time stamp of the last frame.
+    last_utime: Option<i64>,
+    /// What recognition found meanwhile.
+    considered: Option<Considered>,
     config: FollowConfig,
 }
+
+/// Where the object was when recognition was asked again.
+#[derive(Debug, Clone)]
+pub struct Asked(State);
+
+/// A state that recognition found, brought to the present.
+struct Considered {
+    state: State,
+    told: Vec<bool>,
+    deviations: Vec<Option<f64>>,
+}
+
+impl Considered {
+    /// What it tells of a joint that now is at `q`: its deviation, if it was told there.
+    fn confirms(&self, joint: usize, q: f64, limit: f64) -> Option<f64> {
+        let told = self.told[joint] && (self.state.q[joint] - q).abs() <= limit;
+        told.then_some(self.deviations[joint]?)
+    }
+}
+
+/// How fast a joint of which nothing in the picture tells may be moving meanwhile: rad/s.
+const UNSEEN_TURN_RATE: f64 = 0.05;
+/// The same for slides, m/s.
+const UNSEEN_SLIDE_RATE: f64 = 0.015;
+/// Longest time between two frames that counts, seconds.
+const LONGEST_GAP_S: f64 = 5.0;
+/// Share of the deviation up to which a configuration is told at which recognition is asked again.
+const UNSURE_SHARE: f64 = 0.5;
 
 impl Follower {
     /// Starts where an object was recognised; `None` if its pose is none.
     pub fn new(object: Arc<KnownObject>, found: &Recognised, config: FollowConfig) -> Option<Self> {
         let articulated = Articulated::new(&object.model);
-        let q = if found.assumed.len() == articulated.joints.len() {
-            found.assumed.clone()
-        } else {
-            articulated.rest()
-        };
-        let state = State { camera_from_object: pose_from_array(&found.camera_from_object)?, q };
+        let state = state_of(found, &articulated)?;
         let step = vec![0.0; articulated.joints.len()];
-        let told = found.joints.iter().map(|j| j.configuration.is_some()).collect();
-        Some(Self { object, articulated, state, step, unseen: 0, base_seen: false, told, config })
+        let told = told_by(found);
+        Some(Self {
+            step,
+            unseen: 0,
+            base_seen: false,
+            ever_told: told.clone(),
+            deviations: found.joints.iter().map(|j| j.deviation).collect(),
+            last_utime: None,
+            considered: None,
+            object,
+            articulated,
+            state,
+            told,
+            config,
+        })
+    }
+
+    /// The configuration of a joint is not told, or hardly: recognition may know more.
+    pub fn is_unsure(&self) -> bool {
+        (0..self.told.len()).any(|j| {
+            let limit = UNSURE_SHARE * self.limit(j);
+            !self.told[j] || self.deviations[j].is_none_or(|d| d > limit)
+        })
+    }
+
+    /// Deviation up to which a configuration is told, rad or m.
+    fn limit(&self, joint: usize) -> f64 {
+        told_within(self.articulated.joints[joint].geometry.kind)
+    }
+
+    /// Remembers the present state for [`Self::consider`], when recognition is asked about the
+    /// newest frame.
+    pub fn ask(&self) -> Asked {
+        Asked(self.state.clone())
+    }
+
+    /// Takes what recognition found in the frame that it was asked about. The next frame judges
+    /// between that and what was followed since.
+    pub fn consider(&mut self, Asked(then): &Asked, found: &Recognised) {
+        let Some(seen) = state_of(found, &self.articulated) else { return };
+        let since = self.state.camera_from_object * then.camera_from_object.inverse();
+        let moved = self.state.q.iter().zip(&then.q).map(|(now, then)| now - then);
+        let q = seen
+            .q
+            .iter()
+            .zip(moved)
+            .zip(&self.articulated.joints)
+            .map(|((q, moved), j)| (q + moved).clamp(j.low, j.high))
+            .collect();
+        let state = State { camera_from_object: since * seen.camera_from_object, q };
+        let deviations = found.joints.iter().map(|j| j.deviation).collect();
+        self.considered = Some(Considered { state, told: told_by(found), deviations });
     }
 
     /// Takes the next frame.
@@ -114,16 +203,8 @@ impl Follower {
     /// [`Lost::Unseen`] after too many frames that do not show the object.
     pub fn follow(&mut self, frame: &RgbdFrame) -> Result<Followed, Lost> {
         let scene = Scene::plain(frame)?;
-        // A hand may have let go: motion that goes on is a guess, standing still another one.
-        let (state, verdict) = [self.expected(), self.state.clone()]
-            .into_iter()
-            .map(|start| {
-                let state = self.align(&scene, start);
-                let verdict = verify(&scene, &self.articulated, &self.object.cloud, &state);
-                (state, verdict)
-            })
-            .max_by(|a, b| a.1.fit().total_cmp(&b.1.fit()))
-            .expect("two states are tried");
+        let considered = self.considered.take();
+        let (state, verdict) = self.best_state(&scene, considered.as_ref());
         let score = surface_score(&verdict);
         let seen = score >= self.config.min_score;
         self.unseen = if seen { 0 } else { self.unseen + 1 };
@@ -131,37 +212,121 @@ impl Follower {
             let object = self.object.model.object.clone();
             return Err(Lost::Unseen { object, frames: self.unseen });
         }
-        let parts: Vec<bool> =
-            verdict.parts.iter().map(super::verify::PartVerdict::is_seen).collect();
-        self.base_seen = parts[0];
+        self.base_seen = verdict.parts[0].is_seen();
         if seen {
             self.step = state.q.iter().zip(&self.state.q).map(|(now, then)| now - then).collect();
             self.state = state;
         } else {
             self.step.fill(0.0);
         }
-        let placed: Vec<bool> = parts.into_iter().map(|p| p && seen).collect();
+        tracing::debug!(score, seen, q = ?self.state.q, ?verdict, "followed");
+        self.deviations = self.deviations(&scene, considered.as_ref());
+        self.last_utime = Some(frame.utime);
+        let found = self.evidence(&scene, verdict, seen, considered.as_ref());
+        self.told.clone_from(&found.evident);
+        self.ever_told.iter_mut().zip(&self.told).for_each(|(ever, told)| *ever |= told);
+        Ok(Followed { recognised: report(&self.object, &self.articulated, &found), seen })
+    }
+
+    /// The state that fits the picture best. A hand may have let go: motion that goes on is a
+    /// guess, standing still another one, and what recognition found a third one.
+    fn best_state(&self, scene: &Scene, considered: Option<&Considered>) -> (State, Verdict) {
+        let starts = [self.expected(), self.state.clone()];
+        starts
+            .into_iter()
+            .chain(considered.map(|c| c.state.clone()))
+            .map(|start| {
+                let state = self.align(scene, start);
+                let verdict = verify(scene, &self.articulated, &self.object.cloud, &state);
+                (state, verdict)
+            })
+            .max_by(|a, b| a.1.fit().total_cmp(&b.1.fit()))
+            .expect("two states are tried")
+    }
+
+    /// What the picture says of each joint.
+    fn evidence(
+        &self,
+        scene: &Scene,
+        verdict: Verdict,
+        seen: bool,
+        considered: Option<&Considered>,
+    ) -> Found {
+        let stands: Vec<bool> = verdict.parts.iter().map(|p| seen && p.stands()).collect();
+        let looks_right: Vec<bool> = verdict.parts.iter().map(|p| seen && p.is_seen()).collect();
+        let standing = evident_joints(&self.articulated, &stands);
+        let evident = evident_joints(&self.articulated, &looks_right);
+        let joints = 0..self.articulated.joints.len();
+        let is_held =
+            |j: usize| standing[j] && self.deviations[j].is_some_and(|d| d <= self.limit(j));
+        // What was told is told on; what recognition tells is believed where it is held too.
+        let is_confirmed = |j: usize| {
+            considered.is_some_and(|c| c.confirms(j, self.state.q[j], self.limit(j)).is_some())
+        };
+        let is_kept = |j: usize| is_held(j) && (self.told[j] || is_confirmed(j));
+        let kept: Vec<bool> = joints.clone().map(is_kept).collect();
+        let is_hoped = |j: usize| is_held(j) && (evident[j] || self.ever_told[j]);
+        let hoped: Vec<bool> = joints.map(|j| kept[j] || is_hoped(j)).collect();
         let mut found = Found {
             state: self.state.clone(),
-            score,
+            score: surface_score(&verdict),
             inliers: 0,
             verdict,
-            evident: evident_joints(&self.articulated, &placed),
-            placed,
+            placed: stands,
+            evident: hoped,
+            deviations: self.deviations.clone(),
         };
+        self.doubt(scene, &mut found, &kept);
+        found
+    }
+
+    /// Joints that are not kept from before are told only where they have no rival.
+    fn doubt(&self, scene: &Scene, found: &mut Found, kept: &[bool]) {
         let KnownObject { cloud, coarse, .. } = &*self.object;
         let refiner = Refiner {
-            scene: &scene,
+            scene,
             articulated: &self.articulated,
             cloud,
             coarse,
             matches: &[],
             config: &RecogniseConfig::default(),
         };
-        let untold = self.told.iter().enumerate().filter(|(_, told)| !**told).map(|(j, _)| j);
-        doubt_rivalled(&refiner, &mut found, untold);
-        self.told.clone_from(&found.evident);
-        Ok(Followed { recognised: report(&self.object, &self.articulated, &found), seen })
+        let hoped = found.evident.clone();
+        let doubtful = (0..kept.len()).filter(|&j| hoped[j] && !kept[j]);
+        doubt_rivalled(&refiner, found, doubtful);
+        let unrivalled = std::mem::take(&mut found.evident);
+        found.evident = (0..kept.len()).map(|j| kept[j] || hoped[j] && unrivalled[j]).collect();
+    }
+
+    /// Standard deviation of each configuration: by depth and lightness in this frame, or by what
+    /// was known before and may have changed since, whichever is less.
+    fn deviations(&self, scene: &Scene, considered: Option<&Considered>) -> Vec<Option<f64>> {
+        let measured = self.measured_deviations(scene);
+        let gap_us = self.last_utime.map_or(0, |last| scene.frame.utime.saturating_sub(last));
+        let gap_s = (gap_us as f64 * 1e-6).clamp(0.0, LONGEST_GAP_S);
+        let of_joint = |j: usize| {
+            let rate = match self.articulated.joints[j].geometry.kind {
+                JointKind::Prismatic => UNSEEN_SLIDE_RATE,
+                _ => UNSEEN_TURN_RATE,
+            };
+            let carried =
+                self.deviations[j].filter(|_| self.told[j]).map(|d| d.hypot(rate * gap_s));
+            let confirmed = considered.and_then(|c| c.confirms(j, self.state.q[j], self.limit(j)));
+            [measured[j], carried, confirmed].into_iter().flatten().min_by(f64::total_cmp)
+        };
+        (0..self.articulated.joints.len()).map(of_joint).collect()
+    }
+
+    fn measured_deviations(&self, scene: &Scene) -> Vec<Option<f64>> {
+        let (gate, reach) = (GATES[1], REACHES[1]);
+        let Self { articulated, state, object, .. } = self;
+        let mut system = System::new(6 + articulated.joints.len());
+        add_surface(&mut system, scene, articulated, &object.cloud, state, gate);
+        add_lightness(&mut system, scene, articulated, &object.cloud, state, (gate, reach));
+        if !self.base_seen {
+            system.hold_pose(HOLD);
+        }
+        configuration_deviations(articulated, &system)
     }
 
     fn expected(&self) -> State {
@@ -199,6 +364,22 @@ impl Follower {
         }
         state
     }
+}
+
+/// The state that a recognition tells; joints that it does not tell are where it assumes them.
+fn state_of(found: &Recognised, articulated: &Articulated) -> Option<State> {
+    let q = if found.assumed.len() == articulated.joints.len() {
+        found.assumed.clone()
+    } else {
+        articulated.rest()
+    };
+    let camera_from_object: Pose = pose_from_array(&found.camera_from_object)?;
+    Some(State { camera_from_object, q })
+}
+
+/// The joints whose configuration a recognition tells.
+fn told_by(found: &Recognised) -> Vec<bool> {
+    found.joints.iter().map(|j| j.configuration.is_some()).collect()
 }
 
 /// A verdict's score without features.
@@ -361,6 +542,7 @@ mod tests {
             verdict: Verdict::default(),
             placed: vec![true; 2],
             evident: vec![configuration.is_some()],
+            deviations: vec![Some(0.001)],
         };
         let found = report(&object, &articulated, &found);
         let mut follower = Follower::new(object, &found, FollowConfig::default()).unwrap();

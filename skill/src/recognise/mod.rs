@@ -24,7 +24,7 @@ mod system;
 mod taken;
 mod verify;
 
-pub use follow::{FollowConfig, Followed, Follower, Lost};
+pub use follow::{Asked, FollowConfig, Followed, Follower, Lost};
 pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub(crate) use retrieval::{Posting, Postings};
 pub use scene::Scene;
@@ -34,13 +34,14 @@ pub use crate::appearance::Descriptor;
 use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_to_array};
 use crate::model::ObjectModel;
-use articulated::{Articulated, State};
+use articulated::{Articulated, ChainJoint, State};
 use matching::{Compared, FeatureTable, Match};
 use nalgebra::UnitVector3;
 use rayon::prelude::*;
 use refine::Refiner;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+use system::System;
 use taken::Taken;
 use verify::{Cloud, Verdict};
 
@@ -150,6 +151,9 @@ pub struct JointState {
     pub pitch: f64,
     /// Configuration; `null` without evidence of its own.
     pub configuration: Option<f64>,
+    /// Standard deviation of the configuration, rad or m; left out where it is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deviation: Option<f64>,
     /// Why the configuration is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -420,6 +424,8 @@ struct Found {
     placed: Vec<bool>,
     /// Joints whose configuration can be told.
     evident: Vec<bool>,
+    /// Standard deviation of each joint's configuration, rad or m, where the picture tells it.
+    deviations: Vec<Option<f64>>,
 }
 
 fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
@@ -494,7 +500,8 @@ fn concluded(refiner: &Refiner, settled: Settled) -> Found {
     let Settled { state, score, inliers, verdict } = settled;
     let placed = placed_parts(articulated, refiner.matches, &state, &verdict);
     let evident = evident_joints(articulated, &placed);
-    let mut found = Found { state, score, inliers, verdict, placed, evident };
+    let deviations = configuration_deviations(articulated, &refiner.system(&state));
+    let mut found = Found { state, score, inliers, verdict, placed, evident, deviations };
     if config.check_rivals && is_believed(found.score, config) {
         doubt_rivalled(refiner, &mut found, 0..articulated.joints.len());
     }
@@ -555,6 +562,27 @@ fn doubt_rivalled(refiner: &Refiner, found: &mut Found, joints: impl IntoIterato
     found.evident = evident_joints(refiner.articulated, &found.placed);
 }
 
+/// What the residuals' own scatter does not show, in deviations of a configuration: neighbouring
+/// surfels err alike.
+const SCATTER_WORTH: f64 = 2.0;
+/// What the learned model and the camera err by, however many surfels agree: radians.
+const LEAST_TURN_DEVIATION: f64 = 0.008;
+/// The same for slides, metres.
+const LEAST_SLIDE_DEVIATION: f64 = 0.0015;
+
+/// Standard deviation of each configuration, by the normal equations at a state.
+fn configuration_deviations(articulated: &Articulated, system: &System) -> Vec<Option<f64>> {
+    let of_all = system.deviations();
+    let of_joint = |(joint, deviation): (&ChainJoint, &Option<f64>)| {
+        let least = match joint.geometry.kind {
+            JointKind::Prismatic => LEAST_SLIDE_DEVIATION,
+            _ => LEAST_TURN_DEVIATION,
+        };
+        deviation.map(|d| least.hypot(SCATTER_WORTH * d))
+    };
+    articulated.joints.iter().zip(&of_all[6..]).map(of_joint).collect()
+}
+
 /// Tells configurations that nothing seen beyond the joint shows, where all others can be
 /// ruled out.
 fn eliminate(scene: &Scene, articulated: &Articulated, cloud: &Cloud, found: &mut Found) {
@@ -564,8 +592,9 @@ fn eliminate(scene: &Scene, articulated: &Articulated, cloud: &Cloud, found: &mu
         if found.evident[j] || !held {
             continue;
         }
-        if let Some(q) = elimination::remaining(scene, articulated, cloud, &found.state, j) {
-            found.state.q[j] = q;
+        if let Some(left) = elimination::remaining(scene, articulated, cloud, &found.state, j) {
+            found.state.q[j] = left.middle;
+            found.deviations[j] = Some(left.deviation());
             found.evident[j] = true;
         }
     }
@@ -602,7 +631,8 @@ fn reason(model: &ObjectModel, articulated: &Articulated, found: &Found, joint: 
     match (is_hidden(true), is_hidden(false)) {
         (true, false) => format!("nothing seen of {child} tells where it is"),
         (false, true) => format!("nothing seen of {parent} tells where it is"),
-        _ => format!("nothing seen of {parent} and {child} tells where they are"),
+        (true, true) => format!("nothing seen of {parent} and {child} tells where they are"),
+        (false, false) => format!("what is seen of {child} does not tell how far it has moved"),
     }
 }
 
@@ -624,6 +654,7 @@ fn report(object: &KnownObject, articulated: &Articulated, found: &Found) -> Rec
                 origin: line.origin.into(),
                 pitch: line.pitch,
                 configuration: found.evident[i].then_some(found.state.q[i]),
+                deviation: found.evident[i].then_some(found.deviations[i]).flatten(),
                 reason: (!found.evident[i]).then(|| reason(&object.model, articulated, found, i)),
                 range: joint.range,
             }

@@ -49,7 +49,8 @@ pub fn find(
         .collect();
     let evident = evident_joints(articulated, &placed);
     let score = verdict.looks() * (1.0 - (-(inliers as f64) / 10.0).exp());
-    Some(Found { state, score, inliers, verdict, placed, evident })
+    let deviations = vec![None; articulated.joints.len()];
+    Some(Found { state, score, inliers, verdict, placed, evident, deviations })
 }
 
 /// The state that most matches agree with, and how many.

@@ -31,6 +31,9 @@ pub fn explained(verdict: &Verdict, inliers: usize) -> f64 {
     shown * shown / (shown + verdict.hidden as f64).max(1.0)
 }
 
+/// Distance of a surfel from the surface seen at its pixel up to which it counts in the end.
+const FINAL_GATE_M: f64 = 0.012;
+
 /// One object against one scene.
 pub struct Refiner<'r> {
     /// The encounter.
@@ -209,6 +212,14 @@ impl Refiner<'_> {
         used
     }
 
+    /// Normal equations of surface and matches at a state.
+    pub fn system(&self, state: &State) -> System {
+        let mut system = System::new(6 + self.articulated.joints.len());
+        add_surface(&mut system, self.scene, self.articulated, self.cloud, state, FINAL_GATE_M);
+        self.add_features(&mut system, state, 1.2, 0.5);
+        system
+    }
+
     /// Articulated point-to-plane alignment of the surface, with the matches.
     fn align(&self, mut state: State) -> State {
         const STEPS: usize = 10;
@@ -218,7 +229,7 @@ impl Refiner<'_> {
         for i in 0..STEPS {
             let closing = (i as f64 / (0.6 * STEPS as f64)).min(1.0);
             let cloud = if closing < 1.0 { self.coarse } else { self.cloud };
-            let gate = 0.04 + (0.012 - 0.04) * closing;
+            let gate = 0.04 + (FINAL_GATE_M - 0.04) * closing;
             let mut system = System::new(6 + self.articulated.joints.len());
             if add_surface(&mut system, self.scene, self.articulated, cloud, &state, gate)
                 < LEAST_SURFACE

@@ -15,6 +15,11 @@ pub struct System {
     row: DVector<f64>,
 }
 
+/// Deviation from which on an unknown counts as untold: a metre, or a radian.
+const UNTOLD_DEVIATION: f64 = 1.0;
+/// Evidence of an unknown of which nothing tells.
+const UNTOLD_INFORMATION: f64 = 0.25;
+
 impl System {
     /// For so many unknowns.
     pub fn new(unknowns: usize) -> Self {
@@ -37,6 +42,23 @@ impl System {
         for k in 0..6 {
             self.hessian[(k, k)] += weight;
         }
+    }
+
+    /// Standard deviation of each unknown where all others are unknown too, in the unknowns' own
+    /// units: `None` where nothing tells of it.
+    pub fn deviations(&self) -> Vec<Option<f64>> {
+        let mut hessian = self.hessian.clone();
+        hessian.fill_upper_triangle_with_lower_triangle();
+        let unknowns = hessian.nrows();
+        // Without any evidence an unknown stays as uncertain as this.
+        (0..unknowns).for_each(|k| hessian[(k, k)] += UNTOLD_INFORMATION);
+        let Some(covariance) = hessian.cholesky().map(|c| c.inverse()) else {
+            return vec![None; unknowns];
+        };
+        (0..unknowns)
+            .map(|k| covariance[(k, k)].sqrt())
+            .map(|deviation| (deviation < UNTOLD_DEVIATION).then_some(deviation))
+            .collect()
     }
 
     /// The step that lowers the residuals; `None` when it cannot be told.
@@ -80,4 +102,31 @@ pub fn add_surface(
         system.add(row, *residual, weight);
     }
     planes.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_deviation_is_that_of_the_mean_of_its_residuals() {
+        let mut system = System::new(7);
+        let sigma = 0.01_f64;
+        for _ in 0..100 {
+            system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 0.0, 1.0 / sigma.powi(2));
+        }
+        let deviations = system.deviations();
+        assert!((deviations[3].unwrap() - sigma / 10.0).abs() < 1e-6);
+        assert_eq!(deviations[6], None);
+    }
+
+    #[test]
+    fn two_unknowns_that_one_residual_mixes_are_not_told() {
+        let mut system = System::new(7);
+        system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0], 0.0, 1e6);
+        assert_eq!(system.deviations()[6], None);
+        // Another one that tells the one tells the other.
+        system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 0.0, 1e6);
+        assert!(system.deviations()[6].is_some_and(|d| d < 0.002));
+    }
 }

@@ -207,6 +207,11 @@ impl PartVerdict {
         self.agree > 4 * self.through && self.looks_right()
     }
 
+    /// The part's surface was seen where the state claims it, whatever it looks like.
+    pub fn stands(&self) -> bool {
+        self.agree >= LEAST_STANDING && self.agree > 4 * self.through
+    }
+
     /// Share of its surface that is seen through, but for its edges.
     fn seen_through(&self) -> f64 {
         let through = self.through.saturating_sub(AT_EDGES) as f64;
@@ -221,7 +226,7 @@ impl PartVerdict {
     }
 
     fn looks_right(&self) -> bool {
-        self.agree >= 25 && self.looks_alike()
+        self.agree >= LEAST_STANDING && self.looks_alike()
     }
 
     /// Most of what should be seen of it is seen through.
@@ -266,6 +271,8 @@ pub struct Verdict {
     pub parts: Vec<PartVerdict>,
 }
 
+/// Surfels of a part that must be where a state claims them for the part to be there.
+const LEAST_STANDING: usize = 25;
 /// Surfels of the base that one counts for where it is seen through.
 const SEEN_THROUGH: f64 = 5.0;
 /// Share of a moving part's surface that is seen through where the part has another shape.
