@@ -9,9 +9,9 @@ pub mod service;
 pub mod trajectory;
 
 pub use client::{Client, ClientError};
-pub use limits::{Access, MotionLimits, Rig, RigError, Safety};
+pub use limits::{Access, MotionLimits, Rig, RigError, Safety, Streaming, Synchronisation};
 pub use plan::{PREDICTION_SCHEMA, Plan, PlanError, Prediction, Request, predict};
-pub use trajectory::{Knot, TrajectoryError, knots, time_optimal};
+pub use trajectory::{Knot, Task, TrajectoryError, knots, time_optimal, together};
 
 /// Channels of DESIGN 4.7.
 pub mod channel {
@@ -27,6 +27,8 @@ pub mod channel {
     pub const PLAN: &str = "LINKAGE_PLAN";
     /// `linkage.setpoint_t`.
     pub const SETPOINT: &str = "LINKAGE_SETPOINT";
+    /// `linkage.heartbeat_t`.
+    pub const HEARTBEAT: &str = "LINKAGE_HEARTBEAT";
     /// `linkage.status_t`.
     pub const STATUS: &str = "LINKAGE_STATUS";
     /// `linkage.command_t`.

@@ -30,6 +30,8 @@ pub struct Rig {
     pub prismatic: MotionLimits,
     /// What is refused.
     pub safety: Safety,
+    /// How a motion is executed.
+    pub streaming: Streaming,
     /// Who may command the service.
     pub access: Access,
 }
@@ -53,10 +55,45 @@ pub struct Safety {
     pub axis_deviation: f64,
     /// Standard deviation of a hinge's place, metres.
     pub hinge_deviation: f64,
-    /// Age of the frame that a plan starts from, seconds.
+    /// Standard deviation of a hinge's present configuration, radians.
+    pub angle_deviation: f64,
+    /// Standard deviation of a slide's present configuration, metres.
+    pub offset_deviation: f64,
+    /// Age of the newest frame that shows the object, seconds: when a plan is made, and while it is
+    /// executed.
     pub frame_age: f64,
     /// Time after which a command that was sent is not begun any more, seconds.
     pub command_age: f64,
+}
+
+/// How a motion is executed as a stream of setpoints. Seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Streaming {
+    /// How joints of one object move together.
+    pub synchronisation: Synchronisation,
+    /// From the making of a plan for what moves already to the instant from which it goes on.
+    pub lead_time: f64,
+    /// Longest pause between two setpoints that is caught up with; after a longer one the motion is
+    /// braked from where it was.
+    pub longest_gap: f64,
+    /// Nothing moves without the consumer's heartbeat.
+    pub heartbeat_required: bool,
+    /// Age of the newest heartbeat.
+    pub heartbeat_age: f64,
+}
+
+/// How joints of one object move together, each within its limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Synchronisation {
+    /// Each as fast as it may.
+    Independent,
+    /// All arrive at once.
+    Time,
+    /// All arrive at once, and have gone the same share of their ways at any instant; joints that
+    /// move already when they are given another target only arrive at once.
+    Phase,
 }
 
 impl Default for Rig {
@@ -104,7 +141,12 @@ impl Rig {
         let safety = [
             ("safety", "axis_deviation", self.safety.axis_deviation),
             ("safety", "hinge_deviation", self.safety.hinge_deviation),
+            ("safety", "angle_deviation", self.safety.angle_deviation),
+            ("safety", "offset_deviation", self.safety.offset_deviation),
             ("safety", "frame_age", self.safety.frame_age),
+            ("streaming", "lead_time", self.streaming.lead_time),
+            ("streaming", "longest_gap", self.streaming.longest_gap),
+            ("streaming", "heartbeat_age", self.streaming.heartbeat_age),
             ("safety", "command_age", self.safety.command_age),
         ];
         let limits = [of("revolute", &self.revolute), of("prismatic", &self.prismatic)];
@@ -113,7 +155,7 @@ impl Rig {
                 return Err(format!("{name}.{key} is {value}: it must be finite and above 0"));
             }
         }
-        Ok(())
+        self.streaming.check(self.safety.frame_age)
     }
 
     /// Limits of a kind of joint.
@@ -121,6 +163,27 @@ impl Rig {
         match kind {
             JointKind::Revolute | JointKind::Helical => &self.revolute,
             _ => &self.prismatic,
+        }
+    }
+}
+
+impl Streaming {
+    /// Longest time that any of these may be, seconds: nothing may move blindly for longer.
+    const LONGEST: f64 = 5.0;
+
+    /// Refuses times with which nothing would be watched over.
+    fn check(&self, frame_age: f64) -> Result<(), String> {
+        let times = [
+            ("safety.frame_age", frame_age, Self::LONGEST),
+            ("streaming.heartbeat_age", self.heartbeat_age, Self::LONGEST),
+            ("streaming.longest_gap", self.longest_gap, frame_age),
+            ("streaming.lead_time", self.lead_time, frame_age),
+        ];
+        match times.iter().find(|(_, value, greatest)| value > greatest) {
+            Some((key, value, greatest)) => {
+                Err(format!("{key} is {value} s: at most {greatest} s are safe"))
+            }
+            None => Ok(()),
         }
     }
 }
@@ -139,5 +202,20 @@ mod tests {
         let mut rig = Rig::default();
         rig.prismatic.jerk = 0.0;
         assert!(rig.check().unwrap_err().contains("prismatic.jerk is 0"));
+    }
+
+    #[test]
+    fn times_with_which_nothing_would_be_watched_over_are_refused_by_name() {
+        let refusal = |change: fn(&mut Rig)| {
+            let mut rig = Rig::default();
+            change(&mut rig);
+            rig.check().unwrap_err()
+        };
+        assert!(refusal(|r| r.safety.frame_age = 60.0).contains("safety.frame_age is 60 s"));
+        assert!(refusal(|r| r.streaming.longest_gap = 0.6).contains("streaming.longest_gap"));
+        assert!(refusal(|r| r.streaming.lead_time = 0.6).contains("streaming.lead_time"));
+        assert!(refusal(|r| r.streaming.lead_time = 0.0).contains("streaming.lead_time is 0"));
+        assert!(refusal(|r| r.streaming.heartbeat_age = f64::NAN).contains("heartbeat_age is NaN"));
+        assert!(refusal(|r| r.safety.angle_deviation = -1.0).contains("angle_deviation is -1"));
     }
 }

@@ -20,7 +20,7 @@ pub const STATUS_MESSAGE_SCHEMA: i32 = 2;
 /// is not; 3 tells each configuration's deviation.
 pub const RECOGNITION_MESSAGE_SCHEMA: i32 = 3;
 /// Version of `linkage.prediction_t`: 2 has handles, 3 a recognition of version 2, 4 one of
-/// version 3.
+/// version 3 and the time at which it was made.
 pub const PREDICTION_MESSAGE_SCHEMA: i32 = 4;
 
 /// What a message says of a deviation that is not known.
@@ -134,8 +134,21 @@ fn microseconds(seconds: f64) -> i64 {
     (seconds * 1e6).round() as i64
 }
 
+/// When a prediction comes from; microseconds since 1970.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stamps {
+    /// When the frame that it starts from was captured, by the camera's clock.
+    pub captured: i64,
+    /// When it was made, by the host's clock.
+    pub made: i64,
+}
+
 /// A prediction; of long motions so many knots that the message stays small.
-pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> linkage::Prediction {
+pub fn prediction(
+    prediction: &Prediction,
+    model: &ObjectModel,
+    stamps: Stamps,
+) -> linkage::Prediction {
     let states: Vec<JointState> = prediction.joints.iter().map(|j| j.state.clone()).collect();
     let as_recognised = Recognised {
         object: prediction.object.clone(),
@@ -177,12 +190,13 @@ pub fn prediction(prediction: &Prediction, model: &ObjectModel, utime: i64) -> l
         }
     };
     linkage::Prediction {
-        utime,
+        utime: stamps.captured,
         schema: PREDICTION_MESSAGE_SCHEMA,
         recognition: recognised(&as_recognised, Some(model)),
         trajectories: moving().map(trajectory).collect(),
         paths: prediction.parts.iter().map(path).collect(),
         handles: prediction.handles.iter().map(path).collect(),
+        made_utime: stamps.made,
     }
 }
 
@@ -204,11 +218,12 @@ pub enum PlanMessageError {
 }
 
 /// Drake's plan of the object's joints, named `<object>/<joint>`: at least two knots, times
-/// from 0 and strictly increasing, positions rounded to single floats inside the range.
+/// from 0 and strictly increasing, positions rounded to single floats inside the range. Stamped, as
+/// Drake's own, with the time at which it was made: the prediction that goes with it has the same.
 ///
 /// # Errors
 /// [`PlanMessageError`].
-pub fn robot_plan(plan: &Plan, utime: i64) -> Result<drake::LcmtRobotPlan, PlanMessageError> {
+pub fn robot_plan(plan: &Plan, stamps: Stamps) -> Result<drake::LcmtRobotPlan, PlanMessageError> {
     let object = &plan.prediction.object;
     let longest = plan.motions.iter().max_by(|a, b| a.duration().total_cmp(&b.duration()));
     let knots = longest.map_or_else(Vec::new, knots);
@@ -228,16 +243,20 @@ pub fn robot_plan(plan: &Plan, utime: i64) -> Result<drake::LcmtRobotPlan, PlanM
             return Err(PlanMessageError::Times { knot: knot + 1 });
         }
     }
-    Ok(drake::LcmtRobotPlan { utime, plan: states })
+    Ok(drake::LcmtRobotPlan { utime: stamps.made, plan: states })
 }
 
-/// A joint's configuration at a time as a single float, towards the inside of its motion's ends.
+/// A joint's configuration at a time as a single float, rounded towards the inside of what it moves
+/// between: its ends, or its range where it goes beyond them.
 fn single_inside(motion: &JointMotion, t: f64) -> f32 {
-    let (from, to) = (motion.at(0.0).position, motion.at(motion.duration()).position);
-    let rounded = motion.at(t).position as f32;
-    if f64::from(rounded) > from.max(to) {
+    let (from, to, exact) = (motion.at(0.0).position, motion.target(), motion.at(t).position);
+    let ends = [from.min(to), from.max(to)];
+    let is_between = (ends[0]..=ends[1]).contains(&exact);
+    let [low, high] = if is_between { ends } else { motion.bounds().range };
+    let rounded = exact as f32;
+    if f64::from(rounded) > high {
         rounded.next_down()
-    } else if f64::from(rounded) < from.min(to) {
+    } else if f64::from(rounded) < low {
         rounded.next_up()
     } else {
         rounded
@@ -354,6 +373,8 @@ mod tests {
     use linkage_skill::predict::Target;
     use proptest::prelude::*;
 
+    const STAMPS: Stamps = Stamps { captured: 77, made: 99 };
+
     /// A fridge's door from somewhere to somewhere, under limits.
     fn planned(from: f64, to: f64, rig: &Rig) -> Plan {
         let (model, mut recognised) = fridge();
@@ -384,7 +405,7 @@ mod tests {
         ) {
             let revolute = crate::limits::MotionLimits { velocity, acceleration, jerk };
             let rig = Rig { revolute, ..Rig::default() };
-            let plan = robot_plan(&planned(from, to, &rig), 5).unwrap();
+            let plan = robot_plan(&planned(from, to, &rig), STAMPS).unwrap();
             prop_assert!(plan.plan.len() >= 2 && plan.plan[0].utime == 0);
             let names_fit = plan.plan.iter().all(|s| s.joint_name == ["fridge/joint1"]);
             prop_assert!(names_fit);
@@ -410,15 +431,17 @@ mod tests {
     fn a_prediction_without_motion_is_no_plan() {
         let mut plan = planned(0.3, 1.5, &Rig::default());
         plan.motions.clear();
-        assert_eq!(robot_plan(&plan, 5), Err(PlanMessageError::TooFewKnots { found: 0 }));
+        assert_eq!(robot_plan(&plan, STAMPS), Err(PlanMessageError::TooFewKnots { found: 0 }));
     }
 
     #[test]
     fn the_message_carries_what_the_prediction_says() {
         let (model, _) = fridge();
         let p = planned(0.3, 1.5, &Rig::default()).prediction;
-        let message = prediction(&p, &model, 77);
-        assert_eq!(message.utime, 77);
+        let message = prediction(&p, &model, STAMPS);
+        assert_eq!((message.utime, message.made_utime), (77, 99));
+        let plan = planned(0.3, 1.5, &Rig::default());
+        assert_eq!(robot_plan(&plan, STAMPS).unwrap().utime, message.made_utime);
         assert_eq!(message.trajectories[0].position.len(), p.joints[0].trajectory.len());
         assert_eq!(message.recognition.joints[0].child, 1);
         let bytes = linkage_lcm::encode(&message).unwrap();
@@ -432,7 +455,7 @@ mod tests {
         p.parts[0].poses = vec![p.parts[0].poses[0]; 2000];
         p.parts[0].poses[1999][0] = 40.0;
         p.handles = vec![p.parts[0].clone(); 3];
-        let message = prediction(&p, &model, 77);
+        let message = prediction(&p, &model, STAMPS);
         assert!(linkage_lcm::encode(&message).unwrap().len() < 64 * 1024);
         assert_eq!(message.handles[2].time_from_start_us.last(), Some(&40_000_000));
         assert_eq!(message.trajectories[0].position.last(), Some(&1.5));
@@ -440,22 +463,30 @@ mod tests {
 
     #[test]
     fn the_real_time_half_writes_the_same_setpoint() {
+        use linkage_realtime::{OrderQueue, Orders, Reason, Shared, Stream, Tick, Watch};
         let plan = planned(0.3, 1.5, &Rig::default());
-        let mut queue = linkage_realtime::OrderQueue::new();
-        let (mut orders, taken) = queue.split();
-        let mut stream = linkage_realtime::Stream::new(taken, crate::channel::SETPOINT);
-        orders.enqueue(Some(plan.motion().unwrap())).unwrap();
-        let mut out = [0; linkage_realtime::DATAGRAM_CAPACITY];
-        stream.tick(0, &mut out).unwrap();
-        let linkage_realtime::Tick::Send(length) = stream.tick(500_000, &mut out).unwrap() else {
-            panic!("it moves for longer than half a second")
+        let (mut queue, shared) = (OrderQueue::new(), Shared::default());
+        let (given, taken) = queue.split();
+        let watch =
+            Watch { frame_age_us: 500_000, heartbeat_age_us: None, longest_gap_us: 1_000_000 };
+        let mut stream = Stream::new(taken, &shared, crate::channel::SETPOINT, watch);
+        let mut orders = Orders::new(given, &shared);
+        let motion = plan.motion().unwrap();
+        orders.run(&motion, None).unwrap();
+        let mut at = |due_us: u64, utime| {
+            shared.frame_seen(due_us);
+            let mut out = [0; linkage_realtime::DATAGRAM_CAPACITY];
+            let Tick::Send(length) = stream.tick(due_us, utime, &mut out).unwrap() else {
+                panic!("it moves")
+            };
+            let body = 8 + crate::channel::SETPOINT.len() + 1;
+            linkage_lcm::decode::<linkage::Setpoint>(&out[body..length]).unwrap()
         };
-        let body = 8 + crate::channel::SETPOINT.len() + 1;
-        let expected = plan.motions[0].at(0.5);
-        let received: linkage::Setpoint = linkage_lcm::decode(&out[body..length]).unwrap();
-        let sent = linkage::Setpoint {
-            utime: 500_000,
-            schema: MODEL_MESSAGE_SCHEMA,
+        at(1_000_000, 0);
+        let mut expected = plan.motions[0].at(0.5);
+        let mut setpoint = linkage::Setpoint {
+            utime: 77,
+            schema: linkage_realtime::SETPOINT_SCHEMA,
             sequence: 1,
             last: false,
             object: "fridge".into(),
@@ -465,6 +496,14 @@ mod tests {
             acceleration: vec![expected.acceleration],
             reason: String::new(),
         };
-        assert_eq!(received, sent);
+        assert_eq!(at(1_500_000, 77), setpoint);
+        orders.brake(Reason::Cancelled);
+        expected = plan.motions[0].at(0.6);
+        setpoint.position = vec![expected.position];
+        setpoint.velocity = vec![expected.velocity];
+        setpoint.acceleration = vec![expected.acceleration];
+        (setpoint.utime, setpoint.sequence) = (78, 2);
+        setpoint.reason = "cancelled".into();
+        assert_eq!(at(1_600_000, 78), setpoint);
     }
 }

@@ -2,8 +2,8 @@
 //! along it. Its JSON form is `linkage.prediction/1` (DESIGN 4.6).
 
 use crate::limits::{Rig, Safety};
-use crate::trajectory::{Knot, TrajectoryError, knots, time_optimal};
-use linkage_realtime::{JointMotion, Motion, TooMuch};
+use crate::trajectory::{Knot, Task, TrajectoryError, knots, together};
+use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
 use linkage_skill::articulate::JointKind;
 use linkage_skill::geometry::{Pose, pose_to_array};
 use linkage_skill::model::{Joint, ObjectModel};
@@ -22,16 +22,25 @@ pub enum PlanError {
     #[error(transparent)]
     Predict(#[from] PredictError),
     /// The motion in time.
-    #[error("joint {joint}: {source}")]
-    Trajectory {
-        /// The joint.
-        joint: String,
-        /// Why.
-        source: TrajectoryError,
+    #[error(transparent)]
+    Trajectory(#[from] TrajectoryError),
+    /// Another object moves.
+    #[error("{object} moves; it comes to rest first")]
+    OtherMoves {
+        /// What moves.
+        object: String,
     },
     /// What was learned is not sure enough for a robot.
     #[error("{joint} is not known well enough: {what}; demonstrate it again, over more of its way")]
     Uncertain {
+        /// The joint.
+        joint: String,
+        /// What is not.
+        what: String,
+    },
+    /// Where it is now was not seen well enough for a robot.
+    #[error("the present configuration of {joint} is not known well enough: {what}")]
+    Unclear {
         /// The joint.
         joint: String,
         /// What is not.
@@ -55,12 +64,14 @@ pub struct Request<'r> {
     /// What the gripper holds now, in the camera frame, metres; where the demonstrator's hand was
     /// if it is not given.
     pub grasp: Option<Point3<f64>>,
+    /// What is commanded now, where the object is being moved: the plan goes on from there.
+    pub moving: Option<&'r Moving>,
 }
 
 impl Request<'_> {
-    /// All joints that were seen, to a target.
+    /// All joints that were seen, from rest to a target.
     pub fn to(target: Target) -> Self {
-        Self { joint: None, target, grasp: None }
+        Self { joint: None, target, grasp: None, moving: None }
     }
 }
 
@@ -71,6 +82,8 @@ pub struct Plan {
     pub prediction: Prediction,
     /// What is streamed: joints that move.
     pub motions: Vec<JointMotion>,
+    /// When it begins, microseconds of the stream's clock, where it goes on from a motion.
+    pub start_us: Option<u64>,
 }
 
 /// A joint as recognised, with its planned motion.
@@ -124,16 +137,17 @@ impl Plan {
     /// What the real-time half runs.
     ///
     /// # Errors
-    /// [`TooMuch`] for more joints than it has room for, or an object of too long a name.
-    pub fn motion(&self) -> Result<Motion, TooMuch> {
+    /// [`MotionError`] for more joints than it has room for, or an object of too long a name.
+    pub fn motion(&self) -> Result<Motion, MotionError> {
         let mut motion = Motion::new(&self.prediction.object)?;
         self.motions.iter().try_for_each(|joint| motion.push(joint.clone()))?;
         Ok(motion)
     }
 }
 
-/// Plans the motion of one joint (or of all that were seen) to a target. Joints move at the
-/// same time, each as fast as the rig allows.
+/// Plans the motion of one joint (or of all that were seen) to a target, as the rig has it: each
+/// joint as fast as it may, or all arriving at once. Where the object is being moved, joints go on
+/// from what is commanded, and those that are not asked for come to rest.
 ///
 /// # Errors
 /// [`PlanError`].
@@ -143,15 +157,15 @@ pub fn predict(
     request: &Request,
     rig: &Rig,
 ) -> Result<Plan, PlanError> {
-    let encountered = Encountered::new(model, recognised)?;
-    let mut moved: Vec<(usize, JointMotion)> = Vec::new();
-    for m in encountered.motions(request.joint, request.target)? {
-        let joint = &model.joints[m.joint];
-        assure(joint, &rig.safety)?;
-        let motion = time_optimal(&joint.name, m.from, m.to, rig.limits(joint.kind))
-            .map_err(|source| PlanError::Trajectory { joint: joint.name.clone(), source })?;
-        moved.push((m.joint, motion));
+    if let Some(moving) = request.moving
+        && moving.object() != recognised.object
+    {
+        return Err(PlanError::OtherMoves { object: moving.object().to_owned() });
     }
+    let encountered = Encountered::new(model, recognised)?;
+    let asked = asked_for(&encountered, recognised, request, rig)?;
+    let stopped = coming_to_rest(model, request, &asked, rig)?;
+    let moved = [asked.as_slice(), &stopped].concat();
     let planned_joints = recognised
         .joints
         .iter()
@@ -174,10 +188,55 @@ pub fn predict(
         camera_from_object: recognised.camera_from_object,
         base_known: recognised.base_known,
         joints: planned_joints,
-        handles: ways.handles(request, &moved)?,
+        handles: ways.handles(request, &asked)?,
         parts: ways.parts(),
     };
-    Ok(Plan { prediction, motions: moved.into_iter().map(|(_, motion)| motion).collect() })
+    let motions = moved.into_iter().map(|(_, motion)| motion).collect();
+    Ok(Plan { prediction, motions, start_us: request.moving.map(Moving::at_us) })
+}
+
+/// Motions of the joints that are asked for, with their numbers in the model.
+fn asked_for(
+    encountered: &Encountered,
+    recognised: &Recognised,
+    request: &Request,
+    rig: &Rig,
+) -> Result<Vec<(usize, JointMotion)>, PlanError> {
+    let model = encountered.model();
+    let wanted = encountered.motions(request.joint, request.target)?;
+    let mut tasks = Vec::with_capacity(wanted.len());
+    for m in &wanted {
+        let joint = &model.joints[m.joint];
+        assure(joint, &rig.safety)?;
+        assure_configuration(joint, recognised.joints[m.joint].deviation, &rig.safety)?;
+        let limits = *rig.limits(joint.kind);
+        tasks.push(match request.moving.and_then(|moving| moving.joint(&joint.name)) {
+            Some(now) => Task::within(&joint.name, now, m.to, limits, joint.range),
+            None => Task::between(&joint.name, m.from, m.to, limits),
+        });
+    }
+    let motions = together(&tasks, rig.streaming.synchronisation)?;
+    Ok(wanted.iter().map(|m| m.joint).zip(motions).collect())
+}
+
+/// Motions of the joints that move and are not asked for.
+fn coming_to_rest(
+    model: &ObjectModel,
+    request: &Request,
+    asked: &[(usize, JointMotion)],
+    rig: &Rig,
+) -> Result<Vec<(usize, JointMotion)>, PlanError> {
+    let mut stopped = Vec::new();
+    let moving = request.moving.into_iter().flat_map(Moving::joints);
+    for (motion, now) in moving.filter(|(_, now): &(_, Sample)| !now.is_rest()) {
+        let number = model.joints.iter().position(|j| j.name == motion.name());
+        let Some(number) = number.filter(|n| asked.iter().all(|(a, _)| a != n)) else { continue };
+        let joint = &model.joints[number];
+        let limits = *rig.limits(joint.kind);
+        let task = Task::within(&joint.name, now, now.position, limits, motion.bounds().range);
+        stopped.push((number, task.stopping()?));
+    }
+    Ok(stopped)
 }
 
 /// Refuses a joint that was not learned well enough.
@@ -186,23 +245,71 @@ fn assure(joint: &Joint, safety: &Safety) -> Result<(), PlanError> {
     if joint.undecided {
         return Err(uncertain(format!("{} is only its likeliest type", joint.kind.name())));
     }
-    let block = |from: usize| {
-        Matrix3::from_fn(|r, c| joint.covariance.get(from + r).map_or(0.0, |row| row[from + c]))
-    };
-    let deviation = |m: Matrix3<f64>| m.symmetric_eigenvalues().max().max(0.0).sqrt();
-    let axis = deviation(block(0));
+    if joint.kind == JointKind::Fixed {
+        return Ok(());
+    }
+    let axis = deviation_across(joint, 0)
+        .ok_or_else(|| uncertain("how far its axis deviates is not known".to_owned()))?;
     if axis > safety.axis_deviation {
         let (is, limit) = (axis.to_degrees(), safety.axis_deviation.to_degrees());
         return Err(uncertain(format!("its axis deviates by {is:.1}°, {limit:.1}° are allowed")));
     }
-    let along = Vector3::from(joint.axis);
-    let across = Matrix3::identity() - along * along.transpose();
-    let hinge = deviation(across * block(3) * across);
-    if joint.kind != JointKind::Prismatic && hinge > safety.hinge_deviation {
+    if joint.kind == JointKind::Prismatic {
+        return Ok(());
+    }
+    let hinge = deviation_across(joint, 3)
+        .ok_or_else(|| uncertain("how far its hinge deviates is not known".to_owned()))?;
+    if hinge > safety.hinge_deviation {
         let (is, limit) = (100.0 * hinge, 100.0 * safety.hinge_deviation);
         return Err(uncertain(format!("its hinge deviates by {is:.1} cm, {limit:.1} are allowed")));
     }
     Ok(())
+}
+
+/// Lesser of two variances as a share of the greater, below which it is none.
+const LEAST_SHARE: f64 = 1e-12;
+
+/// Greatest standard deviation across the axis of what begins at a row of the joint's covariance:
+/// its direction at 0, a point on it at 3. None where the covariance is missing, short, not
+/// finite, or not positive: then nothing is known, which is not the same as nothing deviating.
+fn deviation_across(joint: &Joint, from: usize) -> Option<f64> {
+    let covariance = &joint.covariance;
+    if covariance.len() != 6 || !covariance.iter().flatten().all(|x| x.is_finite()) {
+        return None;
+    }
+    let block = Matrix3::from_fn(|r, c| covariance[from + r][from + c]);
+    let along = Vector3::from(joint.axis).try_normalize(0.0)?;
+    let across = Matrix3::identity() - along * along.transpose();
+    let mut variances: Vec<f64> =
+        (across * block * across).symmetric_eigenvalues().iter().copied().collect();
+    // One of the three is that along the axis, which is 0.
+    variances.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
+    let (least, greatest) = (variances[1].min(variances[2]), variances[1].max(variances[2]));
+    (least > LEAST_SHARE * greatest && least > 0.0).then(|| greatest.sqrt())
+}
+
+/// Refuses a joint whose present configuration was not seen well enough.
+fn assure_configuration(
+    joint: &Joint,
+    deviation: Option<f64>,
+    safety: &Safety,
+) -> Result<(), PlanError> {
+    let Some(deviation) = deviation else { return Ok(()) };
+    let unclear = |what: String| PlanError::Unclear { joint: joint.name.clone(), what };
+    if !(deviation.is_finite() && deviation > 0.0) {
+        return Err(unclear("how far it deviates is not known".to_owned()));
+    }
+    match joint.kind {
+        JointKind::Revolute | JointKind::Helical if deviation > safety.angle_deviation => {
+            let (is, limit) = (deviation.to_degrees(), safety.angle_deviation.to_degrees());
+            Err(unclear(format!("it deviates by {is:.1}°, {limit:.1}° are allowed")))
+        }
+        JointKind::Prismatic | JointKind::Nonparametric if deviation > safety.offset_deviation => {
+            let (is, limit) = (100.0 * deviation, 100.0 * safety.offset_deviation);
+            Err(unclear(format!("it deviates by {is:.1} cm, {limit:.1} are allowed")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Where all parts are at the knots of the longest motion.
@@ -275,11 +382,17 @@ impl<'e> Ways<'e> {
 pub(crate) mod tests {
     use super::*;
     use linkage_skill::articulate::{JointGeometry, JointKind};
-    use linkage_skill::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
+    use linkage_skill::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame, covariance_rows};
+    use nalgebra::Matrix6;
 
     pub fn fridge() -> (ObjectModel, Recognised) {
         let hinge = JointGeometry::hinge(-Vector3::y_axis(), Point3::new(0.4, 0.0, 1.1));
-        let joint = Joint { range: [0.0, 1.5], observations: 100, ..Joint::of(&hinge) };
+        let joint = Joint {
+            range: [0.0, 1.5],
+            observations: 100,
+            covariance: covariance_rows(&(Matrix6::identity() * 1e-6)),
+            ..Joint::of(&hinge)
+        };
         let model = ObjectModel {
             schema: MODEL_SCHEMA.into(),
             object: "fridge".into(),
@@ -369,6 +482,111 @@ pub(crate) mod tests {
         assert!(refusal(|j| j.covariance[2][2] = 0.04).contains("axis deviates by 11.5°"));
         assert!(refusal(|j| j.covariance[5][5] = 0.0025).contains("hinge deviates by 5.0 cm"));
         assert!(refusal(|j| j.undecided = true).contains("revolute is only its likeliest type"));
+    }
+
+    #[test]
+    fn a_covariance_that_says_nothing_is_refused_and_is_not_certainty() {
+        let nothing: [fn(&mut Joint); 8] = [
+            |j| j.covariance.clear(),
+            |j| j.covariance.truncate(3),
+            |j| j.covariance = vec![[0.0; 6]; 6],
+            |j| j.covariance[0][0] = 0.0,
+            |j| j.covariance[2][2] = -1e-6,
+            |j| j.covariance[5][5] = 0.0,
+            |j| j.covariance[3][3] = f64::NAN,
+            |j| j.covariance[1][1] = f64::INFINITY,
+        ];
+        for (i, change) in nothing.into_iter().enumerate() {
+            let (mut model, recognised) = fridge();
+            change(&mut model.joints[0]);
+            let plan = predict(&model, &recognised, &Request::to(Target::Open), &Rig::default());
+            let said = plan.map(|_| i).unwrap_err().to_string();
+            assert!(said.contains("is not known"), "{i}: {said}");
+        }
+    }
+
+    #[test]
+    fn a_covariance_without_extent_along_the_axis_is_one() {
+        // An axis is a unit vector, and a point may lie anywhere along it: neither has a variance
+        // in that direction.
+        let (mut model, recognised) = fridge();
+        let across = Vector3::new(1e-6, 0.0, 1e-6);
+        let rows = Matrix6::from_diagonal(&nalgebra::Vector6::new(
+            across.x, across.y, across.z, across.x, across.y, across.z,
+        ));
+        model.joints[0].covariance = covariance_rows(&rows);
+        let request = Request::to(Target::Open);
+        assert!(predict(&model, &recognised, &request, &Rig::default()).is_ok());
+    }
+
+    #[test]
+    fn a_configuration_that_was_not_seen_well_is_refused_with_how_far_it_deviates() {
+        let (model, _) = fridge();
+        let hinge = &model.joints[0];
+        let slide = Joint { kind: JointKind::Prismatic, ..hinge.clone() };
+        let safety = Rig::default().safety;
+        let said = |joint: &Joint, deviation: f64| {
+            assure_configuration(joint, Some(deviation), &safety).map_err(|e| e.to_string())
+        };
+        assert_eq!(said(hinge, 0.04), Ok(()));
+        assert!(said(hinge, 0.2).unwrap_err().contains("deviates by 11.5°, 2.9° are allowed"));
+        assert_eq!(said(&slide, 0.01), Ok(()));
+        assert!(said(&slide, 0.04).unwrap_err().contains("deviates by 4.0 cm, 2.0 are allowed"));
+        for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(said(hinge, nothing).unwrap_err().contains("is not known"));
+        }
+    }
+
+    /// What the fridge is commanded to do half a second after its opening began.
+    fn opening() -> Moving {
+        let (model, recognised) = fridge();
+        let request = Request::to(Target::Open);
+        let plan = predict(&model, &recognised, &request, &Rig::default()).unwrap();
+        Moving::new(plan.motion().unwrap(), 0.5, 7_000_000)
+    }
+
+    #[test]
+    fn another_target_while_it_moves_goes_on_from_what_is_commanded() {
+        // The camera lags behind: the plan starts from the command, not from the frame.
+        let (model, recognised) = fridge();
+        let moving = opening();
+        let request = Request { moving: Some(&moving), ..Request::to(Target::Closed) };
+        let plan = predict(&model, &recognised, &request, &Rig::default()).unwrap();
+        let now = moving.joint("joint1").unwrap();
+        assert!(now.velocity > 0.2);
+        assert_eq!(plan.motions[0].at(0.0), now);
+        assert_eq!((plan.motions[0].target(), plan.start_us), (0.0, Some(7_000_000)));
+        assert_eq!(plan.prediction.joints[0].trajectory[0][2], now.velocity);
+    }
+
+    #[test]
+    fn a_joint_that_moves_and_is_not_asked_for_comes_to_rest() {
+        let (mut model, mut recognised) = fridge();
+        let second =
+            Joint { name: "joint2".into(), parent: 1, child: 2, ..model.joints[0].clone() };
+        model.parts.push(Part::new(2, "part2", 9));
+        model.joints.push(second);
+        let mut state = recognised.joints[0].clone();
+        state.name = "joint2".into();
+        recognised.joints.push(state);
+        let moving = opening();
+        let request =
+            Request { joint: Some("joint2"), moving: Some(&moving), ..Request::to(Target::Open) };
+        let plan = predict(&model, &recognised, &request, &Rig::default()).unwrap();
+        let names: Vec<&str> = plan.motions.iter().map(JointMotion::name).collect();
+        assert_eq!(names, ["joint2", "joint1"]);
+        let stop = &plan.motions[1];
+        assert_eq!(stop.at(0.0), moving.joint("joint1").unwrap());
+        assert!(stop.duration() < 1.0 && stop.target() < 1.0);
+    }
+
+    #[test]
+    fn nothing_is_planned_while_another_object_moves() {
+        let (model, recognised) = fridge();
+        let moving = Moving::new(Motion::new("drawer").unwrap(), 0.0, 0);
+        let request = Request { moving: Some(&moving), ..Request::to(Target::Open) };
+        let refused = predict(&model, &recognised, &request, &Rig::default()).unwrap_err();
+        assert!(refused.to_string().contains("drawer moves"), "{refused}");
     }
 
     #[test]

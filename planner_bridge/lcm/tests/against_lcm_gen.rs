@@ -176,7 +176,7 @@ fn check_what_a_service_hears_and_tells(dir: &Path) {
         dir,
         &linkage::Setpoint {
             utime: 6,
-            schema: 1,
+            schema: 2,
             sequence: 77,
             last: true,
             object: "fridge".into(),
@@ -184,8 +184,10 @@ fn check_what_a_service_hears_and_tells(dir: &Path) {
             position: vec![0.1],
             velocity: vec![-0.2],
             acceleration: vec![0.3],
+            reason: "no new frame".into(),
         },
     );
+    check(dir, &linkage::Heartbeat { utime: 7, schema: 1, source: "arm".into() });
 }
 
 fn check_the_original_systems(dir: &Path) {

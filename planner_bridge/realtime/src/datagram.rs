@@ -1,15 +1,16 @@
 //! `linkage.setpoint_t` as a whole LCM datagram in a fixed buffer.
 
 use crate::motion::Motion;
+use crate::reason::Reason;
 
 /// Bytes that are always enough for a setpoint with its datagram's head.
 pub const DATAGRAM_CAPACITY: usize = 1400;
 
 /// Fingerprint of `linkage.setpoint_t`; a test holds it against the type's own.
-pub const SETPOINT_FINGERPRINT: u64 = 0x7bb0682d5fedf374;
+pub const SETPOINT_FINGERPRINT: u64 = 0x22e370f297d73615;
 
-/// Version of the message.
-const SCHEMA: i32 = 1;
+/// Version of `linkage.setpoint_t`: 2 has the reason.
+pub const SETPOINT_SCHEMA: i32 = 2;
 /// How a datagram of LCM that is not split begins.
 const MAGIC: u32 = 0x4c43_3032;
 
@@ -26,6 +27,8 @@ pub(crate) struct Head {
     pub sequence: u32,
     /// The motion is over.
     pub last: bool,
+    /// Why it is being braked, if it is.
+    pub reason: Option<Reason>,
 }
 
 /// Writes the setpoint of a motion at a time, in seconds from its start; how many bytes it took.
@@ -43,7 +46,7 @@ pub(crate) fn write_setpoint(
     out.bytes(&[0])?;
     out.bytes(&SETPOINT_FINGERPRINT.to_be_bytes())?;
     out.bytes(&head.utime.to_be_bytes())?;
-    out.bytes(&SCHEMA.to_be_bytes())?;
+    out.bytes(&SETPOINT_SCHEMA.to_be_bytes())?;
     out.bytes(&i64::from(head.sequence).to_be_bytes())?;
     out.bytes(&[u8::from(head.last)])?;
     out.text(motion.object())?;
@@ -61,6 +64,7 @@ pub(crate) fn write_setpoint(
     for joint in joints {
         out.bytes(&joint.at(time).acceleration.to_be_bytes())?;
     }
+    out.text(head.reason.map_or("", Reason::text))?;
     Ok(out.written)
 }
 
@@ -91,15 +95,22 @@ impl Writer<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{JointMotion, MAX_JOINTS, Segment};
+    use crate::motion::tests::there;
+    use crate::motion::{JointMotion, MAX_JOINTS};
 
-    const HEAD: Head = Head { utime: 7, sequence: 3, last: false };
+    const HEAD: Head = Head { utime: 7, sequence: 3, last: false, reason: Some(Reason::NotSent) };
 
     fn longest() -> Motion {
-        let name = "n".repeat(63);
-        let mut motion = Motion::new(&name).unwrap();
-        for _ in 0..MAX_JOINTS {
-            motion.push(JointMotion::new(&name, &[Segment::default()], 1.0, 0.5).unwrap()).unwrap();
+        let mut name = [b'n'; 63];
+        let mut motion = Motion::new(core::str::from_utf8(&name).unwrap()).unwrap();
+        for i in 0..MAX_JOINTS {
+            name[0] = b'0' + i as u8;
+            let (name, there) = (core::str::from_utf8(&name).unwrap(), there(1.0, 0.5));
+            let stop = there.brake(0.7);
+            let pieces = crate::stop(there.at(0.7), &there.bounds().limits).segments;
+            let (end, target) = (stop.duration(), stop.target());
+            let joint = JointMotion::new(name, &pieces, end, target, *there.bounds());
+            motion.push(joint.unwrap()).unwrap();
         }
         motion
     }

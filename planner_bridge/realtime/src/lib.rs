@@ -1,5 +1,11 @@
-//! The half of the planner bridge that meets deadlines: motions are sampled, setpoints are
-//! encoded into a fixed buffer as LCM datagrams, orders come through a lock-free queue.
+//! The half of the planner bridge that meets deadlines: motions are sampled, braked when they must
+//! not run on, encoded into a fixed buffer as LCM datagrams, and sent when they are due.
+//!
+//! ```text
+//!  planner ── Orders ──► queue ──► Stream ◄── Cycle ── Port: clock and network
+//!     ▲                              │ ▲
+//!     └────────── Shared ◄───────────┘ └── Shared: frames seen, heartbeat, cancellation
+//! ```
 //!
 //! Nothing here allocates, locks, panics or loops without a bound, and there is no `std`: it runs
 //! on a microcontroller as it runs on a host. `tools/check-realtime` proves it by linking without
@@ -7,12 +13,25 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod brake;
+mod cycle;
 mod datagram;
 mod lateness;
 mod motion;
+mod orders;
+mod reason;
+mod shared;
 mod stream;
 
-pub use datagram::{DATAGRAM_CAPACITY, SETPOINT_FINGERPRINT, TooLong};
+pub use brake::{Stop, stop};
+pub use cycle::{Cycle, Port, StreamReport};
+pub use datagram::{DATAGRAM_CAPACITY, SETPOINT_FINGERPRINT, SETPOINT_SCHEMA, TooLong};
 pub use lateness::Lateness;
-pub use motion::{JointMotion, MAX_JOINTS, MAX_SEGMENTS, Motion, Name, Sample, Segment, TooMuch};
-pub use stream::{OrderQueue, Orders, Stream, Tick};
+pub use motion::{
+    Bounds, JointMotion, Limits, MAX_JOINTS, MAX_SEGMENTS, Motion, MotionError, Name, Sample,
+    Segment,
+};
+pub use orders::{Commanded, Moving, NotNow, Notice, Orders};
+pub use reason::{Reason, Refusal};
+pub use shared::{Phase, Shared, Status};
+pub use stream::{Order, OrderQueue, Stream, Tick, Watch};

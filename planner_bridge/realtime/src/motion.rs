@@ -1,13 +1,23 @@
-//! A motion as pieces of constant jerk, and what it is at an instant.
+//! A motion as pieces of constant jerk, and what it is at an instant. A motion is checked when it
+//! is made: it does not jump, it stays within its limits and its range, and it ends at rest.
 
+use crate::brake::stop;
+use core::fmt;
 use heapless::{String, Vec};
 
 /// Joints that move together at most.
 pub const MAX_JOINTS: usize = 8;
-/// Pieces of constant jerk of one joint's motion at most; from rest to rest there are seven.
-pub const MAX_SEGMENTS: usize = 8;
+/// Pieces of constant jerk of one joint's motion at most: two that bring it within its limits and
+/// seven that bring it to the target, or three to stop, a rest, and seven from there.
+pub const MAX_SEGMENTS: usize = 12;
 /// A name of an object or a joint, at most 63 bytes.
 pub type Name = String<63>;
+
+/// Greatest step between two pieces that counts as none: rad or m, and the same per second and
+/// per second squared. Solvers meet their targets to about 1e-8.
+const STEP: f64 = 1e-6;
+/// Share by which a limit may be exceeded, for rounding.
+const ROUNDING: f64 = 1e-6;
 
 /// A piece of constant jerk. Configurations in radians or metres, time in seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -27,7 +37,7 @@ pub struct Segment {
 /// What a joint does at an instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sample {
-    /// Configuration.
+    /// Configuration, rad or m.
     pub position: f64,
     /// Velocity.
     pub velocity: f64,
@@ -35,34 +45,209 @@ pub struct Sample {
     pub acceleration: f64,
 }
 
-/// More than a motion has room for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TooMuch;
+/// Greatest velocity, acceleration and jerk of a joint, in either direction; rad or m, seconds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// rad/s or m/s.
+    pub velocity: f64,
+    /// rad/s² or m/s².
+    pub acceleration: f64,
+    /// rad/s³ or m/s³.
+    pub jerk: f64,
+}
 
-/// The motion of one joint, from rest to rest.
+/// What the motion of a joint stays within.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// How fast it may be.
+    pub limits: Limits,
+    /// Least and greatest configuration, rad or m.
+    pub range: [f64; 2],
+}
+
+/// A motion that must not be run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MotionError {
+    /// More joints, pieces or bytes of a name than there is room for.
+    TooMuch,
+    /// A number is not finite, or a limit is not above 0.
+    NotFinite,
+    /// The pieces are not in the order of time.
+    Order,
+    /// A piece does not begin where the one before it ends, or the last does not end at rest.
+    Jump,
+    /// The velocity limit is exceeded.
+    Velocity,
+    /// The acceleration limit is exceeded.
+    Acceleration,
+    /// The jerk limit is exceeded.
+    Jerk,
+    /// The range is left.
+    Range,
+    /// Two joints have one name.
+    SameName,
+}
+
+impl fmt::Display for MotionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TooMuch => "more joints, pieces or bytes of a name than there is room for",
+            Self::NotFinite => "a number is not finite, or a limit is not above 0",
+            Self::Order => "its pieces are not in the order of time",
+            Self::Jump => "it jumps, or does not end at rest",
+            Self::Velocity => "the velocity limit is exceeded",
+            Self::Acceleration => "the acceleration limit is exceeded",
+            Self::Jerk => "the jerk limit is exceeded",
+            Self::Range => "the range is left",
+            Self::SameName => "two joints have one name",
+        })
+    }
+}
+
+impl core::error::Error for MotionError {}
+
+impl Sample {
+    /// At rest at a configuration.
+    pub fn rest(position: f64) -> Self {
+        Self { position, velocity: 0.0, acceleration: 0.0 }
+    }
+
+    /// True where it neither moves nor is about to.
+    pub fn is_rest(&self) -> bool {
+        self.velocity.abs() <= STEP && self.acceleration.abs() <= STEP
+    }
+
+    /// True where one may follow the other without a jump.
+    fn is_near(&self, other: &Self) -> bool {
+        (self.position - other.position).abs() <= STEP
+            && (self.velocity - other.velocity).abs() <= STEP
+            && (self.acceleration - other.acceleration).abs() <= STEP
+    }
+}
+
+impl Bounds {
+    /// True where all are numbers that can be held.
+    fn are_sound(&self) -> bool {
+        let Limits { velocity, acceleration, jerk } = self.limits;
+        let above_zero = |limit: f64| limit.is_finite() && limit > 0.0;
+        above_zero(velocity)
+            && above_zero(acceleration)
+            && above_zero(jerk)
+            && self.range.iter().all(|q| q.is_finite())
+    }
+
+    /// Refuses what lies outside.
+    fn check(&self, sample: &Sample) -> Result<(), MotionError> {
+        let Limits { velocity, acceleration, .. } = self.limits;
+        let [low, high] = self.range;
+        if sample.velocity.abs() > velocity * (1.0 + ROUNDING) {
+            return Err(MotionError::Velocity);
+        }
+        if sample.acceleration.abs() > acceleration * (1.0 + ROUNDING) {
+            return Err(MotionError::Acceleration);
+        }
+        if sample.position < low - STEP || sample.position > high + STEP {
+            return Err(MotionError::Range);
+        }
+        Ok(())
+    }
+}
+
+impl Segment {
+    /// A piece that begins with a sample.
+    pub fn from(start: f64, sample: Sample, jerk: f64) -> Self {
+        let Sample { position, velocity, acceleration } = sample;
+        Self { start, position, velocity, acceleration, jerk }
+    }
+
+    /// What it is `t` seconds after its own beginning.
+    pub fn after(&self, t: f64) -> Sample {
+        let Self { position, velocity, acceleration, jerk, .. } = *self;
+        Sample {
+            position: position + t * (velocity + t * (acceleration / 2.0 + t * jerk / 6.0)),
+            velocity: velocity + t * (acceleration + t * jerk / 2.0),
+            acceleration: acceleration + t * jerk,
+        }
+    }
+
+    /// Refuses a piece of so many seconds that leaves its bounds.
+    fn check(&self, length: f64, bounds: &Bounds) -> Result<(), MotionError> {
+        let Self { velocity, acceleration, jerk, .. } = *self;
+        if jerk.abs() > bounds.limits.jerk * (1.0 + ROUNDING) {
+            return Err(MotionError::Jerk);
+        }
+        // Velocity is extreme where acceleration is 0, position where velocity is.
+        let root = libm::sqrt(acceleration * acceleration - 2.0 * jerk * velocity);
+        let extremes = [
+            -acceleration / jerk,
+            -velocity / acceleration,
+            (-acceleration - root) / jerk,
+            (-acceleration + root) / jerk,
+        ];
+        bounds.check(&self.after(0.0))?;
+        bounds.check(&self.after(length))?;
+        extremes
+            .iter()
+            .filter(|t| (0.0..=length).contains(*t))
+            .try_for_each(|t| bounds.check(&self.after(*t)))
+    }
+}
+
+/// The motion of one joint, which comes to rest at its end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointMotion {
     name: Name,
     segments: Vec<Segment, MAX_SEGMENTS>,
     duration: f64,
     target: f64,
+    bounds: Bounds,
 }
 
 impl JointMotion {
-    /// A motion in pieces, in the order of their starts, that comes to rest at `target` after
-    /// `duration` seconds.
+    /// A motion in pieces, in the order of their starts, the first at 0, that comes to rest at
+    /// `target` after `duration` seconds.
     ///
     /// # Errors
-    /// [`TooMuch`] for a name or a number of pieces that there is no room for.
+    /// [`MotionError`] when there is no room for it, or when it jumps or leaves its bounds.
     pub fn new(
         name: &str,
         segments: &[Segment],
         duration: f64,
         target: f64,
-    ) -> Result<Self, TooMuch> {
-        let name = Name::try_from(name).map_err(|_| TooMuch)?;
-        let segments = Vec::from_slice(segments).map_err(|_| TooMuch)?;
-        Ok(Self { name, segments, duration, target })
+        bounds: Bounds,
+    ) -> Result<Self, MotionError> {
+        let name = Name::try_from(name).map_err(|_| MotionError::TooMuch)?;
+        let segments = Vec::from_slice(segments).map_err(|_| MotionError::TooMuch)?;
+        let motion = Self { name, segments, duration, target, bounds };
+        motion.check()?;
+        Ok(motion)
+    }
+
+    fn check(&self) -> Result<(), MotionError> {
+        let numbers = |s: &Segment| [s.start, s.position, s.velocity, s.acceleration, s.jerk];
+        let finite = self.segments.iter().flat_map(numbers).all(f64::is_finite);
+        let first = self.segments.first().ok_or(MotionError::Order)?;
+        if !(finite && self.duration.is_finite() && self.target.is_finite())
+            || !self.bounds.are_sound()
+        {
+            return Err(MotionError::NotFinite);
+        }
+        if first.start != 0.0 {
+            return Err(MotionError::Order);
+        }
+        for (i, segment) in self.segments.iter().enumerate() {
+            let next = self.segments.get(i + 1);
+            let length = next.map_or(self.duration, |s| s.start) - segment.start;
+            if length < 0.0 {
+                return Err(MotionError::Order);
+            }
+            segment.check(length, &self.bounds)?;
+            let follows = next.map_or(Sample::rest(self.target), |s| s.after(0.0));
+            if !segment.after(length).is_near(&follows) {
+                return Err(MotionError::Jump);
+            }
+        }
+        self.bounds.check(&Sample::rest(self.target))
     }
 
     /// Of the joint.
@@ -75,21 +260,42 @@ impl JointMotion {
         self.duration
     }
 
-    /// What the joint does at a time; at rest before the start and after the end.
+    /// Where it comes to rest, rad or m.
+    pub fn target(&self) -> f64 {
+        self.target
+    }
+
+    /// Its pieces.
+    pub fn segments(&self) -> &[Segment] {
+        &self.segments
+    }
+
+    /// What it stays within.
+    pub fn bounds(&self) -> &Bounds {
+        &self.bounds
+    }
+
+    /// What the joint does at a time, in seconds from the start; at rest after the end.
     pub fn at(&self, time: f64) -> Sample {
         if time >= self.duration || time.is_nan() {
-            return Sample { position: self.target, ..Sample::default() };
+            return Sample::rest(self.target);
         }
         let begun = self.segments.iter().rev().find(|s| s.start <= time);
-        let Some(s) = begun else {
-            let position = self.segments.first().map_or(self.target, |s| s.position);
-            return Sample { position, ..Sample::default() };
-        };
-        let t = time - s.start;
-        Sample {
-            position: s.position + t * (s.velocity + t * (s.acceleration / 2.0 + t * s.jerk / 6.0)),
-            velocity: s.velocity + t * (s.acceleration + t * s.jerk / 2.0),
-            acceleration: s.acceleration + t * s.jerk,
+        match begun.or(self.segments.first()) {
+            Some(s) => s.after((time - s.start).max(0.0)),
+            None => Sample::rest(self.target),
+        }
+    }
+
+    /// The motion that comes to rest as soon as its limits allow, from what this one is at a time.
+    pub fn brake(&self, time: f64) -> Self {
+        let stop = stop(self.at(time), &self.bounds.limits);
+        Self {
+            name: self.name.clone(),
+            segments: Vec::from_slice(&stop.segments).unwrap_or_default(),
+            duration: stop.duration,
+            target: stop.position,
+            bounds: self.bounds,
         }
     }
 }
@@ -105,17 +311,22 @@ impl Motion {
     /// Of an object, without joints yet.
     ///
     /// # Errors
-    /// [`TooMuch`] for a name that there is no room for.
-    pub fn new(object: &str) -> Result<Self, TooMuch> {
-        Ok(Self { object: Name::try_from(object).map_err(|_| TooMuch)?, joints: Vec::new() })
+    /// [`MotionError::TooMuch`] for a name that there is no room for.
+    pub fn new(object: &str) -> Result<Self, MotionError> {
+        let object = Name::try_from(object).map_err(|_| MotionError::TooMuch)?;
+        Ok(Self { object, joints: Vec::new() })
     }
 
     /// Adds a joint.
     ///
     /// # Errors
-    /// [`TooMuch`] where there are [`MAX_JOINTS`] already.
-    pub fn push(&mut self, joint: JointMotion) -> Result<(), TooMuch> {
-        self.joints.push(joint).map_err(|_| TooMuch)
+    /// [`MotionError::TooMuch`] where there are [`MAX_JOINTS`] already, [`MotionError::SameName`]
+    /// where one has its name.
+    pub fn push(&mut self, joint: JointMotion) -> Result<(), MotionError> {
+        if self.joint(joint.name()).is_some() {
+            return Err(MotionError::SameName);
+        }
+        self.joints.push(joint).map_err(|_| MotionError::TooMuch)
     }
 
     /// The object's name.
@@ -128,35 +339,73 @@ impl Motion {
         &self.joints
     }
 
+    /// The motion of a joint of that name.
+    pub fn joint(&self, name: &str) -> Option<&JointMotion> {
+        self.joints.iter().find(|j| j.name() == name)
+    }
+
     /// Seconds until the last joint rests.
     pub fn duration(&self) -> f64 {
         self.joints.iter().map(JointMotion::duration).fold(0.0, f64::max)
     }
+
+    /// True where no joint moves at the beginning.
+    pub fn starts_at_rest(&self) -> bool {
+        self.joints.iter().all(|j| j.at(0.0).is_rest())
+    }
+
+    /// True where it may follow another from a time on, without a jump: each joint of the other
+    /// goes on as it is, or rests and is left out; each joint that is new begins at rest.
+    pub fn follows(&self, before: &Self, time: f64) -> bool {
+        let goes_on = |old: &JointMotion| match self.joint(old.name()) {
+            Some(new) => new.at(0.0).is_near(&old.at(time)),
+            None => old.at(time).is_rest(),
+        };
+        let begins =
+            |new: &JointMotion| before.joint(new.name()).is_some() || new.at(0.0).is_rest();
+        self.object == before.object
+            && before.joints.iter().all(goes_on)
+            && self.joints.iter().all(begins)
+    }
+
+    /// The motion that brings each joint to rest as soon as its limits allow.
+    pub fn brake(&self, time: f64) -> Self {
+        let mut joints = Vec::new();
+        for joint in &self.joints {
+            // There is as much room as in this motion.
+            let _ = joints.push(joint.brake(time));
+        }
+        Self { object: self.object.clone(), joints }
+    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    pub const BOUNDS: Bounds = Bounds {
+        limits: Limits { velocity: 100.0, acceleration: 100.0, jerk: 100.0 },
+        range: [-1000.0, 1000.0],
+    };
+
     /// Jerk up and down by turns: from rest to rest in four equal pieces.
-    fn there(jerk: f64, quarter: f64) -> JointMotion {
-        let mut now = Sample { position: 0.2, ..Sample::default() };
+    pub fn there(jerk: f64, quarter: f64) -> JointMotion {
+        let mut now = Sample::rest(0.2);
         let mut segments = [Segment::default(); 4];
         for (i, s) in segments.iter_mut().enumerate() {
             let jerk = if i == 0 || i == 3 { jerk } else { -jerk };
-            let start = i as f64 * quarter;
-            *s = Segment {
-                start,
-                position: now.position,
-                velocity: now.velocity,
-                acceleration: now.acceleration,
-                jerk,
-            };
-            let one = JointMotion::new("j", &[Segment { start: 0.0, ..*s }], 1e9, 0.0).unwrap();
-            now = one.at(quarter);
+            *s = Segment::from(i as f64 * quarter, now, jerk);
+            now = s.after(quarter);
         }
-        JointMotion::new("joint1", &segments, 4.0 * quarter, now.position).unwrap()
+        JointMotion::new("joint1", &segments, 4.0 * quarter, now.position, BOUNDS).unwrap()
+    }
+
+    /// A motion with another value in one of its pieces.
+    fn changed(change: impl Fn(&mut JointMotion)) -> Result<(), MotionError> {
+        let mut motion = there(2.0, 0.5);
+        change(&mut motion);
+        motion.check()
     }
 
     proptest! {
@@ -166,13 +415,50 @@ mod tests {
         ) {
             let motion = there(jerk, quarter);
             let end = motion.duration();
-            prop_assert_eq!(motion.at(-1.0), Sample { position: 0.2, ..Sample::default() });
+            prop_assert_eq!(motion.at(-1.0), Sample::rest(0.2));
             prop_assert_eq!(motion.at(end + 1.0).velocity, 0.0);
             prop_assert!((motion.at(end - 1e-9).position - motion.at(end).position).abs() < 1e-7);
             let (t, h) = (at * end, 1e-6);
             let slope = (motion.at(t + h).position - motion.at(t).position) / h;
             prop_assert!((slope - motion.at(t).velocity).abs() < 1e-3 * (1.0 + jerk));
         }
+
+        #[test]
+        fn a_motion_with_any_one_number_changed_is_refused(
+            piece in 0..4_usize, which in 0..4_usize, by in prop_oneof![0.01..9.0_f64, -9.0..-0.01],
+        ) {
+            let change = |m: &mut JointMotion| {
+                let s = &mut m.segments[piece];
+                *[&mut s.position, &mut s.velocity, &mut s.acceleration, &mut s.jerk][which] += by;
+            };
+            // Only the first piece may begin anywhere, but then it ends elsewhere.
+            prop_assert!(changed(change).is_err());
+        }
+    }
+
+    #[test]
+    fn a_motion_that_leaves_its_bounds_is_refused_with_what_it_exceeds() {
+        assert_eq!(changed(|_| {}), Ok(()));
+        assert_eq!(changed(|m| m.bounds.limits.velocity = 0.4), Err(MotionError::Velocity));
+        assert_eq!(changed(|m| m.bounds.limits.acceleration = 0.9), Err(MotionError::Acceleration));
+        assert_eq!(changed(|m| m.bounds.limits.jerk = 1.9), Err(MotionError::Jerk));
+        assert_eq!(changed(|m| m.bounds.range[1] = 0.6), Err(MotionError::Range));
+        assert_eq!(changed(|m| m.bounds.limits.jerk = f64::NAN), Err(MotionError::NotFinite));
+        assert_eq!(changed(|m| m.segments[2].start = f64::NAN), Err(MotionError::NotFinite));
+        assert_eq!(changed(|m| m.segments[2].start = 0.1), Err(MotionError::Order));
+        assert_eq!(changed(|m| m.duration = 1.7), Err(MotionError::Jump));
+        assert_eq!(changed(|m| m.target += 0.1), Err(MotionError::Jump));
+        assert_eq!(changed(|m| m.segments.clear()), Err(MotionError::Order));
+    }
+
+    #[test]
+    fn an_extreme_inside_a_piece_is_found() {
+        // It turns around at 0.5, beyond both of its ends.
+        let out_and_back = Segment { velocity: 1.0, acceleration: -1.0, ..Segment::default() };
+        let bounds = Bounds { range: [-1.0, 0.4], ..BOUNDS };
+        assert_eq!(out_and_back.check(2.0, &bounds), Err(MotionError::Range));
+        let wide = Bounds { range: [-1.0, 0.6], ..BOUNDS };
+        assert_eq!(out_and_back.check(2.0, &wide), Ok(()));
     }
 
     #[test]
@@ -183,12 +469,40 @@ mod tests {
 
     #[test]
     fn what_there_is_no_room_for_is_refused() {
-        assert!(JointMotion::new(&"x".repeat(64), &[], 0.0, 0.0).is_err());
-        assert!(JointMotion::new("x", &[Segment::default(); MAX_SEGMENTS + 1], 0.0, 0.0).is_err());
+        let named = |name: &str, pieces: usize| {
+            let segments = [Segment::default(); MAX_SEGMENTS + 1];
+            JointMotion::new(name, &segments[..pieces], 0.0, 0.0, BOUNDS)
+        };
+        assert!(named("x", MAX_SEGMENTS).is_ok());
+        assert_eq!(named(&"x".repeat(64), 1), Err(MotionError::TooMuch));
+        assert_eq!(named("x", MAX_SEGMENTS + 1), Err(MotionError::TooMuch));
         let mut motion = Motion::new("door").unwrap();
-        for _ in 0..MAX_JOINTS {
-            motion.push(there(1.0, 0.5)).unwrap();
+        for name in ["a", "b", "c", "d", "e", "f", "g", "h"] {
+            motion.push(named(name, 1).unwrap()).unwrap();
         }
-        assert_eq!(motion.push(there(1.0, 0.5)), Err(TooMuch));
+        assert_eq!(motion.push(named("i", 1).unwrap()), Err(MotionError::TooMuch));
+        assert_eq!(motion.push(named("a", 1).unwrap()), Err(MotionError::SameName));
+    }
+
+    #[test]
+    fn what_follows_goes_on_from_what_was() {
+        let mut before = Motion::new("door").unwrap();
+        before.push(there(1.0, 0.5)).unwrap();
+        assert!(before.brake(0.7).follows(&before, 0.7));
+        assert!(!before.brake(0.7).follows(&before, 0.71), "the joint would jump back");
+        let nothing = Motion::new("door").unwrap();
+        assert!(!nothing.follows(&before, 0.7), "the joint still moves");
+        assert!(nothing.follows(&before, 2.0));
+        let mut other = Motion::new("drawer").unwrap();
+        other.push(before.joints()[0].brake(0.7)).unwrap();
+        assert!(!other.follows(&before, 0.7), "it is another object");
+        let mut added = before.brake(0.7);
+        let moving = Segment { velocity: 1.0, ..Segment::default() };
+        added
+            .push(JointMotion { name: Name::try_from("new").unwrap(), ..there(1.0, 0.5) })
+            .unwrap();
+        assert!(added.follows(&before, 0.7));
+        added.joints[1].segments[0] = moving;
+        assert!(!added.follows(&before, 0.7), "the new joint would begin at once");
     }
 }

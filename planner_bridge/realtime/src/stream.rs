@@ -1,16 +1,37 @@
-//! Setpoints of the motion that was ordered last, one a tick.
+//! Setpoints of the motion that was ordered last, one a tick, and the dead man's switch.
+//!
+//! A motion that runs comes to rest in one of two ways: at its target, or braked, with the reason.
+//! An order that would make a joint jump is refused, whatever planned it.
 
 use crate::datagram::{Head, TooLong, write_setpoint};
 use crate::motion::Motion;
+use crate::reason::{Reason, Refusal};
+use crate::shared::{Phase, Shared, Status, is_up_to};
 use heapless::spsc::{Consumer, Queue};
 
-/// Orders that wait between two ticks at most, less one.
-const WAITING: usize = 4;
+/// A motion to run.
+#[derive(Debug, Clone)]
+pub struct Order {
+    pub(crate) number: u32,
+    pub(crate) motion: Motion,
+    /// When it begins, microseconds of the monotonic clock; at once where nothing moves and none
+    /// is given.
+    pub(crate) start_us: Option<u64>,
+}
 
-/// What a stream is told: a motion to run from now on, or to stop where it is.
-pub type OrderQueue = Queue<Option<Motion>, WAITING>;
-/// The stream's end of the queue.
-pub type Orders<'q> = Consumer<'q, Option<Motion>>;
+/// Orders on their way to a stream.
+pub type OrderQueue = Queue<Order, 3>;
+
+/// When a stream brakes what runs. Microseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Watch {
+    /// Greatest age of the newest frame that tells where the joints are.
+    pub frame_age_us: u64,
+    /// Greatest age of the consumer's heartbeat, where one is required.
+    pub heartbeat_age_us: Option<u64>,
+    /// Longest pause between setpoints, or without the network taking any, that is caught up with.
+    pub longest_gap_us: u64,
+}
 
 /// What a tick asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,48 +44,243 @@ pub enum Tick {
 
 /// Runs one motion at a time.
 pub struct Stream<'q> {
-    orders: Orders<'q>,
+    orders: Consumer<'q, Order>,
+    shared: &'q Shared,
     channel: &'q str,
-    running: Option<Running>,
+    watch: Watch,
+    state: State,
+    /// An order whose time has not come.
+    waiting: Option<Order>,
     sequence: u32,
+    /// When the last setpoint was due.
+    last_us: u64,
+    /// Since when the network takes none.
+    unsent_since_us: Option<u64>,
+    is_ending: bool,
+    status: Status,
 }
 
-struct Running {
+enum State {
+    Rest,
+    Running(Run),
+    Braking(Run, Reason),
+}
+
+struct Run {
+    number: u32,
     motion: Motion,
-    start_us: i64,
+    start_us: u64,
+}
+
+impl Run {
+    /// Seconds from its start.
+    fn time(&self, at_us: u64) -> f64 {
+        seconds(at_us.saturating_sub(self.start_us))
+    }
+
+    fn is_over(&self, at_us: u64) -> bool {
+        self.time(at_us) >= self.motion.duration()
+    }
+}
+
+pub(crate) fn seconds(us: u64) -> f64 {
+    us as f64 * 1e-6
 }
 
 impl<'q> Stream<'q> {
     /// A stream of setpoints for an LCM channel.
-    pub fn new(orders: Orders<'q>, channel: &'q str) -> Self {
-        Self { orders, channel, running: None, sequence: 0 }
+    pub fn new(
+        orders: Consumer<'q, Order>,
+        shared: &'q Shared,
+        channel: &'q str,
+        watch: Watch,
+    ) -> Self {
+        Self {
+            orders,
+            shared,
+            channel,
+            watch,
+            state: State::Rest,
+            waiting: None,
+            sequence: 0,
+            last_us: 0,
+            unsent_since_us: None,
+            is_ending: false,
+            status: Status::default(),
+        }
     }
 
-    /// Writes the datagram of this instant, microseconds since 1970, into the buffer. A motion
-    /// begins with the tick that finds its order; the last of its setpoints says so.
+    /// Writes the datagram of a tick into the buffer.
+    ///
+    /// `due_us` is when the tick is due by the monotonic clock, which alone drives the motion;
+    /// `utime` is that instant by the host's clock, microseconds since 1970, with which the
+    /// setpoint is stamped.
     ///
     /// # Errors
     /// [`TooLong`] when the buffer is shorter than [`crate::DATAGRAM_CAPACITY`].
-    pub fn tick(&mut self, now_us: i64, out: &mut [u8]) -> Result<Tick, TooLong> {
-        for _ in 0..WAITING {
-            let Some(order) = self.orders.dequeue() else { break };
-            self.running = order.map(|motion| Running { motion, start_us: now_us });
+    pub fn tick(&mut self, due_us: u64, utime: i64, out: &mut [u8]) -> Result<Tick, TooLong> {
+        self.keep_watch(due_us);
+        self.obey(due_us);
+        let result = self.write(due_us, utime, out);
+        self.tell();
+        result
+    }
+
+    /// Tells whether the network took the setpoint of a tick.
+    pub fn sent(&mut self, due_us: u64, was_sent: bool) {
+        self.unsent_since_us = match (was_sent, self.unsent_since_us) {
+            (true, _) => None,
+            (false, None) => Some(due_us),
+            (false, since) => since,
+        };
+    }
+
+    /// Brakes what runs and refuses all orders from now on.
+    pub fn end(&mut self) {
+        self.is_ending = true;
+    }
+
+    /// True while nothing moves.
+    pub fn is_at_rest(&self) -> bool {
+        matches!(self.state, State::Rest)
+    }
+
+    /// Brakes what runs where it must not run on.
+    fn keep_watch(&mut self, due_us: u64) {
+        // Both are looked at in each tick, so that what is too old is forgotten.
+        let frames = self.shared.frames(due_us, self.watch.frame_age_us);
+        let heartbeat = self.has_heartbeat(due_us);
+        let (cancelled, why) = self.shared.cancelled();
+        self.status.cancelled = cancelled;
+        let gap = self.watch.longest_gap_us;
+        let paused_us = due_us.saturating_sub(self.last_us);
+        // What follows the setpoints stands where the last of them was.
+        let is_stalled = paused_us > gap;
+        let is_unsent = self.unsent_since_us.is_some_and(|s| due_us.saturating_sub(s) > gap);
+        let number = match &mut self.state {
+            State::Rest => return,
+            State::Braking(run, _) => {
+                if is_stalled {
+                    run.start_us = run.start_us.saturating_add(paused_us);
+                }
+                return;
+            }
+            State::Running(run) => run.number,
+        };
+        if is_stalled {
+            self.brake(self.last_us, due_us, Reason::Stalled);
+        } else if self.is_ending {
+            self.brake(due_us, due_us, Reason::ServiceEnds);
+        } else if is_up_to(number, cancelled) {
+            self.brake(due_us, due_us, why);
+        } else if let Err(why) = frames {
+            self.brake(due_us, due_us, why);
+        } else if !heartbeat {
+            self.brake(due_us, due_us, Reason::NoHeartbeat);
+        } else if is_unsent {
+            self.brake(due_us, due_us, Reason::NotSent);
         }
-        let Some(Running { motion, start_us }) = &self.running else { return Ok(Tick::Idle) };
-        let time = now_us.saturating_sub(*start_us) as f64 * 1e-6;
-        let last = time >= motion.duration();
-        let head = Head { utime: now_us, sequence: self.sequence, last };
-        let bytes = write_setpoint(out, self.channel, head, motion, time)?;
+    }
+
+    fn has_heartbeat(&self, due_us: u64) -> bool {
+        let age = self.watch.heartbeat_age_us;
+        age.is_none_or(|age| self.shared.has_heartbeat(due_us, age))
+    }
+
+    /// Brakes from what the motion is at one time, beginning at another.
+    fn brake(&mut self, from_us: u64, start_us: u64, why: Reason) {
+        if let State::Running(run) = &self.state
+            && !run.is_over(from_us)
+        {
+            let motion = run.motion.brake(run.time(from_us));
+            self.state = State::Braking(Run { number: run.number, motion, start_us }, why);
+        }
+    }
+
+    /// Follows the next order when its time has come, or refuses it.
+    fn obey(&mut self, due_us: u64) {
+        // As in `Orders::run`: no division by 0.
+        let has_places = self.orders.capacity().checked_add(1).is_some();
+        if has_places && self.waiting.is_none() {
+            self.waiting = self.orders.dequeue();
+        }
+        let Some(order) = &self.waiting else { return };
+        let start_us = order.start_us.unwrap_or(due_us);
+        let verdict = match &self.state {
+            _ if self.is_ending || is_up_to(order.number, self.status.cancelled) => {
+                Err(Refusal::Cancelled)
+            }
+            State::Braking(..) => Err(Refusal::Braking),
+            _ if due_us < start_us => return,
+            State::Rest => self.may_start(&order.motion, due_us).map(|()| due_us),
+            // Its last setpoint is sent first.
+            State::Running(run) if run.is_over(due_us) => return,
+            State::Running(_) if start_us < self.last_us => Err(Refusal::Late),
+            State::Running(run) if order.motion.follows(&run.motion, run.time(start_us)) => {
+                Ok(start_us)
+            }
+            State::Running(_) => Err(Refusal::Jump),
+        };
+        self.decide(verdict);
+    }
+
+    /// Refuses to start blindly, or in motion.
+    fn may_start(&self, motion: &Motion, due_us: u64) -> Result<(), Refusal> {
+        if !motion.starts_at_rest() {
+            return Err(Refusal::Jump);
+        }
+        if self.shared.frames(due_us, self.watch.frame_age_us).is_err() {
+            return Err(Refusal::NoFrame);
+        }
+        if !self.has_heartbeat(due_us) {
+            return Err(Refusal::NoHeartbeat);
+        }
+        Ok(())
+    }
+
+    fn decide(&mut self, verdict: Result<u64, Refusal>) {
+        let Some(Order { number, motion, .. }) = self.waiting.take() else { return };
+        self.status.decided = number;
+        self.status.refusal = verdict.err();
+        if let Ok(start_us) = verdict {
+            if self.is_at_rest() {
+                self.unsent_since_us = None;
+            }
+            self.state = State::Running(Run { number, motion, start_us });
+        }
+    }
+
+    fn write(&mut self, due_us: u64, utime: i64, out: &mut [u8]) -> Result<Tick, TooLong> {
+        let (run, reason) = match &self.state {
+            State::Rest => return Ok(Tick::Idle),
+            State::Running(run) => (run, None),
+            State::Braking(run, reason) => (run, Some(*reason)),
+        };
+        let (time, last) = (run.time(due_us), run.is_over(due_us));
+        let head = Head { utime, sequence: self.sequence, last, reason };
+        let bytes = write_setpoint(out, self.channel, head, &run.motion, time)?;
         self.sequence = self.sequence.wrapping_add(1);
+        self.last_us = due_us;
         if last {
-            self.running = None;
+            self.state = State::Rest;
+            self.status.ends = self.status.ends.wrapping_add(1);
+            self.status.reason = reason;
         }
         Ok(Tick::Send(bytes))
     }
 
-    /// True while a motion runs.
-    pub fn is_running(&self) -> bool {
-        self.running.is_some()
+    /// Tells what it is doing.
+    fn tell(&mut self) {
+        let (phase, run) = match &self.state {
+            State::Rest => (Phase::Rest, None),
+            State::Running(run) => (Phase::Running, Some(run)),
+            State::Braking(run, _) => (Phase::Braking, Some(run)),
+        };
+        self.status.phase = phase;
+        if let Some(run) = run {
+            (self.status.order, self.status.start_us) = (run.number, run.start_us);
+        }
+        self.shared.tell(&self.status);
     }
 }
 
@@ -72,39 +288,241 @@ impl<'q> Stream<'q> {
 mod tests {
     use super::*;
     use crate::DATAGRAM_CAPACITY;
-    use crate::motion::{JointMotion, Segment};
+    use crate::motion::JointMotion;
+    use crate::motion::tests::there;
+    use crate::orders::{Commanded, Notice, Orders};
 
-    fn motion(duration: f64) -> Motion {
+    const CHANNEL: &str = "LINKAGE_SETPOINT";
+    const WATCH: Watch =
+        Watch { frame_age_us: 500_000, heartbeat_age_us: None, longest_gap_us: 50_000 };
+    const PERIOD_US: u64 = 5000;
+
+    fn door(quarter: f64) -> Motion {
         let mut motion = Motion::new("door").unwrap();
-        let segment = Segment { velocity: 1.0, ..Segment::default() };
-        motion.push(JointMotion::new("joint1", &[segment], duration, duration).unwrap()).unwrap();
+        motion.push(there(1.0, quarter)).unwrap();
         motion
+    }
+
+    /// Both ends of a stream, under a clock of its own.
+    struct Both<'q> {
+        orders: Orders<'q>,
+        stream: Stream<'q>,
+        shared: &'q Shared,
+        now_us: u64,
+        frames_come: bool,
+        network_takes: bool,
+        out: [u8; DATAGRAM_CAPACITY],
+    }
+
+    /// What a setpoint says of itself.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    struct Said {
+        last: bool,
+        reason: Option<Reason>,
+    }
+
+    const GOES_ON: Said = Said { last: false, reason: None };
+    const ARRIVED: Said = Said { last: true, reason: None };
+
+    impl Both<'_> {
+        fn tick(&mut self) -> Option<Said> {
+            self.after(PERIOD_US)
+        }
+
+        fn after(&mut self, gap_us: u64) -> Option<Said> {
+            self.now_us += gap_us;
+            if self.frames_come {
+                self.shared.frame_seen(self.now_us);
+            }
+            let tick = self.stream.tick(self.now_us, 0, &mut self.out).unwrap();
+            let Tick::Send(length) = tick else { return None };
+            self.stream.sent(self.now_us, self.network_takes);
+            let said = &self.out[..length];
+            let last = said[8 + CHANNEL.len() + 1 + 8 + 8 + 4 + 8] == 1;
+            let reasons = (1..20).map_while(Reason::of);
+            let reason =
+                reasons.into_iter().find(|r| said[..length - 1].ends_with(r.text().as_bytes()));
+            Some(Said { last, reason })
+        }
+
+        /// Ticks until the last setpoint, and that.
+        fn to_the_end(&mut self) -> (usize, Said) {
+            for n in 1..10_000 {
+                match self.tick() {
+                    Some(said) if said.last => return (n, said),
+                    _ => {}
+                }
+            }
+            panic!("it never ends")
+        }
+    }
+
+    /// Works with both ends of a stream.
+    fn with(watch: Watch, work: impl FnOnce(&mut Both)) {
+        let (mut queue, shared) = (OrderQueue::new(), Shared::default());
+        let (given, taken) = queue.split();
+        let mut both = Both {
+            orders: Orders::new(given, &shared),
+            stream: Stream::new(taken, &shared, CHANNEL, watch),
+            shared: &shared,
+            now_us: 7_000_000,
+            frames_come: true,
+            network_takes: true,
+            out: [0; DATAGRAM_CAPACITY],
+        };
+        both.tick();
+        work(&mut both);
     }
 
     #[test]
     fn a_motion_is_streamed_to_its_end_and_no_further() {
-        let mut queue = OrderQueue::new();
-        let (mut orders, taken) = queue.split();
-        let mut stream = Stream::new(taken, "LINKAGE_SETPOINT");
-        let mut out = [0; DATAGRAM_CAPACITY];
-        assert_eq!(stream.tick(0, &mut out), Ok(Tick::Idle));
-        orders.enqueue(Some(motion(0.02))).unwrap();
-        let sent = (1..100).filter(|i| stream.tick(i * 5000, &mut out) != Ok(Tick::Idle)).count();
-        assert_eq!(sent, 5, "at 0, 5, 10, 15 and 20 ms");
-        assert!(!stream.is_running());
+        with(WATCH, |it| {
+            assert_eq!(it.tick(), None);
+            it.orders.run(&door(0.005), None).unwrap();
+            assert_eq!(it.to_the_end(), (5, ARRIVED), "at 0, 5, 10, 15 and 20 ms");
+            assert_eq!(it.orders.poll(), Some(Notice::Ended(None)));
+            assert_eq!((it.tick(), it.stream.is_at_rest()), (None, true));
+        });
     }
 
     #[test]
-    fn the_newest_order_counts() {
-        let mut queue = OrderQueue::new();
-        let (mut orders, taken) = queue.split();
-        let mut stream = Stream::new(taken, "LINKAGE_SETPOINT");
-        let mut out = [0; DATAGRAM_CAPACITY];
-        orders.enqueue(Some(motion(10.0))).unwrap();
-        orders.enqueue(None).unwrap();
-        assert_eq!(stream.tick(0, &mut out), Ok(Tick::Idle));
-        orders.enqueue(None).unwrap();
-        orders.enqueue(Some(motion(10.0))).unwrap();
-        assert!(matches!(stream.tick(5000, &mut out), Ok(Tick::Send(_))));
+    fn a_motion_is_braked_when_frames_stop_coming_and_says_why() {
+        for (doubt, reason) in
+            [(None, Reason::NoFrame), (Some(Reason::JointLost), Reason::JointLost)]
+        {
+            with(WATCH, |it| {
+                it.orders.run(&door(0.5), None).unwrap();
+                (0..40).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+                it.frames_come = false;
+                doubt.into_iter().for_each(|d| it.shared.frame_doubted(d));
+                (0..100).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+                let (ticks, said) = it.to_the_end();
+                assert_eq!(said, Said { last: true, reason: Some(reason) });
+                assert!(ticks < 100, "{ticks} setpoints");
+                assert_eq!(it.orders.poll(), Some(Notice::Ended(Some(reason))));
+            });
+        }
+    }
+
+    #[test]
+    fn a_motion_is_braked_when_a_required_heartbeat_is_missing() {
+        let watch = Watch { heartbeat_age_us: Some(100_000), ..WATCH };
+        with(watch, |it| {
+            it.orders.run(&door(0.5), None).unwrap();
+            assert_eq!(it.tick(), None);
+            assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::NoHeartbeat)));
+            it.shared.heartbeat(it.now_us);
+            it.orders.run(&door(0.5), None).unwrap();
+            (0..20).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+            let (_, said) = it.to_the_end();
+            assert_eq!(said.reason, Some(Reason::NoHeartbeat));
+        });
+    }
+
+    #[test]
+    fn a_motion_is_braked_when_it_is_cancelled_and_what_waits_never_begins() {
+        with(WATCH, |it| {
+            it.orders.run(&door(0.5), None).unwrap();
+            (0..60).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+            let at_us = it.now_us + 30_000;
+            let Ok(Commanded::Moving(moving)) = it.orders.commanded_at(at_us) else { panic!() };
+            let mut next = Motion::new("door").unwrap();
+            moving.joints().for_each(|(j, _)| next.push(j.brake(0.33)).unwrap());
+            it.orders.run(&next, Some(at_us)).unwrap();
+            it.orders.brake(Reason::Replaced);
+            let (ticks, said) = it.to_the_end();
+            assert_eq!(said, Said { last: true, reason: Some(Reason::Replaced) });
+            assert!(ticks > 10, "it does not stop dead");
+            assert_eq!(it.orders.poll(), Some(Notice::Ended(Some(Reason::Replaced))));
+            assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::Cancelled)));
+            assert_eq!(it.tick(), None);
+        });
+    }
+
+    #[test]
+    fn a_long_pause_is_not_caught_up_with() {
+        with(WATCH, |it| {
+            it.orders.run(&door(0.5), None).unwrap();
+            (0..60).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+            let before = it.out;
+            let said = it.after(1_000_000);
+            assert_eq!(said, Some(Said { last: false, reason: Some(Reason::Stalled) }));
+            // Joints stand where the last setpoint left them.
+            let joints = 8 + CHANNEL.len() + 1 + 8 + 8 + 4 + 8 + 1;
+            let length = 4 + 5 + 4 + 4 + 7 + 3 * 8;
+            assert_eq!(before[joints..joints + length], it.out[joints..joints + length]);
+            // A pause in the brake is none of the brake's time.
+            it.tick();
+            let before = it.out;
+            it.after(1_000_000);
+            assert_eq!(before[joints..joints + length], it.out[joints..joints + length]);
+            assert!(it.to_the_end().1.last);
+        });
+    }
+
+    #[test]
+    fn a_motion_is_braked_when_the_network_takes_no_setpoints() {
+        with(WATCH, |it| {
+            it.orders.run(&door(0.5), None).unwrap();
+            // A setpoint that is taken in between starts the count anew.
+            for lost in [8, 9] {
+                it.network_takes = true;
+                assert_eq!(it.tick(), Some(GOES_ON));
+                it.network_takes = false;
+                (0..lost).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+            }
+            let (_, said) = it.to_the_end();
+            assert_eq!(said, Said { last: true, reason: Some(Reason::NotSent) });
+        });
+    }
+
+    #[test]
+    fn an_order_that_would_make_a_joint_jump_is_refused_and_what_runs_goes_on() {
+        with(WATCH, |it| {
+            it.orders.run(&door(0.5), None).unwrap();
+            (0..60).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+            let at_us = it.now_us + PERIOD_US;
+            it.orders.run(&door(0.5), Some(at_us)).unwrap();
+            assert_eq!(it.tick(), Some(GOES_ON));
+            assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::Jump)));
+            // The right one, but too late.
+            let Ok(Commanded::Moving(moving)) = it.orders.commanded_at(it.now_us) else { panic!() };
+            let mut next = Motion::new("door").unwrap();
+            moving.joints().for_each(|(j, _)| next.push(j.brake(0.3)).unwrap());
+            it.orders.run(&next, Some(it.now_us - PERIOD_US)).unwrap();
+            assert_eq!(it.tick(), Some(GOES_ON));
+            assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::Late)));
+            assert_eq!(it.to_the_end().1, ARRIVED);
+        });
+    }
+
+    #[test]
+    fn nothing_starts_blindly_or_in_motion() {
+        with(WATCH, |it| {
+            let mut moving = Motion::new("door").unwrap();
+            let brake: JointMotion = there(1.0, 0.5).brake(0.7);
+            moving.push(brake).unwrap();
+            it.orders.run(&moving, None).unwrap();
+            assert_eq!(it.tick(), None);
+            assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::Jump)));
+            it.frames_come = false;
+            it.now_us += 600_000;
+            it.orders.run(&door(0.5), None).unwrap();
+            assert_eq!(it.tick(), None);
+            assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::NoFrame)));
+        });
+    }
+
+    #[test]
+    fn what_moves_is_braked_when_the_service_ends() {
+        with(WATCH, |it| {
+            it.orders.run(&door(0.5), None).unwrap();
+            (0..60).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+            it.stream.end();
+            let (_, said) = it.to_the_end();
+            assert_eq!(said, Said { last: true, reason: Some(Reason::ServiceEnds) });
+            it.orders.run(&door(0.5), None).unwrap();
+            assert_eq!(it.tick(), None);
+        });
     }
 }

@@ -6,6 +6,7 @@
 mod authority;
 mod capture;
 mod command;
+mod heartbeat;
 mod learning;
 mod perception;
 mod publisher;
@@ -14,16 +15,17 @@ mod stream;
 
 pub use authority::{CommandKey, KeyError, Unauthorised};
 pub use command::{Action, Command, Fault, Refusal, SCHEMA as COMMAND_SCHEMA};
-pub use stream::{StreamError, StreamReport, Streamer};
+pub use linkage_realtime::StreamReport;
+pub use stream::{Orders, Pulse, StreamError, StreamParts, Streamer};
 
 use crate::limits::Rig;
 use authority::Authority;
 use capture::Capture;
 use command::Listener;
+use heartbeat::HeartbeatListener;
 use linkage_driver::live::{host_utime, latest};
 use linkage_driver::{RgbdSource, SourceError};
 use linkage_lcm::{Lcm, LcmError};
-use linkage_realtime::OrderQueue;
 use linkage_skill::SkillConfig;
 use linkage_skill::store::StoreError;
 use perception::Perception;
@@ -143,10 +145,17 @@ pub fn serve(
     let authority = Authority::new(session, config.rig.safety.command_age, &config.rig.access)?;
     let listener = Listener::new(&config.url, authority, command_writer, out.clone())?;
     let publisher = Publisher::new(lcm, session, packets, notes);
-    let mut queue = OrderQueue::new();
-    let (orders, taken) = queue.split();
-    let streamer = config.stream_hz.map(|hz| Streamer::new(&config.url, hz, taken)).transpose()?;
-    let orders = streamer.as_ref().map(|s| stream::Orders::new(orders, s));
+    let mut parts = StreamParts::default();
+    let (streamer, orders) = config
+        .stream_hz
+        .map(|hz| parts.open(&config.url, hz, &config.rig))
+        .transpose()?
+        .map_or((None, None), |(streamer, orders)| (Some(streamer), Some(orders)));
+    streamer.as_ref().map_or(Ok(()), Streamer::self_test)?;
+    let heartbeat = orders
+        .as_ref()
+        .map(|orders| HeartbeatListener::new(&config.url, orders.pulse(), out.clone()))
+        .transpose()?;
     let perception = Perception::new(config, frames, commands, out, orders)?;
 
     let is_stopped = || stop.load(Ordering::Relaxed);
@@ -163,6 +172,9 @@ pub fn serve(
         let streaming = streamer
             .map(|s| start("stream").spawn_scoped(scope, || guarded(stop, || s.run(&is_stopped))))
             .transpose()?;
+        let hearing = heartbeat
+            .map(|h| start("heart").spawn_scoped(scope, || guarded(stop, || h.run(&is_stopped))))
+            .transpose()?;
         let perceiving = start("perceive")
             .spawn_scoped(scope, || guarded(stop, || perception.run(&is_stopped)))?;
 
@@ -170,6 +182,7 @@ pub fn serve(
             perceiving.join().map_err(|_| ServiceError::Internal("perception"))?;
         capturing.join().map_err(|_| ServiceError::Internal("capture"))?;
         listening.join().map_err(|_| ServiceError::Internal("command"))?;
+        hearing.map_or(Ok(()), |h| h.join().map_err(|_| ServiceError::Internal("heartbeat")))?;
         let refused = publishing.join().map_err(|_| ServiceError::Internal("publishing"))?;
         let stream = streaming
             .map(|s| s.join().map_err(|_| ServiceError::Internal("stream")))

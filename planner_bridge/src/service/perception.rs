@@ -9,11 +9,12 @@ use super::publisher::{Answer, Note, Outbox, Situation};
 use super::reacquire::Reacquisition;
 use super::stream::Orders;
 use crate::channel;
-use crate::messages;
+use crate::messages::{self, Stamps};
 use crate::plan::{PlanError, Request, predict};
 use crossbeam_channel::Receiver;
 use linkage_driver::RgbdFrame;
 use linkage_driver::live::{LatestReader, Nothing, host_utime};
+use linkage_realtime::{Commanded, Notice, Reason};
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
 use linkage_skill::store::{Library, Store, StoreError};
@@ -30,8 +31,6 @@ pub struct Perception<'q> {
     commands: Receiver<Command>,
     out: Outbox,
     orders: Option<Orders<'q>>,
-    /// The stream is still to be told to stop.
-    stop_owed: bool,
     library: Library,
     state: State,
     looked_at: u64,
@@ -130,7 +129,6 @@ impl<'q> Perception<'q> {
             commands,
             out,
             orders,
-            stop_owed: false,
             library,
             state: State::Resting,
             looked_at: 0,
@@ -227,7 +225,7 @@ impl<'q> Perception<'q> {
 
     fn start_demonstration(&mut self, object: String) -> Result<String, String> {
         self.interruptible()?;
-        self.rest();
+        self.rest(Reason::Replaced);
         let learner = Learner::live(&self.config.skill);
         let so_far = learner.so_far(&object);
         let answer = format!("watching how {object} is moved");
@@ -267,7 +265,7 @@ impl<'q> Perception<'q> {
         {
             return Err(format!("no object \"{name}\" is known"));
         }
-        self.rest();
+        self.rest(Reason::Replaced);
         let answer = match &object {
             Some(name) => format!("looking for {name}"),
             None => "looking for anything known".to_owned(),
@@ -298,12 +296,12 @@ impl<'q> Perception<'q> {
                 self.answer(command, Err("cancelled".to_owned()));
             }
         }
-        self.rest();
+        self.rest(Reason::Cancelled);
         "cancelled".to_owned()
     }
 
-    /// Nothing is looked for, nothing moves.
-    fn rest(&mut self) {
+    /// Nothing is looked for, what moves is braked.
+    fn rest(&mut self, why: Reason) {
         let pending = match &mut self.state {
             State::Watching(w) => w.pending.take(),
             State::Tracking(t) => t.pending.take(),
@@ -313,13 +311,13 @@ impl<'q> Perception<'q> {
             let reason = "another command came before it was planned".to_owned();
             self.answer(pending.command, Err(reason));
         }
-        self.stop_stream();
+        self.brake(why);
         self.state = State::Resting;
     }
 
-    fn stop_stream(&mut self) {
+    fn brake(&mut self, why: Reason) {
         if let Some(orders) = &mut self.orders {
-            self.stop_owed = !orders.stop();
+            orders.brake(why);
         }
     }
 
@@ -394,6 +392,9 @@ impl<'q> Perception<'q> {
         let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
         let follow = self.config.skill.follow.clone();
         if let Some(follower) = Follower::new(Arc::clone(object), &best, follow) {
+            if let Some(orders) = &self.orders {
+                orders.frame_seen(&best, *at);
+            }
             let pending = w.pending.take();
             self.state = State::Tracking(Box::new(Tracking {
                 object: Arc::clone(object),
@@ -427,6 +428,11 @@ impl<'q> Perception<'q> {
                     let message = messages::recognition(&now, |_| Some(model), frame.utime);
                     self.out.send(channel::RECOGNITION, &message);
                 }
+                match &self.orders {
+                    Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.arrived),
+                    Some(orders) => orders.frame_missed_it(),
+                    None => {}
+                }
                 self.fulfil();
             }
             Err(lost) => {
@@ -435,7 +441,7 @@ impl<'q> Perception<'q> {
                 let object = Some(t.object.model.object.clone());
                 let pending = t.pending.take();
                 self.state = State::Watching(Watching::new(object, pending));
-                self.stop_stream();
+                self.brake(Reason::ObjectLost);
             }
         }
     }
@@ -447,13 +453,24 @@ impl<'q> Perception<'q> {
         if !(t.seen && fresh) {
             return;
         }
+        if t.pending.is_none() {
+            return;
+        }
+        // What moves is braked first, or just about to arrive.
+        let Ok(commanded) = self.orders.as_ref().map(Orders::commanded).transpose() else { return };
+        let moving = match &commanded {
+            Some(Commanded::Moving(moving)) => Some(moving),
+            Some(Commanded::Rest) | None => None,
+        };
         let Some(pending) = t.pending.take() else { return };
         let request = Request {
             joint: pending.joint.as_deref(),
             target: pending.target,
             grasp: pending.grasp,
+            moving,
         };
         let model = &t.object.model;
+        let stamps = Stamps { captured: t.utime, made: host_utime() };
         let planned = predict(model, &t.recognised, &request, &self.config.rig);
         if let Err(PlanError::Predict(PredictError::Unseen { .. })) = &planned
             && pending.since.elapsed() < JOINT_PATIENCE
@@ -462,21 +479,23 @@ impl<'q> Perception<'q> {
             return;
         }
         let planned = planned.map_err(|e: PlanError| e.to_string()).and_then(|plan| {
-            let robot_plan = messages::robot_plan(&plan, t.utime).map_err(|e| e.to_string())?;
+            let robot_plan = messages::robot_plan(&plan, stamps).map_err(|e| e.to_string())?;
             Ok((plan, robot_plan))
         });
         let (plan, robot_plan) = match planned {
             Ok(planned) => planned,
             Err(reason) => return self.answer(pending.command, Err(reason)),
         };
-        let message = messages::prediction(&plan.prediction, model, t.utime);
+        let message = messages::prediction(&plan.prediction, model, stamps);
         self.out.send(channel::PREDICTION, &message);
         self.out.send(channel::PLAN, &robot_plan);
         let knots = robot_plan.plan.len();
         let streamed = self.orders.as_mut().map(|orders| match plan.motion() {
             Err(_) => "; not streamed: too many joints",
-            Ok(motion) if !self.stop_owed && orders.run(&motion) => ", which are streamed",
-            Ok(_) => "; not streamed: orders come too fast",
+            Ok(motion) => match orders.run(&motion, plan.start_us) {
+                Ok(()) => ", which are streamed",
+                Err(_) => "; not streamed: orders come too fast",
+            },
         });
         let text = format!("planned {} in {knots} knots{}", model.object, streamed.unwrap_or(""));
         self.answer(pending.command, Ok(text));
@@ -484,8 +503,14 @@ impl<'q> Perception<'q> {
 
     /// Looks after what does not come with frames.
     fn poll(&mut self) {
-        if self.stop_owed {
-            self.stop_stream();
+        match self.orders.as_mut().and_then(Orders::poll) {
+            Some(Notice::Ended(Some(why))) => {
+                self.out.note(Note::Error(format!("the motion was braked: {why}")));
+            }
+            Some(Notice::Refused(why)) => {
+                self.out.note(Note::Error(format!("the motion was not executed: {why}")));
+            }
+            Some(Notice::Ended(None)) | None => {}
         }
         if let State::Learning { learning, command } = &self.state
             && let Some(result) = learning.poll()

@@ -1,0 +1,220 @@
+//! The loop that keeps time: a setpoint each period, sent when it is due. All of it but the clock
+//! and the network is here, so that what is proved of this crate holds for what is shipped.
+
+use crate::datagram::DATAGRAM_CAPACITY;
+use crate::lateness::Lateness;
+use crate::stream::{Stream, Tick};
+use core::num::NonZeroU64;
+
+/// The clock and the network around the loop.
+pub trait Port {
+    /// Microseconds of a clock that is never corrected.
+    fn monotonic_us(&mut self) -> u64;
+    /// The host's clock, microseconds since 1970; it may be corrected at any time.
+    fn utime(&mut self) -> i64;
+    /// Waits for so many microseconds at most.
+    fn sleep(&mut self, us: u64);
+    /// Sends a datagram; false when the network does not take it.
+    fn send(&mut self, datagram: &[u8]) -> bool;
+    /// True once the loop is to end.
+    fn is_stopped(&mut self) -> bool;
+}
+
+/// How a stream kept its time.
+#[derive(Debug, Clone, Default)]
+pub struct StreamReport {
+    /// How late its ticks came while something moved.
+    pub lateness: Lateness,
+    /// Setpoints that were sent.
+    pub sent: u64,
+    /// Setpoints that the network did not take.
+    pub failed: u64,
+}
+
+/// Longest wait without a look whether to end, microseconds.
+const LONGEST_SLEEP_US: u64 = 50_000;
+
+/// Sends setpoints at a fixed rate.
+pub struct Cycle<'q> {
+    stream: Stream<'q>,
+    period_ns: NonZeroU64,
+    buffer: [u8; DATAGRAM_CAPACITY],
+    report: StreamReport,
+}
+
+impl<'q> Cycle<'q> {
+    /// A loop of so many nanoseconds a period.
+    pub fn new(stream: Stream<'q>, period_ns: NonZeroU64) -> Self {
+        let buffer = [0; DATAGRAM_CAPACITY];
+        Self { stream, period_ns, buffer, report: StreamReport::default() }
+    }
+
+    /// Streams until it is stopped and what moved has been braked to rest.
+    pub fn run(mut self, port: &mut impl Port) -> StreamReport {
+        let start_us = port.monotonic_us();
+        let mut periods = 0;
+        loop {
+            if port.is_stopped() {
+                self.stream.end();
+                if self.stream.is_at_rest() {
+                    return self.report;
+                }
+            }
+            let due_us = self.due_us(start_us, periods);
+            let wait_us = due_us.saturating_sub(port.monotonic_us());
+            if wait_us > 0 {
+                port.sleep(wait_us.min(LONGEST_SLEEP_US));
+                continue;
+            }
+            self.step(due_us, port);
+            periods = self.next(start_us, periods, port.monotonic_us());
+        }
+    }
+
+    /// One period's work.
+    fn step(&mut self, due_us: u64, port: &mut impl Port) {
+        let late_us = port.monotonic_us().saturating_sub(due_us);
+        let utime = port.utime().saturating_sub_unsigned(late_us);
+        match self.stream.tick(due_us, utime, &mut self.buffer) {
+            Ok(Tick::Idle) => {}
+            Ok(Tick::Send(length)) => {
+                let datagram = self.buffer.get(..length).unwrap_or_default();
+                let was_sent = port.send(datagram);
+                self.stream.sent(due_us, was_sent);
+                self.report.sent += u64::from(was_sent);
+                self.report.failed += u64::from(!was_sent);
+                self.report.lateness.note(late_us, self.period_ns.get() / 1000);
+            }
+            Err(_) => self.report.failed += 1,
+        }
+    }
+
+    /// The period after some, or the newest that is due where some have passed altogether: those
+    /// are not made up for.
+    fn next(&self, start_us: u64, periods: u64, now_us: u64) -> u64 {
+        let begun = now_us.saturating_sub(start_us).saturating_mul(1000) / self.period_ns;
+        begun.max(periods.saturating_add(1))
+    }
+
+    fn due_us(&self, start_us: u64, periods: u64) -> u64 {
+        start_us.saturating_add(periods.saturating_mul(self.period_ns.get()) / 1000)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::tests::there;
+    use crate::{Motion, OrderQueue, Orders, Shared, Watch};
+    use heapless::Vec;
+
+    const WATCH: Watch =
+        Watch { frame_age_us: 500_000, heartbeat_age_us: None, longest_gap_us: 50_000 };
+    const CHANNEL: &str = "S";
+
+    /// A clock that each sleep advances, and a network that remembers stamps and positions.
+    struct Pretended<'q> {
+        now_us: u64,
+        until_us: u64,
+        /// The host's clock is behind by this until half of the time, and then right.
+        behind_us: i64,
+        /// Each so many microseconds another program takes the processor for 3 ms.
+        busy_us: u64,
+        shared: &'q Shared,
+        sent: Vec<(i64, f64), 4096>,
+    }
+
+    impl Port for Pretended<'_> {
+        fn monotonic_us(&mut self) -> u64 {
+            self.now_us
+        }
+
+        fn utime(&mut self) -> i64 {
+            let is_corrected = self.now_us > self.until_us / 2;
+            1_700_000_000_000_000 + self.now_us as i64
+                - if is_corrected { 0 } else { self.behind_us }
+        }
+
+        fn sleep(&mut self, us: u64) {
+            let before = self.now_us;
+            self.now_us += us;
+            if self.now_us / self.busy_us > before / self.busy_us {
+                self.now_us += 3000;
+            }
+            self.shared.frame_seen(self.now_us);
+        }
+
+        fn send(&mut self, datagram: &[u8]) -> bool {
+            let stamp = 8 + CHANNEL.len() + 1 + 8;
+            let position = stamp + 8 + 4 + 8 + 1 + (4 + 5) + 4 + (4 + 7);
+            let eight = |at: usize| datagram[at..at + 8].try_into().unwrap();
+            let (stamp, position) =
+                (i64::from_be_bytes(eight(stamp)), f64::from_be_bytes(eight(position)));
+            self.sent.push((stamp, position)).unwrap();
+            true
+        }
+
+        fn is_stopped(&mut self) -> bool {
+            self.now_us >= self.until_us
+        }
+    }
+
+    /// What is sent while a motion of two seconds is streamed at a kilohertz.
+    fn streamed(
+        until_us: u64,
+        behind_us: i64,
+        busy_us: u64,
+    ) -> (Vec<(i64, f64), 4096>, StreamReport) {
+        let (mut queue, shared) = (OrderQueue::new(), Shared::default());
+        let (given, taken) = queue.split();
+        let mut orders = Orders::new(given, &shared);
+        let mut motion = Motion::new("door").unwrap();
+        motion.push(there(1.0, 0.5)).unwrap();
+        shared.frame_seen(0);
+        orders.run(&motion, None).unwrap();
+        let cycle = Cycle::new(
+            Stream::new(taken, &shared, CHANNEL, WATCH),
+            NonZeroU64::new(1_000_000).unwrap(),
+        );
+        let sent = Vec::new();
+        let mut port = Pretended { now_us: 0, until_us, behind_us, busy_us, shared: &shared, sent };
+        let report = cycle.run(&mut port);
+        (port.sent, report)
+    }
+
+    #[test]
+    fn a_corrected_clock_moves_the_stamps_and_not_the_motion() {
+        let (right, _) = streamed(2_500_000, 0, u64::MAX);
+        for behind_us in [3_600_000_000, -3_600_000_000] {
+            let (corrected, _) = streamed(2_500_000, behind_us, u64::MAX);
+            assert_eq!(right.len(), corrected.len());
+            for (n, (r, c)) in right.iter().zip(&corrected).enumerate() {
+                let due_us = n as i64 * 1000;
+                let off = if due_us > 1_250_000 { 0 } else { behind_us };
+                assert_eq!(c.0, 1_700_000_000_000_000 + due_us - off);
+                assert_eq!(c.1, r.1);
+            }
+        }
+    }
+
+    #[test]
+    fn ticks_that_come_late_show_what_was_due_then_and_lost_ones_are_not_made_up_for() {
+        let (sent, report) = streamed(2_500_000, 0, 100_000);
+        assert!((1900..1990).contains(&sent.len()), "{} of 2001", sent.len());
+        assert!(report.lateness.missed() >= 19 && report.sent == sent.len() as u64);
+        let exact = there(1.0, 0.5);
+        for (stamp, position) in &sent {
+            let time = (stamp - 1_700_000_000_000_000) as f64 * 1e-6;
+            assert!((position - exact.at(time).position).abs() < 1e-12, "at {time} s");
+        }
+    }
+
+    #[test]
+    fn a_loop_that_is_stopped_brakes_what_moves_before_it_ends() {
+        let (sent, _) = streamed(1_000_000, 0, u64::MAX);
+        assert!(sent.len() > 1001, "it ends where it is");
+        let at_rest = sent[sent.len() - 1].1;
+        let speed = (at_rest - sent[sent.len() - 2].1) / 1e-3;
+        assert!(speed.abs() < 1e-3, "{speed} rad/s");
+    }
+}
