@@ -7,6 +7,7 @@
 
 mod datagram;
 mod network;
+mod own;
 mod reassembly;
 mod receiver;
 mod sender;
