@@ -94,14 +94,16 @@ fn message(s: &Struct) -> String {
 
 /// Fewest bytes of its members: arrays of variable length may be empty.
 fn least_bytes(s: &Struct) -> String {
-    let sum = s.members.iter().fold(String::from("0"), |sum, m| {
+    let least = |m: &Member| {
         let one = primitive(&m.kind).map_or_else(|| path(&m.kind), str::to_owned);
         match m.dimensions.first() {
-            None => format!("{sum} + <{one} as Field>::LEAST_BYTES"),
-            Some(Dimension::Fixed(n)) => format!("{sum} + {n} * <{one} as Field>::LEAST_BYTES"),
-            Some(Dimension::Variable(_)) => sum,
+            None => Some(format!("<{one} as Field>::LEAST_BYTES")),
+            Some(Dimension::Fixed(n)) => Some(format!("{n} * <{one} as Field>::LEAST_BYTES")),
+            Some(Dimension::Variable(_)) => None,
         }
-    });
+    };
+    let sum: Vec<String> = s.members.iter().filter_map(least).collect();
+    let sum = if sum.is_empty() { "0".to_owned() } else { sum.join(" + ") };
     format!("        const LEAST_BYTES: usize = {sum};\n")
 }
 
