@@ -20,6 +20,7 @@ pub mod openni2;
 pub mod record;
 pub mod source;
 pub mod statistics;
+pub mod text_table;
 pub mod tum;
 pub mod v4l;
 
