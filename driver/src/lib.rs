@@ -11,6 +11,7 @@ pub mod camera;
 pub mod depth;
 pub mod frame;
 pub mod freenect;
+pub mod gate;
 pub mod image_file;
 mod jpeg;
 pub mod kinect;
@@ -26,5 +27,6 @@ pub mod v4l;
 
 pub use camera::{CameraError, PinholeCamera};
 pub use frame::{ColorImage, DepthImage, FrameError, RgbdFrame};
-pub use source::{RgbdSource, SourceError, SourceOptions, open, open_with};
+pub use gate::{Gate, Timeline};
+pub use source::{Awaited, RgbdSource, SourceError, SourceOptions, open, open_with};
 pub use statistics::SourceStatistics;
