@@ -1,6 +1,6 @@
 //! `linkage doctor`: does this machine have what is needed, and what does a source deliver?
 
-use super::source::{losses, open};
+use super::source::{losses, open, repairs};
 use super::{Failure, Outcome};
 use crate::cli::{DoctorArgs, SourceArgs};
 use anyhow::{Context, bail};
@@ -208,6 +208,10 @@ fn measure(name: &str, take: &SourceArgs) -> anyhow::Result<String> {
         s.rate_hz,
         100.0 * s.invalid_depth,
         s.largest_pair_gap_us as f64 * 1e-3,
-        losses(&s).unwrap_or_else(|| "nothing lost".to_owned()),
+        [losses(&s).unwrap_or_else(|| "nothing lost".to_owned())]
+            .into_iter()
+            .chain(repairs(&s))
+            .collect::<Vec<_>>()
+            .join("; "),
     ))
 }
