@@ -7,6 +7,8 @@ pub struct SourceStatistics {
     pub delivered: u64,
     /// Frames that came faster than they were taken; the oldest gave way.
     pub dropped: u64,
+    /// Frames that were sent and did not arrive, as far as a network tells.
+    pub missing: u64,
     /// Pictures of colour or depth without a partner near enough in time.
     pub unpaired: u64,
     /// Frames whose message or picture could not be read.
@@ -28,6 +30,6 @@ pub struct SourceStatistics {
 impl SourceStatistics {
     /// Frames and pictures that did not arrive, for whatever reason.
     pub fn lost(&self) -> u64 {
-        self.dropped + self.unpaired + self.damaged + self.out_of_order
+        self.dropped + self.missing + self.unpaired + self.damaged + self.out_of_order
     }
 }

@@ -32,6 +32,11 @@ pub trait Camera: Send {
     fn pairing(&self) -> (u64, i64) {
         (0, 0)
     }
+
+    /// Frames that were sent to this camera and did not arrive, as far as it can tell.
+    fn missing(&self) -> u64 {
+        0
+    }
 }
 
 /// What a camera says when it delivers no frame.
@@ -120,6 +125,7 @@ impl LiveSource {
             stop: [stop, Arc::clone(&dropped)],
             gate: Gate::new(Timeline::AsSent),
             unpaired_before: 0,
+            missing_before: 0,
             last_frame: Instant::now(),
             last_report: Instant::now(),
         };
@@ -187,6 +193,8 @@ struct Watch {
     gate: Gate,
     /// Pictures without partner of cameras that were closed.
     unpaired_before: u64,
+    /// Frames that did not arrive at cameras that were closed.
+    missing_before: u64,
     last_frame: Instant,
     last_report: Instant,
 }
@@ -203,6 +211,7 @@ impl Watch {
         loop {
             let end = self.capture(&mut *camera);
             self.unpaired_before += camera.pairing().0;
+            self.missing_before += camera.missing();
             drop(camera);
             match end {
                 End::Stopped | End::Ended => return self.queue.close(None),
@@ -220,7 +229,9 @@ impl Watch {
     fn capture(&mut self, camera: &mut dyn Camera) -> End {
         let mut last = Instant::now();
         while !self.is_stopped() {
-            match camera.next_frame(POLL) {
+            let next = camera.next_frame(POLL);
+            self.note_missing(camera.missing());
+            match next {
                 Ok(Some(frame)) => {
                     last = Instant::now();
                     self.take(frame, camera.pairing());
@@ -240,6 +251,15 @@ impl Watch {
             }
         }
         End::Stopped
+    }
+
+    /// Tells what did not arrive, also where nothing arrives at all.
+    fn note_missing(&mut self, missing: u64) {
+        let missing = self.missing_before + missing;
+        if missing != self.gate.statistics.missing {
+            self.gate.statistics.missing = missing;
+            self.queue.note(&self.gate.statistics);
+        }
     }
 
     fn is_stopped(&self) -> bool {
@@ -303,12 +323,15 @@ mod tests {
     enum Act {
         Frame(i64),
         Damaged,
+        /// Frames do not arrive.
+        Missing(u64),
         Vanish,
         Silence,
     }
 
-    /// Acts that are left, shared by each opening of the same camera.
-    struct Scripted(Arc<Mutex<VecDeque<Act>>>);
+    /// Acts that are left, shared by each opening of the same camera, and frames that did not
+    /// arrive at this one.
+    struct Scripted(Arc<Mutex<VecDeque<Act>>>, u64);
 
     impl Camera for Scripted {
         fn next_frame(&mut self, timeout: Duration) -> Result<Option<RgbdFrame>, CameraFault> {
@@ -318,12 +341,20 @@ mod tests {
             match act {
                 Act::Frame(utime) => Ok(Some(frame(utime))),
                 Act::Damaged => Err(CameraFault::Damaged("half a JPEG".to_owned())),
+                Act::Missing(frames) => {
+                    self.1 += frames;
+                    Ok(None)
+                }
                 Act::Vanish => Err(CameraFault::Lost("unplugged".to_owned())),
                 Act::Silence => {
                     std::thread::sleep(timeout);
                     Ok(None)
                 }
             }
+        }
+
+        fn missing(&self) -> u64 {
+            self.1
         }
     }
 
@@ -357,7 +388,7 @@ mod tests {
             if openings > 1 && openings <= 1 + refusals {
                 return Err(SourceError::Device { name: "it".into(), reason: "not there".into() });
             }
-            Ok(Box::new(Scripted(Arc::clone(&acts))) as Box<dyn Camera>)
+            Ok(Box::new(Scripted(Arc::clone(&acts), 0)) as Box<dyn Camera>)
         };
         let mut source =
             LiveSource::start("scripted", Box::new(opener), config, Arc::default()).unwrap();
@@ -378,6 +409,21 @@ mod tests {
         let (times, end, statistics) = play(&acts, 3, config());
         assert_eq!((times, end), (vec![1, 2, 3], Ok(())));
         assert_eq!((statistics.reconnections, statistics.lost()), (1, 0));
+    }
+
+    #[test]
+    fn frames_that_did_not_arrive_are_counted_over_each_opening() {
+        let acts = [
+            Act::Frame(1),
+            Act::Missing(2),
+            Act::Missing(3),
+            Act::Vanish,
+            Act::Missing(4),
+            Act::Frame(2),
+        ];
+        let (times, end, statistics) = play(&acts, 0, config());
+        assert_eq!((times, end), (vec![1, 2], Ok(())));
+        assert_eq!((statistics.missing, statistics.lost()), (9, 9));
     }
 
     #[test]
@@ -440,7 +486,7 @@ mod tests {
     #[test]
     fn whoever_waits_for_a_silent_camera_is_given_back_the_turn() {
         let acts = Arc::new(Mutex::new(VecDeque::from(vec![Act::Silence; 1000])));
-        let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts))) as Box<dyn Camera>);
+        let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts), 0)) as Box<dyn Camera>);
         let patient = config().patient();
         let mut source =
             LiveSource::start("it", Box::new(opener), patient, Arc::default()).unwrap();
@@ -454,7 +500,7 @@ mod tests {
     fn a_source_that_is_dropped_stops_its_thread() {
         let acts = Arc::new(Mutex::new(VecDeque::from(vec![Act::Silence; 1000])));
         let kept = Arc::clone(&acts);
-        let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts))) as Box<dyn Camera>);
+        let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts), 0)) as Box<dyn Camera>);
         drop(LiveSource::start("it", Box::new(opener), config(), Arc::default()).unwrap());
         assert_eq!(Arc::strong_count(&kept), 1, "the thread is gone");
     }

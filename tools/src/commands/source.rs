@@ -164,6 +164,7 @@ impl RgbdSource for Taken {
 pub fn losses(s: &SourceStatistics) -> Option<String> {
     let counts = [
         (s.dropped, "dropped, for they came faster than they were taken"),
+        (s.missing, "sent and not arrived, for the network or its receive buffer lost them"),
         (s.unpaired, "pictures without a partner in time"),
         (s.damaged, "damaged"),
         (s.out_of_order, "repeated or out of order"),
