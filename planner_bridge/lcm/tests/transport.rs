@@ -3,6 +3,7 @@
 mod support;
 
 use linkage_lcm::messages::linkage::Status;
+use linkage_lcm::udpm::Network;
 use linkage_lcm::{Lcm, LcmError, decode};
 use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
@@ -94,6 +95,17 @@ fn each_image_is_received_or_counted_as_missing() {
     let reception = listener.reception();
     assert_eq!(reception.received + reception.missing(), sent);
     assert!(reception.missing() > 0 && reception.refused == 0);
+}
+
+#[test]
+fn a_datagram_is_sent_without_allocating() {
+    let network = Network::parse(&url(60)).unwrap();
+    let sender = network.sender().unwrap();
+    sender.set_nonblocking(true).unwrap();
+    network.self_test(&sender, PATIENCE).unwrap();
+    let datagram = b"LC02\0\0\0\0LINKAGE_SETPOINT\0abc";
+    let memory = allocation_counter::measure(|| sender.send(datagram).unwrap());
+    assert_eq!(memory.count_total, 0);
 }
 
 #[test]

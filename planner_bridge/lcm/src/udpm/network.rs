@@ -3,6 +3,7 @@
 use super::own::OwnAddresses;
 use super::sender::DatagramSender;
 use socket2::{Domain, Protocol, Socket, Type};
+use std::fmt;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 
@@ -114,6 +115,17 @@ impl Network {
     }
 }
 
+impl fmt::Display for Network {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Self { group, ttl, receive_buffer } = self;
+        write!(f, "udpm://{group}?ttl={ttl}")?;
+        if *receive_buffer != DEFAULT_RECEIVE_BUFFER {
+            write!(f, "&recv_buf_size={receive_buffer}")?;
+        }
+        Ok(())
+    }
+}
+
 /// `ADDRESS:PORT`, `ADDRESS` or nothing.
 fn address_of(text: &str) -> Result<SocketAddrV4, NetworkError> {
     if text.is_empty() {
@@ -145,6 +157,8 @@ mod tests {
         assert_eq!(network("udpm://239.255.76.5:7000").ttl, 0);
         assert_eq!(network("udpm://239.255.76.5?ttl=1").group, group(5, 7667));
         assert_eq!(network("udpm://").group, group(67, 7667));
+        assert_eq!(network(url).to_string(), "udpm://239.255.76.5:7000?ttl=3&recv_buf_size=100000");
+        assert_eq!(network("udpm://").to_string(), "udpm://239.255.76.67:7667?ttl=0");
         assert_eq!(network("udpm://?recv_buf_size=0").receive_buffer, DEFAULT_RECEIVE_BUFFER);
     }
 
