@@ -4,7 +4,9 @@ use super::recognise::{describe, recognise_frame};
 use super::{Failure, Outcome, skill_config, source, write_json};
 use crate::cli::{Common, PredictArgs};
 use linkage_driver::RgbdFrame;
+use linkage_driver::live::host_utime;
 use linkage_lcm::Lcm;
+use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Plan, PlanError, Request, Rig, channel, messages, predict};
 use linkage_skill::ObjectModel;
 use linkage_skill::predict::{PredictError, Target};
@@ -73,11 +75,12 @@ pub fn publish(
         lcm.self_test(std::time::Duration::from_secs(2))?;
     }
     let utime = frame.utime;
-    let robot_plan = messages::robot_plan(plan, utime)?;
+    let stamps = Stamps { captured: utime, made: host_utime() };
+    let robot_plan = messages::robot_plan(plan, stamps)?;
     let model_of = |name: &str| (name == model.object).then_some(model);
     lcm.publish(channel::MODEL, &messages::model(model, utime))?;
     lcm.publish(channel::RECOGNITION, &messages::recognition(recognition, model_of, utime))?;
-    lcm.publish(channel::PREDICTION, &messages::prediction(&plan.prediction, model, utime))?;
+    lcm.publish(channel::PREDICTION, &messages::prediction(&plan.prediction, model, stamps))?;
     lcm.publish(channel::PLAN, &robot_plan)?;
     Ok(())
 }
