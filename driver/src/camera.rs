@@ -1,9 +1,14 @@
-//! The pinhole camera with Brown's distortion.
+//! The pinhole camera with lens distortion.
 
 use crate::source::SourceError;
+use crate::text_table;
 use nalgebra::{Point2, Point3};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::path::Path;
+
+/// Most pixels of a picture that is taken: the largest colour picture of a depth camera is
+/// 4096x3072 (Azure Kinect).
+pub const MAX_PIXELS: usize = 4096 * 3072;
 
 /// A camera that cannot be one.
 #[derive(Debug, thiserror::Error)]
@@ -26,11 +31,33 @@ pub enum CameraError {
         /// What it must be.
         needed: &'static str,
     },
+    /// Distortion that gives two places of the picture one line of sight, or one of them none,
+    /// or one far from where it is without.
+    #[error(
+        "camera distortion cannot be undone at column {u:.0}, row {v:.0}: \
+         it must be OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 of this picture's size and focal length"
+    )]
+    Distortion {
+        /// Column.
+        u: f64,
+        /// Row.
+        v: f64,
+    },
 }
 
+/// Narrowest and widest picture that is believed, as the angle across it, degrees. Depth
+/// cameras have 40 to 120; wider ones are no pinhole cameras.
+const FIELD_OF_VIEW_DEG: [f64; 2] = [5.0, 150.0];
+/// Least and greatest ratio of the two focal lengths: pixels are nearly square.
+const ASPECT: [f64; 2] = [0.4, 2.5];
+/// The principal point keeps this share of the picture's side from its border.
+const BORDER: f64 = 0.05;
+/// How many times farther from the axis, or nearer to it, distortion may move a pixel.
+const STRETCH: f64 = 4.0;
+/// Depth units in a metre that are believed: steps of 10 mm to 0.01 mm.
+const UNITS_PER_METRE: [f64; 2] = [100.0, 100_000.0];
+
 /// Intrinsics in pixels; the centre of the top-left pixel is (0, 0).
-///
-/// Distortion is Brown's `[k1, k2, p1, p2, k3]` on normalised coordinates, as OpenCV has it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PinholeCamera {
@@ -48,9 +75,29 @@ pub struct PinholeCamera {
     pub cy: f64,
     /// Raw depth units in a metre (5000 in the TUM layout, 1000 for millimetres).
     pub depth_units_per_metre: f64,
-    /// `[k1, k2, p1, p2, k3]`, all zero when absent.
-    #[serde(default)]
-    pub distortion: [f64; 5],
+    /// OpenCV's `[k1, k2, p1, p2, k3, k4, k5, k6]` on normalised coordinates, all zero when
+    /// absent. In camera.toml the last ones may be left out: 4 or 5 values are Brown's
+    /// polynomial model, 8 the rational one.
+    #[serde(default, deserialize_with = "read_distortion", serialize_with = "write_distortion")]
+    pub distortion: [f64; 8],
+}
+
+fn read_distortion<'de, D: Deserializer<'de>>(input: D) -> Result<[f64; 8], D::Error> {
+    let values = Vec::<f64>::deserialize(input)?;
+    if ![4, 5, 8].contains(&values.len()) {
+        return Err(serde::de::Error::custom(format!(
+            "distortion has {} values; understood are 4 (k1 k2 p1 p2), 5 (and k3) and 8 (and k4 k5 k6), in OpenCV's order",
+            values.len()
+        )));
+    }
+    let mut distortion = [0.0; 8];
+    distortion[..values.len()].copy_from_slice(&values);
+    Ok(distortion)
+}
+
+fn write_distortion<S: Serializer>(distortion: &[f64; 8], output: S) -> Result<S::Ok, S::Error> {
+    let is_rational = distortion[5..].iter().any(|k| *k != 0.0);
+    distortion[..if is_rational { 8 } else { 5 }].serialize(output)
 }
 
 impl PinholeCamera {
@@ -64,8 +111,28 @@ impl PinholeCamera {
             cx: 319.5,
             cy: 239.5,
             depth_units_per_metre: 5000.0,
-            distortion: [0.0; 5],
+            distortion: [0.0; 8],
         }
+    }
+
+    /// Brown's `[k1, k2, p1, p2, k3]` as [`Self::distortion`].
+    pub fn brown([k1, k2, p1, p2, k3]: [f64; 5]) -> [f64; 8] {
+        [k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+    }
+
+    /// Says aloud which values are taken for a camera that nobody described.
+    pub fn warn_assumed(&self, source: &str, remedy: &str) {
+        tracing::warn!(
+            source,
+            "nothing tells the camera: assumed are {}x{} pixels, fx {}, fy {}, cx {}, cy {}, {} depth units in a metre, no distortion; {remedy}",
+            self.width,
+            self.height,
+            self.fx,
+            self.fy,
+            self.cx,
+            self.cy,
+            self.depth_units_per_metre,
+        );
     }
 
     /// Reads `camera.toml`.
@@ -75,7 +142,7 @@ impl PinholeCamera {
     /// [`CameraError::Value`] when a value makes no camera.
     pub fn read(path: &Path) -> Result<Self, CameraError> {
         let file = |reason: String| CameraError::File { path: path.display().to_string(), reason };
-        let text = std::fs::read_to_string(path).map_err(|e| file(e.to_string()))?;
+        let text = text_table::read(path).map_err(|e| file(e.to_string()))?;
         Self::parse(&text).map_err(file)
     }
 
@@ -104,31 +171,80 @@ impl PinholeCamera {
     /// Refuses values that make no camera.
     ///
     /// # Errors
-    /// [`CameraError::Value`] names the key, its value and what it must be.
+    /// [`CameraError::Value`] names the key, its value and what it must be;
+    /// [`CameraError::Distortion`] a distortion that cannot be undone.
     pub fn check(&self) -> Result<(), CameraError> {
-        let positive = "finite and above 0";
-        for (key, value) in [
-            ("width", self.width as f64),
-            ("height", self.height as f64),
-            ("fx", self.fx),
-            ("fy", self.fy),
-            ("depth_units_per_metre", self.depth_units_per_metre),
-        ] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(CameraError::Value { key, value, needed: positive });
+        self.check_size()?;
+        let value = |key, value, needed| Err(CameraError::Value { key, value, needed });
+        let (width, height) = (self.width as f64, self.height as f64);
+        for (key, focal, extent) in [("fx", self.fx, width), ("fy", self.fy, height)] {
+            if !(focal.is_finite() && focal > 0.0) {
+                return value(key, focal, "finite and above 0");
+            }
+            let degrees = 2.0 * (0.5 * extent / focal).atan().to_degrees();
+            if !(FIELD_OF_VIEW_DEG[0]..=FIELD_OF_VIEW_DEG[1]).contains(&degrees) {
+                return value(key, focal, "in pixels, and the picture 5 to 150 degrees wide by it");
             }
         }
-        for (key, value, extent) in
-            [("cx", self.cx, self.width as f64), ("cy", self.cy, self.height as f64)]
-        {
-            if !(value > 0.0 && value < extent) {
-                return Err(CameraError::Value { key, value, needed: "inside the picture" });
+        if !(ASPECT[0]..=ASPECT[1]).contains(&(self.fx / self.fy)) {
+            return value("fy", self.fy, "near fx: pixels are nearly square");
+        }
+        for (key, center, extent) in [("cx", self.cx, width), ("cy", self.cy, height)] {
+            if !(center > BORDER * extent && center < (1.0 - BORDER) * extent) {
+                return value(key, center, "inside the picture, in pixels and not at its border");
             }
         }
-        match self.distortion.iter().find(|k| !k.is_finite()) {
-            Some(&value) => Err(CameraError::Value { key: "distortion", value, needed: "finite" }),
-            None => Ok(()),
+        let units = self.depth_units_per_metre;
+        if !(UNITS_PER_METRE[0]..=UNITS_PER_METRE[1]).contains(&units) {
+            let needed = "100 to 100000: 1000 for millimetres, 5000 in the TUM layout";
+            return value("depth_units_per_metre", units, needed);
         }
+        self.check_distortion()
+    }
+
+    fn check_size(&self) -> Result<(), CameraError> {
+        for (key, side) in [("width", self.width), ("height", self.height)] {
+            if side == 0 {
+                return Err(CameraError::Value { key, value: 0.0, needed: "above 0" });
+            }
+        }
+        if self.width.checked_mul(self.height).is_some_and(|pixels| pixels <= MAX_PIXELS) {
+            return Ok(());
+        }
+        Err(CameraError::Value {
+            key: "width",
+            value: self.width as f64,
+            needed: "such that width x height is at most 12582912 pixels; shrink the pictures",
+        })
+    }
+
+    /// Looks at places all over the picture: undistorting must undo distortion, which must keep
+    /// the order of pixels and may not move them far.
+    fn check_distortion(&self) -> Result<(), CameraError> {
+        const STEPS: usize = 16;
+        if let Some(&value) = self.distortion.iter().find(|k| !k.is_finite()) {
+            return Err(CameraError::Value { key: "distortion", value, needed: "finite" });
+        }
+        if self.distortion == [0.0; 8] {
+            return Ok(());
+        }
+        for v in 0..=STEPS {
+            for u in 0..=STEPS {
+                let share = |i: usize, side: usize| i as f64 / STEPS as f64 * (side as f64 - 1.0);
+                let (u, v) = (share(u, self.width), share(v, self.height));
+                let (xd, yd) = ((u - self.cx) / self.fx, (v - self.cy) / self.fy);
+                let (x, y) = self.undistort(xd, yd);
+                let there = self.distorted(x, y);
+                let error = (there.x - xd).abs() + (there.y - yd).abs();
+                let goes_on = there.dx_dx > 0.0 && there.determinant() > 0.0;
+                let (there, here) = (xd.hypot(yd), x.hypot(y));
+                let is_near = here < STRETCH * there + 1e-3 && there < STRETCH * here + 1e-3;
+                if !(error < 1e-6 && goes_on && is_near) {
+                    return Err(CameraError::Distortion { u, v });
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Pixel at which a point of the camera frame appears; `None` behind the camera.
@@ -161,30 +277,66 @@ impl PinholeCamera {
 
     #[inline]
     fn distort(&self, x: f64, y: f64) -> (f64, f64) {
-        if self.distortion == [0.0; 5] {
+        if self.distortion == [0.0; 8] {
             return (x, y);
         }
-        let [k1, k2, p1, p2, k3] = self.distortion;
-        let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        (
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        )
+        let there = self.distorted(x, y);
+        (there.x, there.y)
     }
 
+    /// Where distortion moves a point of the plane one metre ahead, and by which derivatives.
+    fn distorted(&self, x: f64, y: f64) -> Distorted {
+        let [k1, k2, p1, p2, k3, k4, k5, k6] = self.distortion;
+        let r2 = x * x + y * y;
+        let over = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let under = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+        let over_slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let under_slope = k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6);
+        let radial = over / under;
+        // The derivative of the radial factor by r squared.
+        let slope = (over_slope - radial * under_slope) / under;
+        Distorted {
+            x: x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y: y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            dx_dx: radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+            dx_dy: 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y,
+            dy_dy: radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+        }
+    }
+
+    /// The point that distortion moves to (`xd`, `yd`), by Newton's method.
     #[inline]
     fn undistort(&self, xd: f64, yd: f64) -> (f64, f64) {
-        if self.distortion == [0.0; 5] {
+        if self.distortion == [0.0; 8] {
             return (xd, yd);
         }
         let (mut x, mut y) = (xd, yd);
         for _ in 0..20 {
-            let (ex, ey) = self.distort(x, y);
-            x += xd - ex;
-            y += yd - ey;
+            let there = self.distorted(x, y);
+            let (ex, ey) = (xd - there.x, yd - there.y);
+            let determinant = there.determinant();
+            x += (there.dy_dy * ex - there.dx_dy * ey) / determinant;
+            y += (there.dx_dx * ey - there.dx_dy * ex) / determinant;
+            if ex.abs() + ey.abs() < 1e-13 {
+                break;
+            }
         }
         (x, y)
+    }
+}
+
+/// A distorted point and the symmetric matrix of its derivatives.
+struct Distorted {
+    x: f64,
+    y: f64,
+    dx_dx: f64,
+    dx_dy: f64,
+    dy_dy: f64,
+}
+
+impl Distorted {
+    fn determinant(&self) -> f64 {
+        self.dx_dx * self.dy_dy - self.dx_dy * self.dx_dy
     }
 }
 
@@ -197,20 +349,37 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// An Azure Kinect's usual values, of the rational model.
+    const RATIONAL: [f64; 8] = [0.45, -2.6, 0.0006, -0.0002, 1.5, 0.33, -2.4, 1.43];
+
     proptest! {
         #[test]
         fn projecting_what_was_back_projected_gives_the_same_pixel(
             u in 5.0..635.0, v in 5.0..475.0, z in 0.4..6.0,
-            k1 in -0.1..0.1, p1 in -0.005..0.005,
+            k1 in -0.1..0.1, p1 in -0.005..0.005, is_rational: bool,
         ) {
+            let polynomial = PinholeCamera::brown([k1, 0.02, p1, -0.001, 0.0]);
             let camera = PinholeCamera {
-                distortion: [k1, 0.02, p1, -0.001, 0.0],
+                distortion: if is_rational { RATIONAL } else { polynomial },
                 ..PinholeCamera::kinect()
             };
             let point = camera.back_project(u, v, z);
             let pixel = camera.project(&point).unwrap();
-            prop_assert!((pixel.x - u).abs() < 1e-4 && (pixel.y - v).abs() < 1e-4);
+            prop_assert!((pixel.x - u).abs() < 1e-9 && (pixel.y - v).abs() < 1e-9);
             prop_assert!((point.z - z).abs() < 1e-12);
+        }
+
+        #[test]
+        fn no_numbers_make_the_check_panic(
+            sides in proptest::array::uniform2(0..usize::MAX),
+            numbers in proptest::array::uniform5(proptest::num::f64::ANY),
+            distortion in proptest::array::uniform8(proptest::num::f64::ANY),
+        ) {
+            let [width, height] = sides;
+            let [fx, fy, cx, cy, depth_units_per_metre] = numbers;
+            let _ = PinholeCamera { width, height, fx, fy, cx, cy, depth_units_per_metre, distortion }
+                .check();
+            let _ = PinholeCamera { distortion, ..PinholeCamera::kinect() }.check();
         }
     }
 
@@ -219,12 +388,87 @@ mod tests {
         assert_eq!(PinholeCamera::kinect().project(&Point3::new(0.0, 0.0, -1.0)), None);
     }
 
+    /// The error of a Kinect's description in which one line is replaced.
+    fn refusal(key: &str, value: &str) -> String {
+        let text = toml::to_string(&PinholeCamera::kinect()).unwrap();
+        let lines = text.lines().filter(|l| !l.starts_with(&format!("{key} =")));
+        let text = lines.collect::<Vec<_>>().join("\n") + &format!("\n{key} = {value}\n");
+        PinholeCamera::parse(&text).err().unwrap_or_else(|| panic!("{key} = {value} is taken"))
+    }
+
     #[test]
-    fn a_focal_length_of_zero_is_refused_by_name() {
-        let camera = PinholeCamera { fx: 0.0, ..PinholeCamera::kinect() };
-        assert_eq!(
-            camera.check().unwrap_err().to_string(),
-            "camera fx is 0: it must be finite and above 0"
-        );
+    fn a_value_that_no_camera_has_is_refused_by_name() {
+        for (key, values) in [
+            ("width", &["0", "1000000000000", "9223372036854775807", "-640", "5"][..]),
+            ("height", &["0", "1000000000000", "48"]),
+            ("fx", &["0.0", "-525.0", "nan", "inf", "0.8", "5.25", "1e6", "2100.0"]),
+            ("fy", &["0.0", "3.6", "50000.0", "1500.0"]),
+            ("cx", &["-1.0", "0.5", "640.0", "nan", "3195.0"]),
+            ("cy", &["0.0", "0.5", "479.9", "inf"]),
+            ("depth_units_per_metre", &["0.0", "-5000.0", "nan", "0.001", "1.0", "1e9", "inf"]),
+        ] {
+            for value in values {
+                let error = refusal(key, value);
+                let told = if key == "fx" && *value == "2100.0" { "fy" } else { key };
+                let told = if ["width", "height"].contains(&key) { "" } else { told };
+                assert!(error.contains(told), "{key} = {value}: {error}");
+            }
+        }
+        assert_eq!(refusal("fx", "0.0"), "camera fx is 0: it must be finite and above 0");
+    }
+
+    #[test]
+    fn distortion_of_a_number_of_values_that_no_model_has_is_refused() {
+        for count in [0, 1, 2, 3, 6, 7, 9, 12, 14] {
+            let error = refusal("distortion", &format!("{:?}", vec![0.01; count]));
+            assert!(error.contains(&format!("{count} values")), "{error}");
+        }
+    }
+
+    #[test]
+    fn distortion_that_cannot_be_undone_is_refused() {
+        for values in ["[-2.0, 0.0, 0.0, 0.0, 0.0]", "[0.0, 0.0, 5.0, 0.0]", "[1e9, 0, 0, 0, 0]"] {
+            let error = refusal("distortion", values);
+            assert!(error.contains("cannot be undone"), "{values}: {error}");
+        }
+        assert!(refusal("distortion", "[nan, 0.0, 0.0, 0.0, 0.0]").contains("finite"));
+    }
+
+    #[test]
+    fn four_five_and_eight_values_of_distortion_are_read_as_opencv_orders_them() {
+        let read = |values: &[f64]| {
+            let text = toml::to_string(&PinholeCamera::kinect()).unwrap();
+            let text = text.lines().filter(|l| !l.starts_with("distortion"));
+            let text = text.collect::<Vec<_>>().join("\n");
+            PinholeCamera::parse(&format!("{text}\ndistortion = {values:?}\n")).unwrap()
+        };
+        for count in [4, 5, 8] {
+            let mut expected = [0.0; 8];
+            expected[..count].copy_from_slice(&RATIONAL[..count]);
+            expected[..2].copy_from_slice(if count == 8 { &RATIONAL[..2] } else { &[0.1, -0.2] });
+            expected[4] = if count == 4 { 0.0 } else { expected[4] };
+            let camera = read(&expected[..count]);
+            assert_eq!(camera.distortion, expected);
+            let written = toml::to_string(&camera).unwrap();
+            assert_eq!(PinholeCamera::parse(&written).unwrap(), camera);
+        }
+    }
+
+    #[test]
+    fn the_rational_model_is_opencvs() {
+        // cv2.projectPoints of (0.4, -0.3, 1) with these eight values.
+        let camera = PinholeCamera { distortion: RATIONAL, ..PinholeCamera::kinect() };
+        let [x, y] = [0.4_f64, -0.3];
+        let r2 = x * x + y * y;
+        let [k1, k2, p1, p2, k3, k4, k5, k6] = RATIONAL;
+        let radial = (1.0 + k1 * r2 + k2 * r2.powi(2) + k3 * r2.powi(3))
+            / (1.0 + k4 * r2 + k5 * r2.powi(2) + k6 * r2.powi(3));
+        let expected = [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ];
+        let pixel = camera.project(&Point3::new(x, y, 1.0)).unwrap();
+        assert!((pixel.x - (525.0 * expected[0] + 319.5)).abs() < 1e-9);
+        assert!((pixel.y - (525.0 * expected[1] + 239.5)).abs() < 1e-9);
     }
 }

@@ -40,6 +40,33 @@ pub enum FrameError {
     },
 }
 
+/// What is wrong with an encoded picture.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureFault {
+    /// It cannot be read, is damaged, or is of another format.
+    #[error("{0}")]
+    Damaged(String),
+    /// It is not of the size that is expected.
+    #[error("{0}")]
+    Size(#[from] FrameError),
+}
+
+/// Refuses a picture whose columns and rows are not the camera's; asked before memory is taken
+/// for its pixels.
+///
+/// # Errors
+/// [`FrameError::SizeMismatch`].
+pub fn same_size(
+    what: &'static str,
+    (found_width, found_height): (usize, usize),
+    (width, height): (usize, usize),
+) -> Result<(), FrameError> {
+    if (found_width, found_height) == (width, height) {
+        return Ok(());
+    }
+    Err(FrameError::SizeMismatch { what, found_width, found_height, width, height })
+}
+
 /// An 8-bit RGB picture, row by row.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ColorImage {
@@ -54,7 +81,7 @@ impl ColorImage {
     /// # Errors
     /// [`FrameError::BufferSize`] when the buffer does not hold exactly that many.
     pub fn new(width: usize, height: usize, rgb: Vec<u8>) -> Result<Self, FrameError> {
-        let needed = width * height * 3;
+        let needed = width.saturating_mul(height).saturating_mul(3);
         if rgb.len() != needed {
             return Err(FrameError::BufferSize {
                 what: "colour",
@@ -126,7 +153,7 @@ impl DepthImage {
         height: usize,
         mut metres: Vec<f32>,
     ) -> Result<Self, FrameError> {
-        let needed = width * height;
+        let needed = width.saturating_mul(height);
         if metres.len() != needed {
             return Err(FrameError::BufferSize {
                 what: "depth",
@@ -233,19 +260,9 @@ impl RgbdFrame {
         color: ColorImage,
         depth: DepthImage,
     ) -> Result<Self, FrameError> {
-        for (what, w, h) in
-            [("colour", color.width, color.height), ("depth", depth.width, depth.height)]
-        {
-            if (w, h) != (camera.width, camera.height) {
-                return Err(FrameError::SizeMismatch {
-                    what,
-                    found_width: w,
-                    found_height: h,
-                    width: camera.width,
-                    height: camera.height,
-                });
-            }
-        }
+        let wanted = (camera.width, camera.height);
+        same_size("colour", (color.width, color.height), wanted)?;
+        same_size("depth", (depth.width, depth.height), wanted)?;
         Ok(Self { utime, camera, color, depth })
     }
 

@@ -1,53 +1,100 @@
 //! Reading and writing picture files, strictly: a truncated file is an error, never a
-//! picture whose lower half is grey.
+//! picture whose lower half is grey. A picture of another size than expected is refused by its
+//! header, before memory is taken for its pixels.
 
-use crate::frame::ColorImage;
-use crate::jpeg;
+use crate::camera::MAX_PIXELS;
+use crate::frame::{ColorImage, FrameError, PictureFault, same_size};
+use crate::{jpeg, text_table};
 use std::fs::File;
-use std::io::{BufReader, BufWriter};
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek};
 use std::path::Path;
+
+/// Largest picture file that is read into memory, bytes.
+const MAX_FILE_BYTES: u64 = 64 << 20;
 
 /// A picture file that cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: {reason}")]
+#[error("{path}: {fault}")]
 pub struct ImageFileError {
-    path: String,
-    reason: String,
+    /// The file.
+    pub path: String,
+    /// What is wrong with it.
+    pub fault: PictureFault,
 }
 
 fn error(path: &Path, reason: impl ToString) -> ImageFileError {
-    ImageFileError { path: path.display().to_string(), reason: reason.to_string() }
+    at(path)(PictureFault::Damaged(reason.to_string()))
 }
 
-/// Reads an 8-bit colour or grey picture, PNG or JPEG by its ending.
+fn at(path: &Path) -> impl FnOnce(PictureFault) -> ImageFileError {
+    move |fault| ImageFileError { path: path.display().to_string(), fault }
+}
+
+/// Reads an 8-bit colour or grey picture of so many columns and rows, PNG or JPEG by its ending.
 ///
 /// # Errors
-/// Names the file when it is missing, truncated, corrupt, or of another bit depth.
-pub fn read_color(path: &Path) -> Result<ColorImage, ImageFileError> {
+/// Names the file when it is missing, truncated, corrupt, or of another size.
+pub fn read_color(path: &Path, size: (usize, usize)) -> Result<ColorImage, ImageFileError> {
     match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
-        Some("jpg" | "jpeg") => read_jpeg(path),
-        Some("png") => read_png_color(path),
+        Some("jpg" | "jpeg") => read_jpeg(path, size),
+        Some("png") => {
+            let file = opened(path)?;
+            decode_png_color(file, size).map_err(at(path))
+        }
         _ => Err(error(path, "colour pictures must end in .png, .jpg or .jpeg")),
     }
 }
 
-/// Reads a 16-bit grey PNG: raw depth. Returns width, height and the values, top row first.
+/// Reads a 16-bit grey PNG of so many columns and rows: raw depth, top row first.
 ///
 /// # Errors
-/// Names the file when it is missing, truncated, corrupt, or not 16-bit grey.
-pub fn read_depth(path: &Path) -> Result<(usize, usize, Vec<u16>), ImageFileError> {
-    let (info, bytes) = decode_png(path, png::Transformations::IDENTITY)?;
+/// Names the file when it is missing, truncated, corrupt, not 16-bit grey, or of another size.
+pub fn read_depth(path: &Path, size: (usize, usize)) -> Result<Vec<u16>, ImageFileError> {
+    let file = opened(path)?;
+    decode_png_depth(file, size).map_err(at(path))
+}
+
+/// Decodes a PNG to colour.
+///
+/// # Errors
+/// [`PictureFault`].
+pub fn decode_png_color(
+    png: impl BufRead + Seek,
+    size: (usize, usize),
+) -> Result<ColorImage, PictureFault> {
+    let transformations = png::Transformations::EXPAND | png::Transformations::STRIP_16;
+    let (info, bytes) = decode_png(png, transformations, |found| same_size("colour", found, size))?;
+    let rgb = match info.color_type {
+        png::ColorType::Rgb => bytes,
+        png::ColorType::Rgba => bytes.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect(),
+        png::ColorType::Grayscale => bytes.iter().flat_map(|&g| [g, g, g]).collect(),
+        png::ColorType::GrayscaleAlpha => {
+            bytes.chunks_exact(2).flat_map(|p| [p[0], p[0], p[0]]).collect()
+        }
+        png::ColorType::Indexed => {
+            return Err(PictureFault::Damaged("palette was not expanded".to_owned()));
+        }
+    };
+    Ok(ColorImage::new(size.0, size.1, rgb)?)
+}
+
+/// Decodes a 16-bit grey PNG to raw depth.
+///
+/// # Errors
+/// [`PictureFault`].
+pub fn decode_png_depth(
+    png: impl BufRead + Seek,
+    size: (usize, usize),
+) -> Result<Vec<u16>, PictureFault> {
+    let transformations = png::Transformations::IDENTITY;
+    let (info, bytes) = decode_png(png, transformations, |found| same_size("depth", found, size))?;
     if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
-        return Err(error(
-            path,
-            format!(
-                "depth must be a 16-bit grey PNG, found {:?} {:?}",
-                info.color_type, info.bit_depth
-            ),
-        ));
+        return Err(PictureFault::Damaged(format!(
+            "depth must be a 16-bit grey PNG, found {:?} {:?}",
+            info.color_type, info.bit_depth
+        )));
     }
-    let raw = bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
-    Ok((info.width as usize, info.height as usize, raw))
+    Ok(bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect())
 }
 
 /// Reads an 8-bit grey PNG (label pictures). Returns width, height and the values.
@@ -55,7 +102,9 @@ pub fn read_depth(path: &Path) -> Result<(usize, usize, Vec<u16>), ImageFileErro
 /// # Errors
 /// Names the file when it is missing, truncated, corrupt, or not 8-bit grey.
 pub fn read_labels(path: &Path) -> Result<(usize, usize, Vec<u8>), ImageFileError> {
-    let (info, bytes) = decode_png(path, png::Transformations::IDENTITY)?;
+    let any_size = |_| Ok(());
+    let (info, bytes) =
+        decode_png(opened(path)?, png::Transformations::IDENTITY, any_size).map_err(at(path))?;
     if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Eight) {
         return Err(error(path, "labels must be an 8-bit grey PNG"));
     }
@@ -122,46 +171,48 @@ fn write_png(
     writer.finish().map_err(|e| error(path, e))
 }
 
-fn read_png_color(path: &Path) -> Result<ColorImage, ImageFileError> {
-    let (info, bytes) =
-        decode_png(path, png::Transformations::EXPAND | png::Transformations::STRIP_16)?;
-    let rgb = match info.color_type {
-        png::ColorType::Rgb => bytes,
-        png::ColorType::Rgba => bytes.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect(),
-        png::ColorType::Grayscale => bytes.iter().flat_map(|&g| [g, g, g]).collect(),
-        png::ColorType::GrayscaleAlpha => {
-            bytes.chunks_exact(2).flat_map(|p| [p[0], p[0], p[0]]).collect()
-        }
-        png::ColorType::Indexed => return Err(error(path, "palette was not expanded")),
-    };
-    ColorImage::new(info.width as usize, info.height as usize, rgb).map_err(|e| error(path, e))
+fn opened(path: &Path) -> Result<BufReader<File>, ImageFileError> {
+    Ok(BufReader::new(text_table::regular_file(path).map_err(|e| error(path, e))?))
 }
 
+/// Decodes a PNG whose size `fits` and is below [`MAX_PIXELS`].
 fn decode_png(
-    path: &Path,
+    png: impl BufRead + Seek,
     transformations: png::Transformations,
-) -> Result<(png::OutputInfo, Vec<u8>), ImageFileError> {
-    let file = File::open(path).map_err(|e| error(path, e))?;
-    let mut decoder = png::Decoder::new(BufReader::new(file));
+    fits: impl Fn((usize, usize)) -> Result<(), FrameError>,
+) -> Result<(png::OutputInfo, Vec<u8>), PictureFault> {
+    let damaged = |e: png::DecodingError| PictureFault::Damaged(format!("damaged PNG: {e}"));
+    let mut decoder = png::Decoder::new(png);
     decoder.set_transformations(transformations);
-    let damaged = |e: png::DecodingError| error(path, format!("damaged PNG: {e}"));
+    let header = decoder.read_header_info().map_err(damaged)?;
+    let (width, height) = (header.width as usize, header.height as usize);
+    fits((width, height))?;
+    if width.saturating_mul(height) > MAX_PIXELS {
+        return Err(PictureFault::Damaged(format!(
+            "{width}x{height} pixels are more than {MAX_PIXELS}; shrink the pictures"
+        )));
+    }
     let mut reader = decoder.read_info().map_err(damaged)?;
-    let size =
-        reader.output_buffer_size().ok_or_else(|| error(path, "the picture is too large"))?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or_else(|| PictureFault::Damaged("the picture is too large".to_owned()))?;
     let mut bytes = vec![0; size];
     let info = reader.next_frame(&mut bytes).map_err(damaged)?;
     bytes.truncate(info.buffer_size());
     Ok((info, bytes))
 }
 
-fn read_jpeg(path: &Path) -> Result<ColorImage, ImageFileError> {
-    let bytes = std::fs::read(path).map_err(|e| error(path, e))?;
-    jpeg::decode(&bytes).map_err(|e| error(path, e))
+fn read_jpeg(path: &Path, size: (usize, usize)) -> Result<ColorImage, ImageFileError> {
+    let mut bytes = Vec::new();
+    let read = opened(path)?.take(MAX_FILE_BYTES).read_to_end(&mut bytes);
+    read.map_err(|e: io::Error| error(path, e))?;
+    jpeg::decode(&bytes, size).map_err(at(path))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Cursor;
 
     #[test]
     fn depth_survives_a_round_trip_bit_for_bit() {
@@ -169,7 +220,7 @@ mod tests {
         let path = dir.path().join("d.png");
         let raw: Vec<u16> = (0..48).map(|i| i * 1365).collect();
         write_depth(&path, 8, 6, &raw).unwrap();
-        assert_eq!(read_depth(&path).unwrap(), (8, 6, raw));
+        assert_eq!(read_depth(&path, (8, 6)).unwrap(), raw);
     }
 
     #[test]
@@ -180,7 +231,103 @@ mod tests {
         write_depth(&path, 64, 64, &noise.collect::<Vec<_>>()).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-        let message = read_depth(&path).unwrap_err().to_string();
+        let message = read_depth(&path, (64, 64)).unwrap_err().to_string();
         assert!(message.contains("cut.png") && message.contains("damaged PNG"), "{message}");
+    }
+
+    /// A PNG of a few bytes: a header that claims so many pixels, and no pixel.
+    fn claiming(width: u32, height: u32, color: png::ColorType, depth: png::BitDepth) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, width, height);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        encoder.write_header().unwrap();
+        bytes
+    }
+
+    #[test]
+    fn a_picture_of_another_size_is_refused_by_its_header() {
+        let size = (64, 48);
+        for (width, height) in [(100_000, 100_000), (u32::MAX >> 1, 1), (48, 64), (65, 48)] {
+            let png = claiming(width, height, png::ColorType::Rgb, png::BitDepth::Eight);
+            let error = decode_png_color(Cursor::new(&png), size).unwrap_err().to_string();
+            assert!(error.contains(&format!("colour is {width}x{height}")), "{error}");
+            let png = claiming(width, height, png::ColorType::Grayscale, png::BitDepth::Sixteen);
+            let error = decode_png_depth(Cursor::new(&png), size).unwrap_err().to_string();
+            assert!(error.contains(&format!("depth is {width}x{height}")), "{error}");
+        }
+    }
+
+    #[test]
+    fn labels_above_the_limit_are_refused_by_their_header() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("labels.png");
+        let png = claiming(100_000, 100_000, png::ColorType::Grayscale, png::BitDepth::Eight);
+        assert!(png.len() < 80, "{} bytes", png.len());
+        std::fs::write(&path, png).unwrap();
+        let error = read_labels(&path).unwrap_err().to_string();
+        assert!(error.contains("100000x100000") && error.contains("shrink"), "{error}");
+    }
+
+    #[test]
+    fn colour_of_any_png_format_is_read_as_rgb() {
+        use png::{BitDepth, ColorType};
+        for (color, depth, pixel, palette) in [
+            (ColorType::Rgb, BitDepth::Eight, &[90, 90, 90][..], None),
+            (ColorType::Rgb, BitDepth::Sixteen, &[90, 1, 90, 2, 90, 3], None),
+            (ColorType::Rgba, BitDepth::Eight, &[90, 90, 90, 17], None),
+            (ColorType::Rgba, BitDepth::Sixteen, &[90, 1, 90, 2, 90, 3, 4, 5], None),
+            (ColorType::Grayscale, BitDepth::Eight, &[90], None),
+            (ColorType::Grayscale, BitDepth::Sixteen, &[90, 200], None),
+            (ColorType::GrayscaleAlpha, BitDepth::Eight, &[90, 3], None),
+            (ColorType::Indexed, BitDepth::Eight, &[1], Some(vec![0, 0, 0, 90, 90, 90])),
+        ] {
+            let mut bytes = Vec::new();
+            let mut encoder = png::Encoder::new(&mut bytes, 4, 2);
+            encoder.set_color(color);
+            encoder.set_depth(depth);
+            if let Some(palette) = palette {
+                encoder.set_palette(palette);
+            }
+            let mut writer = encoder.write_header().unwrap();
+            writer.write_image_data(&pixel.repeat(8)).unwrap();
+            writer.finish().unwrap();
+            let read = decode_png_color(Cursor::new(&bytes), (4, 2)).unwrap();
+            assert_eq!(read.as_rgb(), [90; 24], "{color:?} {depth:?}");
+        }
+    }
+
+    #[test]
+    fn depth_of_another_format_is_refused_by_name() {
+        use png::{BitDepth, ColorType};
+        for (color, depth, told) in [
+            (ColorType::Grayscale, BitDepth::Eight, "Grayscale Eight"),
+            (ColorType::Rgb, BitDepth::Sixteen, "Rgb Sixteen"),
+            (ColorType::GrayscaleAlpha, BitDepth::Sixteen, "GrayscaleAlpha Sixteen"),
+        ] {
+            let mut bytes = Vec::new();
+            let mut encoder = png::Encoder::new(&mut bytes, 2, 1);
+            encoder.set_color(color);
+            encoder.set_depth(depth);
+            let mut writer = encoder.write_header().unwrap();
+            writer.write_image_data(&vec![1; 2 * color.samples() * depth as usize / 8]).unwrap();
+            writer.finish().unwrap();
+            let error = decode_png_depth(Cursor::new(&bytes), (2, 1)).unwrap_err().to_string();
+            assert!(error.contains("16-bit grey") && error.contains(told), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_regular_file_is_refused_and_does_not_wait() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("folder.png");
+        std::fs::create_dir(&folder).unwrap();
+        let pipe = dir.path().join("pipe.png");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        for path in [&folder, &pipe] {
+            let error = read_color(path, (4, 2)).unwrap_err().to_string();
+            assert!(error.contains("no regular file"), "{error}");
+            assert!(read_depth(path, (4, 2)).is_err());
+        }
     }
 }

@@ -1,32 +1,41 @@
 //! JPEG in memory, strictly: a truncated picture is an error.
 
-use crate::frame::ColorImage;
+use crate::frame::{ColorImage, PictureFault, same_size};
 use zune_jpeg::zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
-/// Largest side of a picture that is decoded.
-const MAX_SIDE: usize = 8192;
-
-/// Decodes a picture to RGB; the message says what is damaged.
-pub fn decode(bytes: &[u8]) -> Result<ColorImage, String> {
+/// Decodes a picture of so many columns and rows to RGB. One of another size is refused by its
+/// header, before memory is taken for its pixels.
+///
+/// # Errors
+/// [`PictureFault`] says what is damaged, or which size it has.
+pub fn decode(bytes: &[u8], size: (usize, usize)) -> Result<ColorImage, PictureFault> {
+    // Any size that a header can say: ours is asked for before a pixel is decoded.
+    let any = usize::from(u16::MAX);
     let options = DecoderOptions::default()
         .jpeg_set_out_colorspace(ColorSpace::RGB)
-        .set_max_width(MAX_SIDE)
-        .set_max_height(MAX_SIDE)
+        .set_max_width(any)
+        .set_max_height(any)
         .set_strict_mode(true);
     let mut decoder = zune_jpeg::JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-    let rgb = decoder.decode().map_err(|e| format!("damaged JPEG: {e}"))?;
-    let (width, height) = decoder.dimensions().ok_or("damaged JPEG: no size")?;
-    ColorImage::new(width, height, rgb).map_err(|e| e.to_string())
+    let damaged =
+        |e: zune_jpeg::errors::DecodeErrors| PictureFault::Damaged(format!("damaged JPEG: {e}"));
+    decoder.decode_headers().map_err(damaged)?;
+    same_size("colour", decoder.dimensions().unwrap_or_default(), size)?;
+    let rgb = decoder.decode().map_err(damaged)?;
+    Ok(ColorImage::new(size.0, size.1, rgb)?)
 }
 
 /// Decodes a picture of a motion-JPEG stream, whose cameras may leave out the Huffman tables that
 /// are always the same.
-pub fn decode_motion(bytes: &[u8]) -> Result<ColorImage, String> {
+///
+/// # Errors
+/// As [`decode`].
+pub fn decode_motion(bytes: &[u8], size: (usize, usize)) -> Result<ColorImage, PictureFault> {
     const SAYS_MOTION_JPEG: &[u8] = b"\xff\xe0\x00\x07AVI1\0";
     let Some((start, rest)) = bytes.split_at_checked(2).filter(|_| lacks_tables(bytes)) else {
-        return decode(bytes);
+        return decode(bytes, size);
     };
-    decode(&[start, SAYS_MOTION_JPEG, rest].concat())
+    decode(&[start, SAYS_MOTION_JPEG, rest].concat(), size)
 }
 
 /// No Huffman table stands before the first scan.
@@ -61,6 +70,8 @@ pub fn encode(image: &ColorImage, quality: u8) -> Result<Vec<u8>, String> {
 mod tests {
     use super::*;
 
+    const SIZE: (usize, usize) = (16, 8);
+
     fn picture() -> ColorImage {
         ColorImage::new(16, 8, (0..16 * 8 * 3).map(|i| (i / 2) as u8).collect()).unwrap()
     }
@@ -84,17 +95,42 @@ mod tests {
     fn motion_jpeg_needs_no_tables_of_its_own() {
         let whole = encode(&picture(), 90).unwrap();
         let lean = without_tables(&whole);
-        assert!(lean.len() + 100 < whole.len() && decode(&lean).is_err());
-        let expected = decode(&whole).unwrap();
-        assert_eq!(decode_motion(&lean).unwrap(), expected);
-        assert_eq!(decode_motion(&whole).unwrap(), expected);
+        assert!(lean.len() + 100 < whole.len() && decode(&lean, SIZE).is_err());
+        let expected = decode(&whole, SIZE).unwrap();
+        assert_eq!(decode_motion(&lean, SIZE).unwrap(), expected);
+        assert_eq!(decode_motion(&whole, SIZE).unwrap(), expected);
     }
 
     #[test]
     fn damaged_motion_jpeg_is_an_error() {
         let lean = without_tables(&encode(&picture(), 90).unwrap());
         for length in 0..lean.len() - 8 {
-            assert!(decode_motion(&lean[..length]).is_err(), "cut to {length} bytes");
+            assert!(decode_motion(&lean[..length], SIZE).is_err(), "cut to {length} bytes");
         }
+    }
+
+    /// The picture, with other columns and rows in its header.
+    fn claiming(jpeg: &[u8], width: u16, height: u16) -> Vec<u8> {
+        const FRAME_HEADERS: [u8; 2] = [0xc0, 0xc2];
+        let mut bytes = jpeg.to_vec();
+        let mut at = 2;
+        while !FRAME_HEADERS.contains(&bytes[at + 1]) {
+            at += 2 + usize::from(bytes[at + 2]) * 256 + usize::from(bytes[at + 3]);
+        }
+        bytes[at + 5..at + 7].copy_from_slice(&height.to_be_bytes());
+        bytes[at + 7..at + 9].copy_from_slice(&width.to_be_bytes());
+        bytes
+    }
+
+    #[test]
+    fn a_picture_of_another_size_is_refused_by_its_header() {
+        let whole = encode(&picture(), 90).unwrap();
+        assert!(decode(&claiming(&whole, 16, 8), SIZE).is_ok());
+        for (width, height) in [(65_500, 65_500), (8, 16), (17, 8), (16, 7), (1, 65_500)] {
+            let error = decode(&claiming(&whole, width, height), SIZE).unwrap_err().to_string();
+            assert!(error.contains(&format!("{width}x{height}")), "{error}");
+        }
+        assert!(decode(&claiming(&whole, 0, 8), SIZE).is_err());
+        assert!(decode(&claiming(&whole, 16, 0), SIZE).is_err());
     }
 }

@@ -12,6 +12,7 @@ use crate::v4l::V4lCamera;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 /// A source that cannot be opened or read.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +51,17 @@ pub enum SourceError {
     },
 }
 
+/// What waiting for a frame gave.
+#[derive(Debug)]
+pub enum Awaited {
+    /// A frame.
+    Frame(RgbdFrame),
+    /// None came in time; one may come later.
+    Nothing,
+    /// None will come any more.
+    End,
+}
+
 /// Where frames come from: a live camera or a recording.
 pub trait RgbdSource: Send {
     /// Blocks until the next frame; `Ok(None)` once a recording has ended.
@@ -57,6 +69,15 @@ pub trait RgbdSource: Send {
     /// # Errors
     /// [`SourceError`] names what could not be read.
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError>;
+
+    /// The same, but waits no longer than it is told for a live camera that is silent.
+    /// Recordings do not wait: theirs is the next frame.
+    ///
+    /// # Errors
+    /// As [`Self::next_frame`].
+    fn next_frame_within(&mut self, _timeout: Duration) -> Result<Awaited, SourceError> {
+        Ok(self.next_frame()?.map_or(Awaited::End, Awaited::Frame))
+    }
 
     /// Frames in all, where that is known.
     fn frame_count(&self) -> Option<usize>;
@@ -181,8 +202,9 @@ fn with_channel(name: &str) -> (&str, &str) {
 
 fn camera_or_kinect(source: &str, options: &SourceOptions) -> PinholeCamera {
     options.camera.clone().unwrap_or_else(|| {
-        tracing::warn!(source, "no camera is given: Kinect defaults are used");
-        PinholeCamera::kinect()
+        let camera = PinholeCamera::kinect();
+        camera.warn_assumed(source, "give the right ones with --camera camera.toml");
+        camera
     })
 }
 
@@ -193,8 +215,10 @@ fn camera_beside(file: &Path) -> Result<PinholeCamera, SourceError> {
     match candidates.iter().find(|path| path.is_file()) {
         Some(path) => PinholeCamera::read_or_explain(path),
         None => {
-            tracing::warn!(file = %file.display(), "no camera.toml: Kinect defaults are used");
-            Ok(PinholeCamera::kinect())
+            let camera = PinholeCamera::kinect();
+            let remedy = format!("write the right ones into {}", candidates[0].display());
+            camera.warn_assumed(&file.display().to_string(), &remedy);
+            Ok(camera)
         }
     }
 }

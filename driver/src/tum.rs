@@ -1,14 +1,16 @@
 //! A recorded directory in the layout of the TUM RGB-D benchmark (DESIGN 4.1).
 //!
-//! `rgb.txt` and `depth.txt` list `timestamp filename`; colour and depth are paired by the
-//! nearest time stamp. Pictures are decoded one frame ahead on a thread of their own, so
+//! `rgb.txt` and `depth.txt` list `timestamp filename` in seconds; colour and depth are paired by
+//! the nearest time stamp. Pictures are decoded one frame ahead on a thread of their own, so
 //! that reading a recording costs the learner little.
 
 use crate::camera::PinholeCamera;
-use crate::frame::{DepthImage, RgbdFrame};
+use crate::depth::{ScaleDoubt, ScaleWatch};
+use crate::frame::{DepthImage, PictureFault, RgbdFrame};
 use crate::image_file;
 use crate::source::{RgbdSource, SourceError};
 use crate::statistics::SourceStatistics;
+use crate::text_table;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, mpsc};
 
@@ -36,6 +38,9 @@ pub struct TumRecording {
     name: String,
     pairs: usize,
     statistics: SourceStatistics,
+    /// Looks whether the first frames' depth fits `camera.toml`.
+    scale: ScaleWatch,
+    camera_file: PathBuf,
     frames: mpsc::Receiver<Result<RgbdFrame, SourceError>>,
 }
 
@@ -55,6 +60,7 @@ impl TumRecording {
             rate_hz: index.rate_hz(),
             ..Default::default()
         };
+        let scale = ScaleWatch::new(index.camera.depth_units_per_metre, index.is_camera_assumed);
         std::thread::spawn(move || {
             for pair in &index.pairs {
                 let frame = index.load(pair);
@@ -64,7 +70,8 @@ impl TumRecording {
                 }
             }
         });
-        Ok(Self { name: format!("tum:{}", dir.display()), pairs, statistics, frames })
+        let (name, camera_file) = (format!("tum:{}", dir.display()), dir.join("camera.toml"));
+        Ok(Self { name, pairs, statistics, scale, camera_file, frames })
     }
 }
 
@@ -74,6 +81,11 @@ impl RgbdSource for TumRecording {
         if let Some(frame) = &frame {
             self.statistics.delivered += 1;
             self.statistics.invalid_depth = frame.depth.invalid_share();
+            match self.scale.look(&frame.depth) {
+                Some(ScaleDoubt::Wrong(reason)) => return Err(broken(&self.camera_file, &reason)),
+                Some(ScaleDoubt::Odd(reason)) => tracing::warn!(source = self.name, "{reason}"),
+                None => {}
+            }
         }
         Ok(frame)
     }
@@ -96,6 +108,8 @@ impl RgbdSource for TumRecording {
 pub struct RecordingIndex {
     /// The camera of all frames.
     pub camera: Arc<PinholeCamera>,
+    /// True where no `camera.toml` describes it.
+    pub is_camera_assumed: bool,
     /// Pairs in time order.
     pub pairs: Vec<FramePair>,
     /// Colour pictures without depth.
@@ -118,7 +132,9 @@ impl RecordingIndex {
         }
         let colors = read_list(dir, "rgb.txt")?;
         let depths = read_list(dir, "depth.txt")?;
-        let camera = read_camera(dir)?;
+        let described = read_camera(dir)?;
+        let is_camera_assumed = described.is_none();
+        let camera = described.unwrap_or_else(PinholeCamera::kinect);
         let pairs = pair_by_time(&colors, &depths, max_pair_gap_us);
         if pairs.is_empty() {
             return Err(broken(
@@ -134,7 +150,8 @@ impl RecordingIndex {
             tracing::warn!(unpaired, recording = %dir.display(), "colour pictures without depth were left out");
         }
         let largest_pair_gap_us = pairs.iter().map(|p| p.gap_us).max().unwrap_or(0);
-        Ok(Self { camera: Arc::new(camera), pairs, unpaired, largest_pair_gap_us })
+        let camera = Arc::new(camera);
+        Ok(Self { camera, is_camera_assumed, pairs, unpaired, largest_pair_gap_us })
     }
 
     /// Frames a second by their stamps; 0 with a single frame.
@@ -153,21 +170,20 @@ impl RecordingIndex {
     /// [`SourceError::Recording`] for a damaged picture, [`SourceError::Frame`] for one of
     /// another size than the camera's.
     pub fn load(&self, pair: &FramePair) -> Result<RgbdFrame, SourceError> {
-        let damaged = |e: image_file::ImageFileError| SourceError::Recording {
-            path: e.to_string(),
-            reason: "record it again, or take its line out of the list".to_owned(),
+        let unusable = |e: image_file::ImageFileError| match e.fault {
+            PictureFault::Size(source) => SourceError::Frame { path: e.path, source },
+            PictureFault::Damaged(reason) => SourceError::Recording {
+                path: e.path,
+                reason: format!("{reason}: record it again, or take its line out of the list"),
+            },
         };
-        let misfit = |path: &Path| {
-            let path = path.display().to_string();
-            move |source| SourceError::Frame { path, source }
-        };
-        let color = image_file::read_color(&pair.color).map_err(damaged)?;
-        let (width, height, raw) = image_file::read_depth(&pair.depth).map_err(damaged)?;
-        let depth = DepthImage::from_raw(width, height, &raw, self.camera.depth_units_per_metre)
-            .map_err(misfit(&pair.depth))?;
-        let color_fits = (color.width(), color.height()) == (self.camera.width, self.camera.height);
-        let culprit = if color_fits { &pair.depth } else { &pair.color };
-        RgbdFrame::new(pair.utime, Arc::clone(&self.camera), color, depth).map_err(misfit(culprit))
+        let camera = &self.camera;
+        let (width, height) = (camera.width, camera.height);
+        let color = image_file::read_color(&pair.color, (width, height)).map_err(unusable)?;
+        let raw = image_file::read_depth(&pair.depth, (width, height)).map_err(unusable)?;
+        DepthImage::from_raw(width, height, &raw, camera.depth_units_per_metre)
+            .and_then(|depth| RgbdFrame::new(pair.utime, Arc::clone(camera), color, depth))
+            .map_err(|source| SourceError::Frame { path: pair.color.display().to_string(), source })
     }
 }
 
@@ -175,29 +191,33 @@ fn broken(path: &Path, reason: &str) -> SourceError {
     SourceError::Recording { path: path.display().to_string(), reason: reason.to_owned() }
 }
 
-fn read_camera(dir: &Path) -> Result<PinholeCamera, SourceError> {
+/// The camera that `camera.toml` describes, if there is one.
+fn read_camera(dir: &Path) -> Result<Option<PinholeCamera>, SourceError> {
     let path = dir.join("camera.toml");
     if !path.exists() {
-        tracing::warn!(recording = %dir.display(), "no camera.toml: Kinect defaults are used");
-        return Ok(PinholeCamera::kinect());
+        let remedy = format!("write the right ones into {}", path.display());
+        PinholeCamera::kinect().warn_assumed(&dir.display().to_string(), &remedy);
+        return Ok(None);
     }
-    PinholeCamera::read_or_explain(&path)
+    PinholeCamera::read_or_explain(&path).map(Some)
 }
 
 fn read_list(dir: &Path, file: &str) -> Result<Vec<(i64, PathBuf)>, SourceError> {
     let path = dir.join(file);
-    let text = std::fs::read_to_string(&path).map_err(|e| broken(&path, &e.to_string()))?;
+    let text = text_table::read(&path).map_err(|e| broken(&path, &e.to_string()))?;
     let entries = parse_list(&text).map_err(|reason| broken(&path, &reason))?;
     entries
         .into_iter()
         .map(|entry| {
             let picture = dir.join(entry.name);
-            if !picture.is_file() {
-                let missing = picture.display();
-                let reason = format!("line {}: names {missing}, which does not exist", entry.line);
-                return Err(broken(&path, &reason));
-            }
-            Ok((entry.utime, picture))
+            let what = match std::fs::metadata(&picture) {
+                Ok(found) if found.is_file() => return Ok((entry.utime, picture)),
+                Ok(_) => "is no regular file",
+                Err(_) => "does not exist",
+            };
+            let named = picture.display();
+            let reason = format!("line {}: names {named}, which {what}", entry.line);
+            Err(broken(&path, &reason))
         })
         .collect()
 }
@@ -213,27 +233,28 @@ pub struct ListEntry<'t> {
     pub name: &'t str,
 }
 
-/// Reads the text of `rgb.txt` or `depth.txt`; entries come in the order of time.
+/// Largest time stamp that is seconds; Unix time in milliseconds, microseconds or nanoseconds
+/// lies above. The year 5138.
+const MAX_SECONDS: f64 = 1e11;
+/// A recording of at least so many pictures, this far apart in the median, is in other units.
+const ENOUGH_STEPS: usize = 10;
+const LONGEST_STEP_US: i64 = 10_000_000;
+
+/// Reads the text of `rgb.txt` or `depth.txt`; entries come in the order of time. A first row of
+/// column names is passed over.
 ///
 /// # Errors
 /// What is wrong in which line, and what to do.
 pub fn parse_list(text: &str) -> Result<Vec<ListEntry<'_>>, String> {
     let mut entries: Vec<ListEntry> = Vec::new();
-    for (i, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
+    for (i, row) in text_table::rows(text).enumerate() {
+        if i == 0 && row.is_header() {
             continue;
         }
-        let at = |reason: String| format!("line {}: {reason}", i + 1);
-        let (stamp, name) = line
-            .split_once(char::is_whitespace)
-            .ok_or_else(|| at("expected \"timestamp filename\"".to_owned()))?;
-        let seconds: f64 = stamp
-            .parse()
-            .ok()
-            .filter(|s: &f64| s.is_finite() && s.abs() < 9e12)
-            .ok_or_else(|| at(format!("\"{stamp}\" is no time in seconds")))?;
-        let utime = (seconds * 1e6).round() as i64;
+        let at = |reason: String| format!("line {}: {reason}", row.number);
+        let (stamp, name) =
+            row.split_first().ok_or_else(|| at("expected \"timestamp filename\"".to_owned()))?;
+        let utime = stamp_utime(stamp).map_err(at)?;
         if let Some(before) = entries.last()
             && utime <= before.utime
         {
@@ -242,12 +263,45 @@ pub fn parse_list(text: &str) -> Result<Vec<ListEntry<'_>>, String> {
                 before.utime as f64 * 1e-6
             )));
         }
-        entries.push(ListEntry { line: i + 1, utime, name: name.trim() });
+        entries.push(ListEntry { line: row.number, utime, name });
     }
     if entries.is_empty() {
         return Err("lists no picture: the recording is empty".to_owned());
     }
+    check_steps(&entries)?;
     Ok(entries)
+}
+
+/// A stamp of seconds in microseconds.
+fn stamp_utime(stamp: &str) -> Result<i64, String> {
+    let seconds: f64 = stamp
+        .parse()
+        .ok()
+        .filter(|s: &f64| s.is_finite())
+        .ok_or_else(|| format!("\"{stamp}\" is no time in seconds"))?;
+    if seconds.abs() > MAX_SECONDS {
+        return Err(format!(
+            "{stamp} is no time in seconds: are the stamps milliseconds, microseconds or nanoseconds? write them in seconds"
+        ));
+    }
+    Ok((seconds * 1e6).round() as i64)
+}
+
+/// Refuses a list whose stamps count from its start in smaller units.
+fn check_steps(entries: &[ListEntry]) -> Result<(), String> {
+    let mut steps: Vec<i64> = entries.windows(2).map(|e| e[1].utime - e[0].utime).collect();
+    if steps.len() + 1 < ENOUGH_STEPS {
+        return Ok(());
+    }
+    let middle = steps.len() / 2;
+    let median = *steps.select_nth_unstable(middle).1;
+    if median < LONGEST_STEP_US {
+        return Ok(());
+    }
+    Err(format!(
+        "the pictures are {:.1} s apart: are the stamps milliseconds, microseconds or nanoseconds? write them in seconds",
+        median as f64 * 1e-6
+    ))
 }
 
 fn pair_by_time(
@@ -289,5 +343,39 @@ mod tests {
             pair_by_time(&list(&[0, 66_000, 133_000]), &list(&[4_000, 70_000, 180_000]), 20_000);
         let depths: Vec<_> = pairs.iter().map(|p| p.depth.to_str().unwrap()).collect();
         assert_eq!(depths, ["4000", "70000"]);
+    }
+
+    #[test]
+    fn a_list_of_any_program_is_read() {
+        let expected = [(1_500_000, "rgb/a b.png"), (1_533_000, "/data/../c,1.png")];
+        for text in [
+            "# timestamp filename\n1.5 rgb/a b.png\n1.533 /data/../c,1.png\n",
+            "\u{feff}1.5 rgb/a b.png\r\n1.533 /data/../c,1.png\r\n",
+            "% t name\n; t name\n1.5\trgb/a b.png\n\n1.533\t/data/../c,1.png",
+            "timestamp,filename\n1.5,\"rgb/a b.png\"\n1.533, /data/../c,1.png\n",
+            "1.5;rgb/a b.png\n1.533;/data/../c,1.png\n",
+        ] {
+            let entries = parse_list(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+            let found: Vec<_> = entries.iter().map(|e| (e.utime, e.name)).collect();
+            assert_eq!(found, expected, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn stamps_that_are_no_seconds_are_told() {
+        for stamp in ["nan", "inf", "1e999", "x1", "--", "1305031102175", "1305031102175304000"] {
+            let error = parse_list(&format!("0.5 a.png\n{stamp} b.png\n")).unwrap_err();
+            assert!(error.contains("line 2") && error.contains("seconds"), "{stamp}: {error}");
+        }
+        for (period, is_wrong) in [(0.033, false), (1.0, false), (33.0, true), (33_333_333.0, true)]
+        {
+            let text: String =
+                (0..20).map(|i| format!("{} a.png\n", f64::from(i) * period)).collect();
+            let told = parse_list(&text).err();
+            assert_eq!(told.is_some(), is_wrong, "{period}: {told:?}");
+            assert!(told.is_none_or(|t| t.contains("milliseconds")));
+        }
+        // A few pictures of a scene that nothing moves in may be taken minutes apart.
+        assert!(parse_list("0 a.png\n60 b.png\n").is_ok());
     }
 }

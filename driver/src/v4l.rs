@@ -73,6 +73,10 @@ impl V4lCamera {
     /// # Errors
     /// [`SourceError::Device`] names the device and what it offers or lacks.
     pub fn open(color: &str, depth: &str, camera: Arc<PinholeCamera>) -> Result<Self, SourceError> {
+        camera.check().map_err(|e| SourceError::Device {
+            name: format!("v4l:{color},{depth}"),
+            reason: e.to_string(),
+        })?;
         let (sender, pictures) = sync_channel(WAITING);
         let stop = Arc::new(AtomicBool::new(false));
         let (color_device, color) = negotiate(color, &COLOR_FORMATS, &camera)?;
@@ -211,7 +215,11 @@ fn stream(
         let picture = match stream.next() {
             Ok((bytes, meta)) => Picture {
                 is_depth,
-                utime: meta.timestamp.sec * 1_000_000 + meta.timestamp.usec,
+                utime: meta
+                    .timestamp
+                    .sec
+                    .saturating_mul(1_000_000)
+                    .saturating_add(meta.timestamp.usec),
                 bytes: bytes[..(meta.bytesused as usize).min(bytes.len())].to_vec(),
             },
             Err(e) if e.kind() == io::ErrorKind::TimedOut => continue,
@@ -230,7 +238,7 @@ fn decode_color(
     height: usize,
 ) -> Result<ColorImage, String> {
     match &layout.format.repr {
-        b"MJPG" => jpeg::decode_motion(&bytes),
+        b"MJPG" => jpeg::decode_motion(&bytes, (width, height)).map_err(|e| e.to_string()),
         b"YUYV" => {
             let bytes = packed(bytes, layout.stride, 2 * width);
             let rgb = bytes.chunks_exact(4).flat_map(|p| {

@@ -1,13 +1,15 @@
 //! From predictions to plans: jerk-limited trajectories, and the messages that planners and
 //! viewers subscribe to.
 
+pub mod client;
 pub mod limits;
 pub mod messages;
 pub mod plan;
 pub mod service;
 pub mod trajectory;
 
-pub use limits::{MotionLimits, Rig, RigError, Safety, Streaming, Synchronisation};
+pub use client::{Client, ClientError};
+pub use limits::{Access, MotionLimits, Rig, RigError, Safety, Streaming, Synchronisation};
 pub use plan::{PREDICTION_SCHEMA, Plan, PlanError, Prediction, Request, predict};
 pub use trajectory::{Knot, Task, TrajectoryError, knots, time_optimal, together};
 

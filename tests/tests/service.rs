@@ -5,6 +5,7 @@ use linkage_lcm::messages::linkage::{
     Command as Order, Model, Prediction, Recognition, Setpoint, Status,
 };
 use linkage_lcm::{Lcm, decode, encode};
+use linkage_planner_bridge::client::addressed;
 use linkage_tests::service::{Listener, Service};
 use linkage_tests::{failure, linkage, python_with, simulated};
 use std::path::{Path, PathBuf};
@@ -201,13 +202,9 @@ fn a_command_that_comes_again_is_answered_and_not_done_again() {
     let service = Service::start(&url, &text(&simulated("drawer", true, 1)), &store, &["--repeat"]);
     let mut listener = Listener::new(&url, "LINKAGE_STATUS|LINKAGE_PREDICTION");
     let lcm = Lcm::new(&url).unwrap();
-    let order = Order {
-        utime: 5,
-        schema: 1,
-        action: Order::PREDICT,
-        target: "open".into(),
-        ..Default::default()
-    };
+    let status: Status = listener.wait("LINKAGE_STATUS", Duration::from_secs(5), |_| true);
+    let predict = Order { action: Order::PREDICT, target: "open".into(), ..Default::default() };
+    let order = addressed(&predict, status.session);
     for _ in 0..5 {
         lcm.publish("LINKAGE_COMMAND", &order).unwrap();
         std::thread::sleep(Duration::from_millis(300));
@@ -215,13 +212,14 @@ fn a_command_that_comes_again_is_answered_and_not_done_again() {
     let packets = listener.gather(Duration::from_secs(3));
     let count = packets.iter().filter(|p| p.channel == "LINKAGE_PREDICTION").count();
     assert_eq!(count, 1);
-    let newer = Order { utime: 6, action: Order::CANCEL, ..order.clone() };
+    let newer = Order { action: Order::CANCEL, ..Default::default() };
+    let newer = addressed(&newer, status.session);
     lcm.publish("LINKAGE_COMMAND", &newer).unwrap();
     let answered = |utime: i64| move |s: &Status| s.command_utime == utime && s.command_accepted;
     let wait = Duration::from_secs(5);
-    listener.wait("LINKAGE_STATUS", wait, answered(6));
+    listener.wait("LINKAGE_STATUS", wait, answered(newer.utime));
     lcm.publish("LINKAGE_COMMAND", &order).unwrap();
-    let again: Status = listener.wait("LINKAGE_STATUS", wait, answered(5));
+    let again: Status = listener.wait("LINKAGE_STATUS", wait, answered(order.utime));
     assert!(again.command_answer.contains("planned drawer"), "{}", again.command_answer);
     // Frames that came in between do not make it move: cancelled it stays.
     assert_eq!(again.state, "ready");
@@ -248,7 +246,10 @@ fn hostile_traffic_harms_nothing_and_is_counted() {
     let service = Service::start(&url, &text(&simulated("drawer", true, 1)), &store, &["--repeat"]);
     let lcm = Lcm::new(&url).unwrap();
     let mut seed = 9;
-    let order = Order { utime: 1, schema: 1, action: Order::RECOGNISE, ..Default::default() };
+    let mut statuses = Listener::new(&url, "LINKAGE_STATUS");
+    let status: Status = statuses.wait("LINKAGE_STATUS", Duration::from_secs(5), |_| true);
+    let order = Order { action: Order::RECOGNISE, ..Default::default() };
+    let order = addressed(&order, status.session);
     let whole = encode(&order).unwrap();
     for length in [0, 1, 7, 8, 9, 100, 60_000, 250_000] {
         lcm.publish_bytes("LINKAGE_COMMAND", &noise(&mut seed, length)).unwrap();
@@ -272,7 +273,6 @@ fn hostile_traffic_harms_nothing_and_is_counted() {
     for length in [1, 8, 20, 1400] {
         let _ = socket.send_to(&noise(&mut seed, length), "239.255.76.67:7715");
     }
-    let mut statuses = Listener::new(&url, "LINKAGE_STATUS");
     let wait = Duration::from_secs(10);
     // A network may lose some of them.
     let told: Status = statuses.wait("LINKAGE_STATUS", wait, |s: &Status| s.refused > 30);
@@ -285,9 +285,8 @@ fn hostile_traffic_harms_nothing_and_is_counted() {
         while start.elapsed() < Duration::from_secs(2) {
             if f64::from(sent - before) < start.elapsed().as_secs_f64() * 10_000.0 {
                 sent += 1;
-                let (utime, action) = (i64::from(sent) + 100, (sent % 5) as i8);
-                let object = "drawer".to_owned();
-                let order = Order { utime, object, action, ..order.clone() };
+                let (object, action) = ("drawer".to_owned(), (sent % 5) as i8);
+                let order = addressed(&Order { object, action, ..order.clone() }, status.session);
                 lcm.publish("LINKAGE_COMMAND", &order).unwrap();
             }
         }

@@ -3,14 +3,15 @@
 
 use linkage_driver::lcm::{Packing, decode_frame, encode_frame};
 use linkage_driver::record::{FakenectRecorder, Recorder};
-use linkage_driver::{RgbdFrame, SourceStatistics, open};
+use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame, SourceStatistics, open};
 use linkage_lcm::encode;
-use linkage_tests::{fixtures, linkage, program, simulated};
+use linkage_lcm::udpm::Network;
+use linkage_tests::{build, failure, fixtures, linkage, program, simulated};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 const SCENE: &str = "drawer";
@@ -133,6 +134,78 @@ fn an_lcm_log_holds_colour_exactly_and_depth_to_the_millimetre() {
     }
     let wanted = learned_from(text(&source), scratch.path());
     assert_alike(&learned_from(&name, scratch.path()), &wanted, 0.3, 0.003);
+}
+
+/// A frame of 64 x 48 pixels as a message, which goes in one datagram.
+fn small_frame(utime: i64, camera: &Arc<PinholeCamera>) -> Vec<u8> {
+    let color = ColorImage::new(64, 48, vec![90; 64 * 48 * 3]).unwrap();
+    let depth = DepthImage::from_metres(64, 48, vec![1.0; 64 * 48]).unwrap();
+    let frame = RgbdFrame::new(utime, Arc::clone(camera), color, depth).unwrap();
+    encode(&encode_frame(&frame, Packing::LOSSLESS).unwrap()).unwrap()
+}
+
+#[test]
+fn frames_that_are_lost_on_their_way_are_counted_and_told() {
+    let scratch = tempfile::tempdir().unwrap();
+    let toml = scratch.path().join("camera.toml");
+    fs::write(&toml, "width = 64\nheight = 48\nfx = 60\nfy = 60\ncx = 31.5\ncy = 23.5\n").unwrap();
+    let camera = Arc::new(PinholeCamera::parse(&fs::read_to_string(&toml).unwrap()).unwrap());
+    let url = "udpm://239.255.76.67:7692?ttl=0";
+    let live = format!("lcm:{url}#KINECT_FRAME");
+    build();
+    let recorder = Command::new(program())
+        .args(["record", "--source", &live, "--camera", text(&toml), "--frames", "10"])
+        .args(["--out", text(&scratch.path().join("out")), "--quiet"])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_secs(1));
+    let sender = Network::parse(url).unwrap().sender().unwrap();
+    // Two of three are lost.
+    for number in 0..10_u32 {
+        let utime = 1_000_000 + i64::from(number) * 33_000;
+        let head = [b"LC02", &(3 * number).to_be_bytes()[..], b"KINECT_FRAME\0"].concat();
+        sender.send(&[head, small_frame(utime, &camera)].concat()).unwrap();
+        std::thread::sleep(Duration::from_millis(33));
+    }
+    let output = recorder.wait_with_output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{told}");
+    assert!(told.contains("18 sent and not arrived"), "{told}");
+}
+
+#[test]
+fn a_server_that_is_not_there_is_told() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    let dead = "tcpq://127.0.0.1:1";
+    let recorded = linkage(&[
+        "record",
+        "--source",
+        &format!("lcm:{dead}"),
+        "--seconds",
+        "2",
+        "--out",
+        text(&out),
+    ]);
+    let source = demonstration();
+    let replayed = linkage(&["replay", text(&source), "--publish", dead]);
+    let store = scratch.path().join("s.linkage");
+    let served =
+        linkage(&["serve", "--source", text(&source), "--store", text(&store), "--publish", dead]);
+    for output in [recorded, replayed, served] {
+        let (status, told) = failure(&output);
+        assert_eq!(status, 2, "{told}");
+        assert!(told.contains("LCM cannot join") && told.contains(dead), "{told}");
+    }
+}
+
+#[test]
+fn doctor_tells_the_buffer_that_a_socket_gets() {
+    let url = "udpm://239.255.76.67:7693?ttl=0&recv_buf_size=100000";
+    let output = linkage(&["doctor", "--url", url]);
+    let told = String::from_utf8_lossy(&output.stdout);
+    assert!(told.contains("LCM receive buffer: 100000 bytes granted"), "{told}");
 }
 
 #[test]

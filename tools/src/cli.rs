@@ -46,6 +46,8 @@ pub enum Command {
     /// Tell a running service what to do
     #[command(name = "command")]
     Tell(CommandArgs),
+    /// Print what a running service publishes
+    Listen(ListenArgs),
     /// Record what a source delivers
     Record(RecordArgs),
     /// Send what a source delivers over LCM, as kinect.frame_msg_t
@@ -175,6 +177,22 @@ pub struct CommandArgs {
     /// Seconds to wait for its answer
     #[arg(long, global = true, value_name = "S", default_value_t = 10.0)]
     pub wait: f64,
+    /// Key that signs the command, where the service's rig asks for one
+    #[arg(long, global = true, value_name = "FILE")]
+    pub key: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ListenArgs {
+    /// LCM network of the service
+    #[arg(long, value_name = "URL", default_value = linkage_lcm::DEFAULT_URL)]
+    pub publish: String,
+    /// End after so many seconds; else Ctrl-C ends it
+    #[arg(long, value_name = "S")]
+    pub seconds: Option<f64>,
+    /// Print every message, not only those that say something new
+    #[arg(long)]
+    pub all: bool,
 }
 
 #[derive(Debug, Subcommand)]

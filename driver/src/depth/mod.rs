@@ -3,10 +3,12 @@
 mod bilateral;
 mod normals;
 mod registration;
+mod scale;
 
 pub use bilateral::{BilateralConfig, smooth};
 pub use normals::{NormalMap, SurfacePatch};
 pub use registration::Registration;
+pub use scale::{ScaleDoubt, ScaleWatch};
 
 /// Standard deviation of a structured-light sensor's depth in metres at depth `z` metres:
 /// noise of the match plus the step of the disparity. It grows with the square of the

@@ -5,14 +5,25 @@ use crate::camera::PinholeCamera;
 use crate::frame::RgbdFrame;
 use crate::live::{Camera, CameraFault};
 use crate::source::SourceError;
-use linkage_lcm::Lcm;
+use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// How often the log is told that frames do not arrive.
+const TELL_EVERY: Duration = Duration::from_secs(10);
 
 /// A camera whose frames another program publishes.
 pub struct LcmCamera {
     lcm: Lcm,
     camera: Arc<PinholeCamera>,
+    told: Told,
+}
+
+/// What the log was told of frames that did not arrive.
+#[derive(Default)]
+struct Told {
+    missing: u64,
+    when: Option<Instant>,
 }
 
 impl LcmCamera {
@@ -27,16 +38,64 @@ impl LcmCamera {
         };
         let mut lcm = Lcm::new(url).map_err(failed)?;
         lcm.subscribe(channel).map_err(failed)?;
-        Ok(Self { lcm, camera })
+        Ok(Self { lcm, camera, told: Told::default() })
     }
+
+    /// Tells the log that frames do not arrive, and what to do, now and then.
+    fn tell_missing(&mut self) {
+        let reception = self.lcm.reception();
+        let is_due = self.told.when.is_none_or(|when| when.elapsed() >= TELL_EVERY);
+        if reception.missing() > self.told.missing && is_due {
+            self.told = Told { missing: reception.missing(), when: Some(Instant::now()) };
+            tracing::warn!(url = self.lcm.url(), "{}", words(&reception));
+        }
+    }
+}
+
+fn words(reception: &Reception) -> String {
+    let Reception { received, requested_buffer, granted_buffer, .. } = *reception;
+    let mut words = format!("{} frames did not arrive, {received} did", reception.missing());
+    if granted_buffer < requested_buffer {
+        words += &format!(
+            "; the system granted {granted_buffer} of {requested_buffer} bytes to receive them: as root, \"sysctl -w net.core.rmem_max={requested_buffer}\""
+        );
+    }
+    words
 }
 
 impl Camera for LcmCamera {
     fn next_frame(&mut self, timeout: Duration) -> Result<Option<RgbdFrame>, CameraFault> {
         let packet = self.lcm.receive(timeout).map_err(|e| CameraFault::Lost(e.to_string()))?;
+        self.tell_missing();
         packet
             .map(|p| decode_frame(&p.bytes, &self.camera))
             .transpose()
             .map_err(|e| CameraFault::Damaged(e.to_string()))
+    }
+
+    fn missing(&self) -> u64 {
+        self.lcm.reception().missing()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_do_not_arrive_are_told_with_what_to_do() {
+        let reception = Reception {
+            received: 37,
+            lost: 1,
+            incomplete: 103,
+            requested_buffer: 8_388_608,
+            granted_buffer: 212_992,
+            ..Reception::default()
+        };
+        let told = words(&reception);
+        assert!(told.starts_with("104 frames did not arrive, 37 did"), "{told}");
+        assert!(told.contains("sysctl -w net.core.rmem_max=8388608"), "{told}");
+        let enough = Reception { granted_buffer: 8_388_608, ..reception };
+        assert!(!words(&enough).contains("sysctl"));
     }
 }

@@ -3,20 +3,20 @@
 use super::message::decode_frame;
 use crate::camera::PinholeCamera;
 use crate::frame::RgbdFrame;
+use crate::gate::{Gate, Timeline};
 use crate::source::{RgbdSource, SourceError};
-use crate::statistics::{Gate, SourceStatistics};
+use crate::statistics::SourceStatistics;
 use linkage_lcm::LogReader;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 
-/// An event log whose frames are read one after the other. Damaged ones are passed over and
-/// counted.
+/// An event log whose frames are read one after the other, at times that go on even where the
+/// log holds several recordings. Damaged frames are passed over and counted.
 pub struct LogRecording {
     name: String,
-    reader: LogReader<BufReader<File>>,
+    reader: LogReader<File>,
     channel: String,
     camera: Arc<PinholeCamera>,
     gate: Gate,
@@ -45,7 +45,7 @@ impl LogRecording {
             reader,
             channel: channel.to_owned(),
             camera,
-            gate: Gate::default(),
+            gate: Gate::new(Timeline::GoesOn),
             delivered: 0,
             other_channels: BTreeMap::new(),
             last_damage: None,
@@ -63,7 +63,8 @@ impl LogRecording {
         if self.delivered == 0 {
             let why = match &self.last_damage {
                 Some(damage) => {
-                    format!("all {} frames are damaged, the last: {damage}", statistics.damaged)
+                    let damaged = self.gate.statistics.damaged;
+                    format!("all {damaged} frames are damaged, the last: {damage}")
                 }
                 None if self.other_channels.is_empty() => "no event: is it an LCM log?".to_owned(),
                 None => format!(
@@ -75,9 +76,13 @@ impl LogRecording {
             return Err(self.broken(why));
         }
         let skipped_bytes = self.reader.skipped_bytes();
-        if !self.ended && statistics.lost() + skipped_bytes > 0 {
-            let (damaged, out_of_order) = (statistics.damaged, statistics.out_of_order);
+        let SourceStatistics { damaged, out_of_order, restamped, reconnections, .. } = statistics;
+        if !self.ended && statistics.lost() > 0 {
             tracing::warn!(log = self.name, damaged, out_of_order, skipped_bytes, "frames lost");
+        }
+        if !self.ended && restamped + reconnections > 0 {
+            let begins_again = reconnections;
+            tracing::warn!(log = self.name, restamped, begins_again, "time stamps do not go on");
         }
         Ok(())
     }
@@ -98,7 +103,7 @@ impl RgbdSource for LogRecording {
             }
             match decode_frame(&event.bytes, &self.camera) {
                 Ok(frame) => {
-                    if let Some(frame) = self.gate.pass(frame) {
+                    if let Some(frame) = self.gate.pass(frame, event.utime) {
                         self.delivered += 1;
                         return Ok(Some(frame));
                     }
@@ -120,6 +125,11 @@ impl RgbdSource for LogRecording {
     }
 
     fn statistics(&self) -> SourceStatistics {
-        SourceStatistics { delivered: self.delivered, ..self.gate.statistics }
+        let counted = self.gate.statistics;
+        SourceStatistics {
+            delivered: self.delivered,
+            damaged: counted.damaged + self.reader.damaged_stretches(),
+            ..counted
+        }
     }
 }

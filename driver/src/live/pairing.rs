@@ -61,7 +61,7 @@ impl<C, D> Pairing<C, D> {
             .iter()
             .enumerate()
             .flat_map(|(i, c)| {
-                self.depths.iter().enumerate().map(move |(j, d)| ((c.0 - d.0).abs(), i, j))
+                self.depths.iter().enumerate().map(move |(j, d)| (gap_us(c.0, d.0), i, j))
             })
             .filter(|(gap, ..)| *gap <= self.max_gap_us)
             .min();
@@ -83,6 +83,10 @@ impl<C, D> Pairing<C, D> {
         }
         None
     }
+}
+
+fn gap_us(a: i64, b: i64) -> i64 {
+    i64::try_from(a.abs_diff(b)).unwrap_or(i64::MAX)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //! and whoever takes the frames.
 
 use crate::frame::RgbdFrame;
+use crate::source::Awaited;
 use crate::statistics::SourceStatistics;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -133,23 +134,16 @@ impl FrameWriter {
     }
 }
 
-/// How long a reader waits at a time; it is woken as soon as there is something.
-const WAIT: Duration = Duration::from_secs(3600);
-
 impl FrameReader {
-    /// Waits for the next frame; `Ok(None)` at the end, `Err` with the reason after a failure.
-    pub fn pop(&mut self) -> Result<Option<RgbdFrame>, String> {
-        loop {
-            match self.frames.pop(WAIT) {
-                Ok(frame) => {
-                    self.delivered += 1;
-                    return Ok(Some(frame));
-                }
-                Err(Nothing::Yet) => {}
-                Err(Nothing::Ever) => {
-                    return self.told.failure.get().cloned().map_or(Ok(None), Err);
-                }
+    /// Waits for the next frame; `Err` with the reason after a failure.
+    pub fn pop(&mut self, timeout: Duration) -> Result<Awaited, String> {
+        match self.frames.pop(timeout) {
+            Ok(frame) => {
+                self.delivered += 1;
+                Ok(Awaited::Frame(frame))
             }
+            Err(Nothing::Yet) => Ok(Awaited::Nothing),
+            Err(Nothing::Ever) => self.told.failure.get().cloned().map_or(Ok(Awaited::End), Err),
         }
     }
 

@@ -5,9 +5,10 @@ mod sys;
 
 use crate::camera::PinholeCamera;
 use crate::frame::{ColorImage, DepthImage, RgbdFrame};
+use crate::gate::{Gate, Timeline};
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
 use crate::source::{RgbdSource, SourceError};
-use crate::statistics::{Gate, SourceStatistics};
+use crate::statistics::SourceStatistics;
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use std::path::Path;
 use std::sync::Arc;
@@ -104,7 +105,7 @@ impl OniRecording {
             camera: Arc::new(camera.cloned().unwrap_or_else(|| camera_of(&device))),
             device,
             pairing: Pairing::new(DEFAULT_MAX_PAIR_GAP_US),
-            gate: Gate::default(),
+            gate: Gate::new(Timeline::GoesOn),
             delivered: 0,
             frames,
             read: [0; 2],
@@ -152,7 +153,9 @@ impl RgbdSource for OniRecording {
             let Some(pair) = pair else { continue };
             match assemble(pair, &self.camera) {
                 Ok(frame) => {
-                    if let Some(frame) = self.gate.pass(frame) {
+                    // A recording has no other clock.
+                    let arrival = frame.utime;
+                    if let Some(frame) = self.gate.pass(frame, arrival) {
                         self.delivered += 1;
                         return Ok(Some(frame));
                     }
@@ -198,7 +201,7 @@ fn camera_of(device: &Device) -> PinholeCamera {
         cx: (width as f64 - 1.0) / 2.0,
         cy: (height as f64 - 1.0) / 2.0,
         depth_units_per_metre: 1000.0,
-        distortion: [0.0; 5],
+        distortion: [0.0; 8],
     }
 }
 

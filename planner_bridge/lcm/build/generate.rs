@@ -16,14 +16,27 @@ pub fn rust(structs: &[Struct]) -> String {
         let _ = writeln!(out, "/// Messages of package `{package}`.\npub mod {package} {{");
         let _ = writeln!(
             out,
-            "    use crate::codec::{{Decoder, DecodeError, EncodeError, Encoder, Fingerprint, Message}};"
+            "    use crate::codec::{{Decoder, DecodeError, EncodeError, Encoder, Field, Fingerprint, Message}};"
         );
         for s in structs.iter().filter(|s| s.package == package) {
             out.push_str(&message(s));
         }
         out.push_str("}\n");
     }
+    out.push_str(&every_message(structs));
     out
+}
+
+/// A macro that hands the types of all messages to another one, for what must hold of each.
+fn every_message(structs: &[Struct]) -> String {
+    let types: Vec<String> = structs
+        .iter()
+        .map(|s| format!("$crate::messages::{}::{}", s.package, type_name(&s.name)))
+        .collect();
+    format!(
+        "/// Calls a macro with the types of all messages.\n#[macro_export]\nmacro_rules! every_message {{\n    ($with:ident) => {{ $with! {{ {} }} }};\n}}\n",
+        types.join(", ")
+    )
 }
 
 fn message(s: &Struct) -> String {
@@ -71,11 +84,27 @@ fn message(s: &Struct) -> String {
     }
     let _ = writeln!(out, "    impl Message for {name} {{");
     let _ = writeln!(out, "        const NAME: &'static str = \"{}.{}\";", s.package, s.name);
+    out.push_str(&least_bytes(s));
     out.push_str(&fingerprint(s));
     out.push_str(&encode(s));
     out.push_str(&decode(s));
     out.push_str("    }\n");
     out
+}
+
+/// Fewest bytes of its members: arrays of variable length may be empty.
+fn least_bytes(s: &Struct) -> String {
+    let least = |m: &Member| {
+        let one = primitive(&m.kind).map_or_else(|| path(&m.kind), str::to_owned);
+        match m.dimensions.first() {
+            None => Some(format!("<{one} as Field>::LEAST_BYTES")),
+            Some(Dimension::Fixed(n)) => Some(format!("{n} * <{one} as Field>::LEAST_BYTES")),
+            Some(Dimension::Variable(_)) => None,
+        }
+    };
+    let sum: Vec<String> = s.members.iter().filter_map(least).collect();
+    let sum = if sum.is_empty() { "0".to_owned() } else { sum.join(" + ") };
+    format!("        const LEAST_BYTES: usize = {sum};\n")
 }
 
 /// The base hash of LCM, over names, primitive types and dimensions; children by content.

@@ -34,7 +34,7 @@ pub enum DecodeError {
         /// Its claim.
         length: i64,
     },
-    /// A string that is no UTF-8 or does not end in NUL.
+    /// A string that is no UTF-8, or whose only NUL is not at its end.
     #[error("a string is damaged")]
     String,
 }
@@ -71,6 +71,8 @@ pub enum EncodeError {
 pub trait Message: Sized {
     /// `package.struct`.
     const NAME: &'static str;
+    /// Fewest bytes that its members take.
+    const LEAST_BYTES: usize;
     /// Hash of its own members.
     fn base_fingerprint() -> Fingerprint;
     /// Sum of its children's fingerprints.
@@ -239,12 +241,16 @@ impl Decoder<'_> {
     /// # Errors
     /// As the values' own.
     pub fn take_many<T: Field>(&mut self, count: usize) -> Result<Vec<T>, DecodeError> {
-        let possible = self.left.len() / T::LEAST_BYTES.max(1);
-        if count > possible {
-            let missing = (count - possible).saturating_mul(T::LEAST_BYTES.max(1));
-            return Err(DecodeError::Truncated { missing });
+        let least = count.saturating_mul(T::LEAST_BYTES.max(1));
+        if least > self.left.len() {
+            return Err(DecodeError::Truncated { missing: least - self.left.len() });
         }
-        (0..count).map(|_| self.take()).collect()
+        // So many are there if each is as short as it can be: no memory is taken beyond them.
+        let mut values = Vec::with_capacity(count);
+        for _ in 0..count {
+            values.push(self.take()?);
+        }
+        Ok(values)
     }
 
     /// Reads a length member.
@@ -330,12 +336,16 @@ impl Field for String {
         let (text, left) = input.left.split_at(length);
         input.left = left;
         let text = text.strip_suffix(&[0]).ok_or(DecodeError::String)?;
+        // With one inside it could be decoded and never be encoded again.
+        if text.contains(&0) {
+            return Err(DecodeError::String);
+        }
         String::from_utf8(text.to_vec()).map_err(|_| DecodeError::String)
     }
 }
 
 impl<M: Message> Field for M {
-    const LEAST_BYTES: usize = 1;
+    const LEAST_BYTES: usize = <M as Message>::LEAST_BYTES;
     fn put_into(&self, out: &mut Encoder) -> Result<(), EncodeError> {
         self.encode_body(out)
     }
@@ -384,6 +394,14 @@ mod tests {
         let state =
             LcmtRobotState { utime: 0, joint_name: vec!["a".into()], joint_position: vec![] };
         assert!(matches!(encode(&state), Err(EncodeError::Lengths { .. })));
+    }
+
+    #[test]
+    fn a_string_with_a_nul_inside_is_refused() {
+        let mut bytes = encode(&plan()).unwrap();
+        let inside = bytes.windows(6).position(|w| w == b"fridge").unwrap() + 2;
+        bytes[inside] = 0;
+        assert_eq!(decode::<LcmtRobotPlan>(&bytes), Err(DecodeError::String));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Our codec against lcm-gen's C: what we encode, C decodes and encodes again to the same
 //! bytes, and the fingerprints in front are equal.
 
-use linkage_lcm::messages::{articulation, drake, kinect, linkage};
+use linkage_lcm::messages::{articulation, drake, kinect, linkage, openni};
 use linkage_lcm::{Message, decode, encode};
 use std::io::Write;
 use std::path::Path;
@@ -167,6 +167,9 @@ fn check_what_a_service_hears_and_tells(dir: &Path) {
             outside_range: false,
             has_grasp: true,
             grasp: [0.1, 0.2, 1.3],
+            session: 4,
+            expiry_utime: 9,
+            signature: vec![7; 32],
         },
     );
     check(
@@ -246,6 +249,38 @@ fn check_frames(dir: &Path) {
             tilt_radians: 0.2,
             led_status: 1,
             tilt_status: 0,
+        },
+    );
+    check(
+        dir,
+        &openni::FrameMsg {
+            timestamp: 9,
+            image: openni::ImageMsg {
+                timestamp: 10,
+                width: 2,
+                height: 1,
+                pixel_offset: [3, -4],
+                image_data: vec![1, 2, 3, 4, 5, 6],
+                image_data_format: openni::ImageMsg::VIDEO_RGB,
+            },
+            depth: openni::DepthMsg {
+                timestamp: 11,
+                width: 2,
+                height: 1,
+                pixel_offset: [-5, 6],
+                depth_data: vec![9, 8, 7, 6],
+                compression: openni::DepthMsg::COMPRESSION_NONE,
+                uncompressed_size: 4,
+                viewpoint: openni::DepthMsg::VIEWPOINT_RGB,
+                focal_length: 575.8,
+            },
+            disparity: openni::DisparityMsg {
+                timestamp: 12,
+                width: 1,
+                height: 1,
+                pixel_offset: [7, 8],
+                disparity_data: vec![1, 2],
+            },
         },
     );
 }

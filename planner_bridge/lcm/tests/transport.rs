@@ -3,6 +3,7 @@
 mod support;
 
 use linkage_lcm::messages::linkage::Status;
+use linkage_lcm::udpm::Network;
 use linkage_lcm::{Lcm, LcmError, decode};
 use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
@@ -73,6 +74,41 @@ fn messages_that_a_sender_left_out_are_counted_as_lost() {
 }
 
 #[test]
+fn each_image_is_received_or_counted_as_missing() {
+    let url = url(59);
+    // A buffer that holds no image.
+    let mut listener = listener(&format!("{url}&recv_buf_size=50000"));
+    let sender = Lcm::new(&url).unwrap();
+    sender.publish_bytes("KINECT_FRAME", b"first").unwrap();
+    assert!(next(&mut listener, "KINECT_FRAME", PATIENCE).is_some());
+    (0..50).for_each(|_| sender.publish_bytes("KINECT_FRAME", &image(300_000)).unwrap());
+    // Until one arrives, of those after the images too.
+    let mut sent = 51;
+    loop {
+        sent += 1;
+        sender.publish_bytes("LAST", b"last").unwrap();
+        if next(&mut listener, "LAST", Duration::from_millis(100)).is_some() {
+            break;
+        }
+    }
+    std::thread::sleep(Duration::from_millis(700));
+    let reception = listener.reception();
+    assert_eq!(reception.received + reception.missing(), sent);
+    assert!(reception.missing() > 0 && reception.refused == 0);
+}
+
+#[test]
+fn a_datagram_is_sent_without_allocating() {
+    let network = Network::parse(&url(60)).unwrap();
+    let sender = network.sender().unwrap();
+    sender.set_nonblocking(true).unwrap();
+    network.self_test(&sender, PATIENCE).unwrap();
+    let datagram = b"LC02\0\0\0\0LINKAGE_SETPOINT\0abc";
+    let memory = allocation_counter::measure(|| sender.send(datagram).unwrap());
+    assert_eq!(memory.count_total, 0);
+}
+
+#[test]
 fn what_nobody_takes_in_time_is_counted() {
     let url = url(54);
     let listener = listener(&url);
@@ -126,16 +162,23 @@ fn urls_that_name_no_network_are_refused_with_what_to_do() {
     }
 }
 
-/// A peer that accepts connections and answers with some bytes; then it is gone.
-fn peer(answer: &'static [u8], connections: usize) -> String {
+/// What a server of `tcpq` says first.
+const HELLO: &[u8] = b"\x28\x76\x17\xfa\0\0\x01\0";
+
+/// A peer that accepts some connections, answers with some bytes, and closes each but the one of
+/// number `kept`; then it is gone.
+fn peer(answer: &'static [u8], connections: usize, kept: usize) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("tcpq://{}", listener.local_addr().unwrap());
     std::thread::spawn(move || {
-        for _ in 0..connections {
+        for number in 1..=connections {
             let (mut socket, _) = listener.accept().unwrap();
             let mut hello = [0; 8];
             let _ = socket.read_exact(&mut hello);
             let _ = socket.write_all(answer);
+            if number == kept {
+                let _ = std::io::copy(&mut socket, &mut std::io::sink());
+            }
         }
     });
     url
@@ -143,7 +186,7 @@ fn peer(answer: &'static [u8], connections: usize) -> String {
 
 #[test]
 fn a_peer_that_is_no_server_is_told_and_does_not_hold_us_up() {
-    let error = Lcm::new(&peer(b"SSH-2.0-OpenSSH", 1)).err().unwrap().to_string();
+    let error = Lcm::new(&peer(b"SSH-2.0-OpenSSH", 1, 0)).err().unwrap().to_string();
     assert!(error.contains("no LCM server"), "{error}");
     let silent = TcpListener::bind("127.0.0.1:0").unwrap();
     let start = Instant::now();
@@ -155,7 +198,7 @@ fn a_peer_that_is_no_server_is_told_and_does_not_hold_us_up() {
 #[test]
 fn a_server_that_vanishes_is_an_error() {
     // The first connection is the one that asks whether there is a server at all.
-    let mut lcm = Lcm::new(&peer(b"\x28\x76\x17\xfa\0\0\x01\0", 2)).unwrap();
+    let mut lcm = Lcm::new(&peer(HELLO, 2, 0)).unwrap();
     lcm.subscribe("C").unwrap();
     for _ in 0..3 {
         assert!(matches!(lcm.receive(Duration::from_secs(1)), Err(LcmError::Receive { .. })));
@@ -165,7 +208,7 @@ fn a_server_that_vanishes_is_an_error() {
 
 #[test]
 fn a_server_that_returns_is_published_to_again() {
-    let mut lcm = Lcm::new(&peer(b"\x28\x76\x17\xfa\0\0\x01\0", 4)).unwrap();
+    let mut lcm = Lcm::new(&peer(HELLO, 4, 4)).unwrap();
     lcm.subscribe("C").unwrap();
     assert!(lcm.receive(Duration::from_secs(1)).is_err());
     assert!(lcm.publish_bytes("C", b"abc").is_ok());

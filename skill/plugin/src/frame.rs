@@ -81,7 +81,7 @@ pub(crate) unsafe fn taken(frame: *const linkage_frame) -> Result<RgbdFrame, Fai
         cx: c.cx,
         cy: c.cy,
         depth_units_per_metre: 1000.0,
-        distortion: c.distortion,
+        distortion: PinholeCamera::brown(c.distortion),
     };
     camera.check().map_err(Failure::bad)?;
     // SAFETY: the caller of this function promises it.

@@ -1,6 +1,6 @@
 //! An object's pose with the configuration of its joints.
 
-use crate::articulate::JointGeometry;
+use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, matrix_pose};
 use crate::model::ObjectModel;
 use nalgebra::{DVector, IsometryMatrix3, Point3, UnitQuaternion, Vector3};
@@ -22,11 +22,39 @@ pub struct ChainJoint {
     pub parent: usize,
     /// Moved part.
     pub child: usize,
+    /// Range that was seen.
+    pub range: [f64; 2],
     /// Range with a margin.
     pub low: f64,
     /// Range with a margin.
     pub high: f64,
 }
+
+impl ChainJoint {
+    /// Of a line, the carrying and the moved part, and the range that was seen.
+    pub fn new(geometry: JointGeometry, [parent, child]: [usize; 2], range: [f64; 2]) -> Self {
+        let margin = 0.06 * (range[1] - range[0]) + 0.02;
+        let (low, high) = (range[0] - margin, range[1] + margin);
+        Self { geometry, parent, child, range, low, high }
+    }
+
+    /// Standard deviation of how far it moves beyond the range that was seen, rad or m.
+    pub fn slack(&self) -> f64 {
+        if self.geometry.kind == JointKind::Prismatic { SLIDE_SLACK } else { TURN_SLACK }
+    }
+
+    /// How far a configuration lies outside the range that was seen, below it negative.
+    pub fn excess(&self, q: f64) -> f64 {
+        q - q.clamp(self.range[0], self.range[1].max(self.range[0]))
+    }
+}
+
+/// How far joints turn, in deviations, beyond the range that was seen: radians.
+const TURN_SLACK: f64 = 0.02;
+/// The same for slides, metres.
+const SLIDE_SLACK: f64 = 0.01;
+/// Surfels that say as much as one unit of log-likelihood: neighbours err alike.
+const SURFELS_PER_NAT: f64 = 5.0;
 
 /// The object's kinematic tree.
 pub struct Articulated {
@@ -42,16 +70,7 @@ impl Articulated {
         let joints = model
             .joints
             .iter()
-            .map(|j| {
-                let margin = 0.06 * (j.range[1] - j.range[0]) + 0.02;
-                ChainJoint {
-                    geometry: j.geometry(),
-                    parent: j.parent,
-                    child: j.child,
-                    low: j.range[0] - margin,
-                    high: j.range[1] + margin,
-                }
-            })
+            .map(|j| ChainJoint::new(j.geometry(), [j.parent, j.child], j.range))
             .collect();
         Self { parts: model.parts.len(), joints }
     }
@@ -59,6 +78,13 @@ impl Articulated {
     /// The configuration in the middle of what was seen, nearest to 0.
     pub fn rest(&self) -> Vec<f64> {
         self.joints.iter().map(|j| 0.0_f64.clamp(j.low, j.high)).collect()
+    }
+
+    /// How much a state is less likely for joints that stand outside the range that was seen, in
+    /// surfels of agreement.
+    pub fn range_penalty(&self, state: &State) -> f64 {
+        let excess = |(joint, q): (&ChainJoint, &f64)| (joint.excess(*q) / joint.slack()).powi(2);
+        SURFELS_PER_NAT * 0.5 * self.joints.iter().zip(&state.q).map(excess).sum::<f64>()
     }
 
     /// `object_from_part` by part, relative to configuration 0.

@@ -153,7 +153,7 @@ mod tests {
     /// A flap hinged in front of the wall, pointing straight away from the camera at 0.
     fn flap() -> (Articulated, Cloud) {
         let geometry = JointGeometry::hinge(Vector3::x_axis(), Point3::new(0.0, 0.0, 1.2));
-        let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: -1.0, high: 1.0 }];
+        let joints = vec![ChainJoint::new(geometry, [0, 1], [-1.0, 1.0])];
         let grid = || {
             (0..30).flat_map(|i| (0..30).map(move |j| (0.01 * f64::from(i), 0.01 * f64::from(j))))
         };

@@ -8,11 +8,13 @@
 //! hardly ever does. Where neither depth nor lightness tells how far a joint has moved, its
 //! deviation grows with time. [`Follower::is_unsure`] then says that recognition should be asked
 //! again, and [`Follower::consider`] takes its answer. A configuration that was not told before is
-//! asked for rivals, as in recognition.
+//! asked for rivals, as in recognition. A base that the moving part hides is where it was as long
+//! as the camera stands still ([`EdgeView`]).
 
 use super::articulated::{Articulated, State};
 use super::elimination::told_within;
 use super::scene::Scene;
+use super::stillness::EdgeView;
 use super::system::{System, add_surface};
 use super::verify::{Cloud, Verdict, verify, visible};
 use super::{
@@ -96,6 +98,9 @@ pub struct Follower {
     step: Vec<f64>,
     unseen: usize,
     base_seen: bool,
+    /// The picture in which the base was seen last, and what that told of each configuration.
+    base_view: Option<EdgeView>,
+    base_deviations: Vec<Option<f64>>,
     /// Joints whose configuration was told in the last frame.
     told: Vec<bool>,
     /// Joints whose configuration was told at any time.
@@ -148,6 +153,8 @@ impl Follower {
             step,
             unseen: 0,
             base_seen: false,
+            base_view: None,
+            base_deviations: found.joints.iter().map(|j| j.deviation).collect(),
             ever_told: told.clone(),
             deviations: found.joints.iter().map(|j| j.deviation).collect(),
             last_utime: None,
@@ -221,6 +228,13 @@ impl Follower {
         }
         tracing::debug!(score, seen, q = ?self.state.q, ?verdict, "followed");
         self.deviations = self.deviations(&scene, considered.as_ref());
+        let base_stands = seen && verdict.parts[0].stands();
+        if base_stands || self.base_view.is_none() {
+            self.base_view = Some(EdgeView::of(&scene));
+        }
+        if self.base_seen {
+            self.base_deviations.clone_from(&self.deviations);
+        }
         self.last_utime = Some(frame.utime);
         let found = self.evidence(&scene, verdict, seen, considered.as_ref());
         self.told.clone_from(&found.evident);
@@ -238,9 +252,11 @@ impl Follower {
             .map(|start| {
                 let state = self.align(scene, start);
                 let verdict = verify(scene, &self.articulated, &self.object.cloud, &state);
-                (state, verdict)
+                let fit = verdict.fit() - self.articulated.range_penalty(&state);
+                (fit, state, verdict)
             })
-            .max_by(|a, b| a.1.fit().total_cmp(&b.1.fit()))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, state, verdict)| (state, verdict))
             .expect("two states are tried")
     }
 
@@ -252,7 +268,9 @@ impl Follower {
         seen: bool,
         considered: Option<&Considered>,
     ) -> Found {
-        let stands: Vec<bool> = verdict.parts.iter().map(|p| seen && p.stands()).collect();
+        let mut stands: Vec<bool> = verdict.parts.iter().map(|p| seen && p.stands()).collect();
+        // A base that is hidden stays where it was while the camera does.
+        stands[0] |= seen && self.base_view.as_ref().is_some_and(|view| view.is_still(scene));
         let looks_right: Vec<bool> = verdict.parts.iter().map(|p| seen && p.is_seen()).collect();
         let standing = evident_joints(&self.articulated, &stands);
         let evident = evident_joints(&self.articulated, &looks_right);
@@ -323,10 +341,15 @@ impl Follower {
         let mut system = System::new(6 + articulated.joints.len());
         add_surface(&mut system, scene, articulated, &object.cloud, state, gate);
         add_lightness(&mut system, scene, articulated, &object.cloud, state, (gate, reach));
-        if !self.base_seen {
-            system.hold_pose(HOLD);
+        system.draw_into_range(articulated, state);
+        if self.base_seen {
+            return configuration_deviations(articulated, &system);
         }
-        configuration_deviations(articulated, &system)
+        // The joints turn about a base that is no better known than when it was seen.
+        system.hold_pose(HOLD);
+        let with_base = |(held, base): (Option<f64>, &Option<f64>)| Some(held?.hypot((*base)?));
+        let held = configuration_deviations(articulated, &system);
+        held.into_iter().zip(&self.base_deviations).map(with_base).collect()
     }
 
     fn expected(&self) -> State {
@@ -353,6 +376,7 @@ impl Follower {
                 break;
             }
             add_lightness(&mut system, scene, &self.articulated, cloud, &state, (gate, reach));
+            system.draw_into_range(&self.articulated, &state);
             if !self.base_seen {
                 system.hold_pose(HOLD);
             }

@@ -92,6 +92,28 @@ pub fn unique_inliers(
     places(own.filter(|m| agrees(m, &poses[m.part], 1.0)))
 }
 
+/// Inliers of a state on one part, as [`unique_inliers`] counts them, each worth 1 where it fits
+/// exactly and 0 where it only just agrees.
+pub fn fit_of_inliers(
+    articulated: &Articulated,
+    matches: &[Match],
+    state: &State,
+    part: usize,
+) -> f64 {
+    let pose = &articulated.matrices(state)[part];
+    let closeness = |m: &Match| {
+        let squared = Pair::of(m)?.residual_squared(pose, 1.0)?;
+        Some(1.0 - squared)
+    };
+    let close: Vec<(f64, &Match)> = matches
+        .iter()
+        .filter(|m| m.part == part)
+        .filter_map(|m| Some((closeness(m)?, m)))
+        .collect();
+    let mean = close.iter().map(|(c, _)| c).sum::<f64>() / close.len().max(1) as f64;
+    mean * places(close.into_iter().map(|(_, m)| m)) as f64
+}
+
 /// Places of matches, each counted once on the object and in the picture.
 pub fn places<'m>(matches: impl Iterator<Item = &'m Match>) -> usize {
     let (mut on_object, mut in_picture) = (HashSet::new(), HashSet::new());

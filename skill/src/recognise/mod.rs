@@ -19,6 +19,7 @@ mod rivals;
 mod scene;
 #[cfg(test)]
 mod specimen;
+mod stillness;
 mod surfaces;
 mod system;
 mod taken;

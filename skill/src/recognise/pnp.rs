@@ -229,7 +229,7 @@ mod tests {
     /// A box and its door, hinged at its left edge.
     fn cupboard() -> Articulated {
         let geometry = JointGeometry::hinge(Vector3::y_axis(), Point3::new(-0.3, 0.0, 1.5));
-        let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: -0.1, high: 1.6 }];
+        let joints = vec![ChainJoint::new(geometry, [0, 1], [-0.1, 1.6])];
         Articulated { parts: 2, joints }
     }
 

@@ -118,6 +118,7 @@ impl Refiner<'_> {
         let surface = verify(self.scene, self.articulated, cloud, state).fit();
         surface * self.cloud.surfels.len() as f64 / cloud.surfels.len().max(1) as f64
             + FEATURE_WORTH * features
+            - self.articulated.range_penalty(state)
     }
 
     /// Joints with few inliers on one of their sides.
@@ -217,6 +218,7 @@ impl Refiner<'_> {
         let mut system = System::new(6 + self.articulated.joints.len());
         add_surface(&mut system, self.scene, self.articulated, self.cloud, state, FINAL_GATE_M);
         self.add_features(&mut system, state, 1.2, 0.5);
+        system.draw_into_range(self.articulated, state);
         system
     }
 
@@ -237,6 +239,7 @@ impl Refiner<'_> {
                 break;
             }
             self.add_features(&mut system, &state, 1.2, 0.5);
+            system.draw_into_range(self.articulated, &state);
             let Some(step) = system.solve(10.0) else { break };
             let done = step.amax() < 2e-4;
             state = self.articulated.stepped(&state, &step);

@@ -4,7 +4,7 @@
 
 use super::articulated::State;
 use super::elimination::told_within;
-use super::hypothesis::unique_inliers;
+use super::hypothesis::fit_of_inliers;
 use super::refine::{FEATURE_WORTH, Refiner};
 use super::verify::{PartVerdict, verify};
 use rayon::prelude::*;
@@ -36,7 +36,10 @@ pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
             let mut elsewhere = state.q.clone();
             elsewhere[joint] = q;
             let elsewhere = articulated.state_with(held[0], &camera_from_held, elsewhere);
-            of(&explained(refiner, &elsewhere), &weak) > AS_GOOD * of_moving.min(of_resting)
+            let explained = of(&explained(refiner, &elsewhere), &weak);
+            // What was never seen to happen is no rival of what was.
+            let penalty = articulated.range_penalty(&elsewhere) - articulated.range_penalty(state);
+            explained - penalty.max(0.0) > AS_GOOD * of_moving.min(of_resting)
         });
     if has_rival { weak } else { Vec::new() }
 }
@@ -45,8 +48,7 @@ pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
 fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
     let verdict = verify(refiner.scene, refiner.articulated, refiner.cloud, state);
     let of_part = |(part, seen): (usize, &PartVerdict)| {
-        let features =
-            unique_inliers(refiner.articulated, refiner.matches, state, Some(part)) as f64;
+        let features = fit_of_inliers(refiner.articulated, refiner.matches, state, part);
         seen.fit() + FEATURE_WORTH * features
     };
     verdict.parts.iter().enumerate().map(of_part).collect()
@@ -70,7 +72,7 @@ mod tests {
         let frame = seen(0, |x, y| if on_board(x, y) { BOARD_M } else { depth(x, y) });
         let scene = Scene::plain(&frame).unwrap();
         let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
-        let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: -0.1, high: 0.1 }];
+        let joints = vec![ChainJoint::new(geometry, [0, 1], [-0.1, 0.1])];
         let articulated = Articulated { parts: 2, joints };
         let cloud = slider_surface(|_| 50.0);
         let refiner = Refiner {

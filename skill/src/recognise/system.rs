@@ -37,6 +37,19 @@ impl System {
         self.hessian.syger(weight, &self.row, &self.row, 1.0);
     }
 
+    /// Draws joints back that stand outside the range that was seen: a joint may turn a little
+    /// further than it was shown, but where the picture hardly tells, it does not.
+    pub fn draw_into_range(&mut self, articulated: &Articulated, state: &State) {
+        for (j, (joint, q)) in articulated.joints.iter().zip(&state.q).enumerate() {
+            let excess = joint.excess(*q);
+            if excess != 0.0 {
+                let weight = joint.slack().powi(-2);
+                self.gradient[6 + j] += weight * excess;
+                self.hessian[(6 + j, 6 + j)] += weight;
+            }
+        }
+    }
+
     /// Holds the first unknowns, the pose, where they are.
     pub fn hold_pose(&mut self, weight: f64) {
         for k in 0..6 {

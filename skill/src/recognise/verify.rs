@@ -218,11 +218,16 @@ impl PartVerdict {
         through / (self.agree as f64 + through).max(1.0)
     }
 
-    /// Agreement in depth, worth more where it also looks right, and where it ends as learned.
+    /// Agreement in depth, in surfels: worth more where the surface also looks right and ends as
+    /// learned. Surface that has texture and looks like another one speaks against the state: any
+    /// plane agrees with any other in depth.
     pub fn fit(&self) -> f64 {
-        let looks = self.correlation.unwrap_or(0.0).max(0.0);
-        self.agree as f64 * (0.4 + 1.2 * looks) + self.ends.as_learned as f64
-            - 2.0 * self.through as f64
+        let worth = self.correlation.map_or(PLAIN_WORTH, |correlation| {
+            let looks = (correlation.max(0.0) - CHANCE) / (1.0 - CHANCE);
+            PLAIN_WORTH + self.texture * (LIKE_WORTH * looks - PLAIN_WORTH)
+        });
+        let ends = self.ends.as_learned as f64 - self.ends.goes_on as f64;
+        self.agree as f64 * worth + ends - 2.0 * self.through as f64
     }
 
     fn looks_right(&self) -> bool {
@@ -271,6 +276,12 @@ pub struct Verdict {
     pub parts: Vec<PartVerdict>,
 }
 
+/// What a surfel at its depth is worth whose looks tell nothing.
+const PLAIN_WORTH: f64 = 0.4;
+/// What one is worth whose surface looks just as learned.
+const LIKE_WORTH: f64 = 1.6;
+/// Correlation of colour that another surface has as often as the learned one in poor light.
+const CHANCE: f64 = 0.3;
 /// Surfels of a part that must be where a state claims them for the part to be there.
 const LEAST_STANDING: usize = 25;
 /// Surfels of the base that one counts for where it is seen through.
@@ -686,7 +697,7 @@ mod tests {
     #[test]
     fn a_surface_alone_is_half_a_mechanism() {
         let geometry = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
-        let joints = vec![ChainJoint { geometry, parent: 0, child: 1, low: 0.0, high: 1.0 }];
+        let joints = vec![ChainJoint::new(geometry, [0, 1], [0.0, 1.0])];
         let articulated = Articulated { parts: 2, joints };
         let with_door = |door| verdict(vec![part(500, 0), door]).mechanism(&articulated);
         assert_eq!(with_door(part(0, 0)), 0.5);

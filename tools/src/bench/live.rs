@@ -6,6 +6,7 @@ use anyhow::{Context, anyhow};
 use linkage_driver::{RgbdFrame, RgbdSource, SourceError, SourceStatistics};
 use linkage_lcm::messages::linkage::{Command, Status};
 use linkage_lcm::{Lcm, Message, decode};
+use linkage_planner_bridge::client::addressed;
 use linkage_planner_bridge::service::{
     Playback, ServiceConfig, ServiceReport, SourceOpener, serve,
 };
@@ -158,7 +159,7 @@ pub struct Live {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<anyhow::Result<ServiceReport>>,
     lcm: Lcm,
-    commands: i64,
+    session: i64,
 }
 
 impl Live {
@@ -175,10 +176,13 @@ impl Live {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || Ok(serve(open, &config, &stopped)?));
-        let mut live = Self { stop, thread, lcm, commands: 0 };
-        if live.receive::<Status>(channel::STATUS, Duration::from_secs(20), |_| true)?.is_none() {
-            live.stop()?;
-            return Err(anyhow!("the service told nothing").into());
+        let mut live = Self { stop, thread, lcm, session: 0 };
+        match live.receive::<Status>(channel::STATUS, Duration::from_secs(20), |_| true)? {
+            Some(status) => live.session = status.session,
+            None => {
+                live.stop()?;
+                return Err(anyhow!("the service told nothing").into());
+            }
         }
         Ok(live)
     }
@@ -191,18 +195,11 @@ impl Live {
 
     /// Sends a command; its name.
     pub fn tell(&mut self, action: i8, object: &str, target: &str) -> Outcome<i64> {
-        self.commands += 1;
         let (object, target) = (object.to_owned(), target.to_owned());
-        let command = Command {
-            utime: self.commands,
-            schema: 1,
-            action,
-            object,
-            target,
-            ..Command::default()
-        };
+        let command = Command { action, object, target, ..Command::default() };
+        let command = addressed(&command, self.session);
         self.lcm.publish(channel::COMMAND, &command)?;
-        Ok(self.commands)
+        Ok(command.utime)
     }
 
     /// The status in which nothing more will become of a command.

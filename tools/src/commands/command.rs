@@ -3,49 +3,28 @@
 use super::{Failure, Outcome};
 use crate::cli::{CommandArgs, ServiceAction};
 use anyhow::anyhow;
-use linkage_driver::live::host_utime;
 use linkage_lcm::messages::linkage;
-use linkage_lcm::{Lcm, decode};
-use linkage_planner_bridge::channel;
-use std::time::{Duration, Instant};
-
-/// Time after which a command is sent again: it is not done twice.
-const AGAIN_AFTER: Duration = Duration::from_millis(500);
+use linkage_planner_bridge::service::CommandKey;
+use linkage_planner_bridge::{Client, ClientError};
+use std::time::Duration;
 
 pub fn run(args: &CommandArgs) -> Outcome {
     let command = message(args)?;
-    let mut lcm = Lcm::new(&args.publish)?;
-    lcm.subscribe(channel::STATUS)?;
     let wait = Duration::try_from_secs_f64(args.wait).map_err(|e| anyhow!("--wait: {e}"))?;
-    let start = Instant::now();
-    let mut sent: Option<Instant> = None;
-    let mut progress =
-        "no service answers; is \"linkage serve\" running on this network?".to_owned();
-    while start.elapsed() < wait {
-        if sent.is_none_or(|at| at.elapsed() > AGAIN_AFTER) {
-            lcm.publish(channel::COMMAND, &command)?;
-            sent = Some(Instant::now());
-        }
-        let Some(packet) = lcm.receive(AGAIN_AFTER)? else { continue };
-        let Ok(status) = decode::<linkage::Status>(&packet.bytes) else { continue };
-        if status.command_utime != command.utime {
-            continue;
-        }
-        let answer = status.command_answer;
-        if !status.command_accepted {
-            return Err(Failure::no_answer(answer));
-        }
-        if status.command_done {
+    let key = args.key.as_deref().map(CommandKey::read).transpose()?;
+    let mut client = Client::new(&args.publish, key)?;
+    match client.done(&command, wait) {
+        Ok(answer) => {
             println!("{answer}");
-            return Ok(());
+            Ok(())
         }
-        progress = format!("{answer}, not done yet; wait longer with --wait");
+        Err(e @ ClientError::Lcm(_)) => Err(e.into()),
+        Err(e) => Err(Failure::no_answer(e)),
     }
-    Err(Failure::no_answer(format!("{}: after {:.1} s: {progress}", args.publish, args.wait)))
 }
 
 fn message(args: &CommandArgs) -> Outcome<linkage::Command> {
-    let empty = linkage::Command { utime: host_utime(), schema: 1, ..Default::default() };
+    let empty = linkage::Command::default();
     let named = |object: &Option<String>| object.clone().unwrap_or_default();
     Ok(match &args.action {
         ServiceAction::Start { object } => linkage::Command {

@@ -1,11 +1,11 @@
 //! `linkage doctor`: does this machine have what is needed, and what does a source deliver?
 
-use super::source::{losses, open};
+use super::source::{losses, open, repairs};
 use super::{Failure, Outcome};
 use crate::cli::{DoctorArgs, SourceArgs};
 use anyhow::{Context, bail};
 use linkage_driver::{RgbdSource, freenect, openni2, v4l};
-use linkage_lcm::Lcm;
+use linkage_lcm::{Lcm, Reception};
 use linkage_planner_bridge::Rig;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -14,8 +14,9 @@ use std::time::{Duration, Instant};
 const MEASURED_S: f64 = 5.0;
 /// The kernel's driver that takes a Kinect for a webcam.
 const KINECT_MODULE: &str = "gspca_kinect";
-/// Receive buffer that holds two raw frames, bytes.
-const WANTED_RECEIVE_BUFFER: u64 = 4 << 20;
+/// A Kinect's frame as a message: raw, and with JPEG and zlib, bytes.
+const RAW_FRAME: usize = 640 * 480 * 5;
+const PACKED_FRAME: usize = 150_000;
 
 /// What a check found.
 enum Finding {
@@ -41,7 +42,7 @@ pub fn run(args: &DoctorArgs) -> Outcome {
         ("processors", processors().into()),
         ("scratch space", scratch().into()),
         ("LCM network", lcm(url).into()),
-        ("LCM receive buffer", receive_buffer()),
+        ("LCM receive buffer", receive_buffer(url)),
         ("Kinect (libfreenect)", kinect()),
         ("OpenNI2", openni2_devices()),
         ("V4L2", v4l2_devices()),
@@ -99,17 +100,34 @@ fn routes() -> String {
     }
 }
 
-/// Frames over LCM are larger than the kernel's usual buffer.
-fn receive_buffer() -> Finding {
-    let path = "/proc/sys/net/core/rmem_max";
-    let limit = std::fs::read_to_string(path).ok().and_then(|s| s.trim().parse::<u64>().ok());
-    match limit {
-        None => Absent(format!("{path} cannot be read")),
-        Some(bytes) if bytes >= WANTED_RECEIVE_BUFFER => Fine(format!("{bytes} bytes")),
-        Some(bytes) => Absent(format!(
-            "{bytes} bytes; to receive frames over LCM without loss, as root: \"sysctl -w net.core.rmem_max={WANTED_RECEIVE_BUFFER}\", or send JPEG"
-        )),
+/// Frames over LCM are larger than the kernel's usual buffer: what does a socket really get?
+fn receive_buffer(url: &str) -> Finding {
+    let listened = Lcm::new(url).and_then(|mut lcm| {
+        lcm.subscribe("LINKAGE_DOCTOR")?;
+        Ok(lcm.reception())
+    });
+    match listened {
+        Ok(reception) => room_for_frames(&reception),
+        Err(e) => Broken(e.to_string()),
     }
+}
+
+fn room_for_frames(reception: &Reception) -> Finding {
+    let Reception { granted_buffer: granted, requested_buffer: wanted, .. } = *reception;
+    if granted == 0 {
+        return Absent("this kind of network has none".to_owned());
+    }
+    let room = format!(
+        "room for {} raw frames, or {} of JPEG and zlib",
+        granted / RAW_FRAME,
+        granted / PACKED_FRAME
+    );
+    if granted >= wanted {
+        return Fine(format!("{granted} bytes granted: {room}"));
+    }
+    Absent(format!(
+        "{granted} of {wanted} bytes granted: {room}; to receive frames over LCM without loss, as root: \"sysctl -w net.core.rmem_max={wanted}\", and the same line in /etc/sysctl.d/ to keep it"
+    ))
 }
 
 fn kinect() -> Finding {
@@ -200,14 +218,48 @@ fn measure(name: &str, take: &SourceArgs) -> anyhow::Result<String> {
         first.get_or_insert((frame.color.width(), frame.color.height()));
         frames += 1;
     }
-    let Some((width, height)) = first else { bail!("{name}: no frame") };
     let s = source.statistics();
+    let Some((width, height)) = first else {
+        bail!(
+            "{}",
+            [format!("{name}: no frame")]
+                .into_iter()
+                .chain(losses(&s))
+                .collect::<Vec<_>>()
+                .join("; ")
+        );
+    };
     Ok(format!(
         "{name}: {frames} frames of {width}x{height} in {:.1} s, {:.1} a second by their stamps, {:.0} % of depth invalid, colour and depth at most {:.1} ms apart, {}",
         start.elapsed().as_secs_f64(),
         s.rate_hz,
         100.0 * s.invalid_depth,
         s.largest_pair_gap_us as f64 * 1e-3,
-        losses(&s).unwrap_or_else(|| "nothing lost".to_owned()),
+        [losses(&s).unwrap_or_else(|| "nothing lost".to_owned())]
+            .into_iter()
+            .chain(repairs(&s))
+            .collect::<Vec<_>>()
+            .join("; "),
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_buffer_that_was_granted_is_told_in_frames_with_what_to_do() {
+        let reception = Reception {
+            requested_buffer: 8_388_608,
+            granted_buffer: 212_992,
+            ..Reception::default()
+        };
+        let Absent(told) = room_for_frames(&reception) else { panic!("it is too small") };
+        assert!(told.contains("212992 of 8388608 bytes"), "{told}");
+        assert!(told.contains("room for 0 raw frames, or 1 of JPEG"), "{told}");
+        assert!(told.contains("sysctl -w net.core.rmem_max=8388608"), "{told}");
+        let enough = Reception { granted_buffer: 8_388_608, ..reception };
+        assert!(matches!(room_for_frames(&enough), Fine(told) if told.contains("5 raw frames")));
+        assert!(matches!(room_for_frames(&Reception::default()), Absent(_)));
+    }
 }

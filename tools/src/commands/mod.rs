@@ -7,6 +7,7 @@ mod doctor;
 mod export;
 mod fit;
 mod learn;
+mod listen;
 mod output;
 mod predict;
 mod recognise;
@@ -72,6 +73,7 @@ pub fn run(cli: Cli) -> Outcome {
         Command::Predict(args) => predict::run(&args, common),
         Command::Serve(args) => serve::run(&args, common),
         Command::Tell(args) => command::run(&args),
+        Command::Listen(args) => listen::run(&args),
         Command::Record(args) => record::run(&args, common),
         Command::Replay(args) => replay::run(&args, common),
         Command::Fit(args) => fit::run(&args, common),

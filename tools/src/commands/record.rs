@@ -1,6 +1,6 @@
 //! `linkage record`.
 
-use super::source::{losses, open};
+use super::source::{losses, open, repairs};
 use super::{Failure, Outcome};
 use crate::cli::{Common, RecordArgs, RecordFormat};
 use crate::console::Progress;
@@ -23,8 +23,12 @@ pub fn run(args: &RecordArgs, common: &Common) -> Outcome {
     };
     recorder.finish()?;
     progress.finish(&format!("{count} frames in {}", args.out.display()));
-    if let Some(losses) = losses(&frames.statistics()) {
+    let statistics = frames.statistics();
+    if let Some(losses) = losses(&statistics) {
         tracing::warn!(source = args.source, "not recorded: {losses}");
+    }
+    if let Some(repairs) = repairs(&statistics) {
+        tracing::warn!(source = args.source, "{repairs}");
     }
     result?;
     if count == 0 {

@@ -1,7 +1,7 @@
 //! `linkage replay`: any source as a camera on LCM.
 
-use super::Outcome;
 use super::source::open;
+use super::{Failure, Outcome};
 use crate::cli::{Common, ReplayArgs};
 use crate::console::Progress;
 use anyhow::anyhow;
@@ -30,6 +30,9 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Outcome {
         lcm.publish(&args.channel, &message)?;
         progress.step();
         count += 1;
+    }
+    if count == 0 {
+        return Err(Failure::no_answer(format!("{}: no frame", args.source)));
     }
     progress.finish(&format!("{count} frames sent to {} on {}", args.publish, args.channel));
     Ok(())

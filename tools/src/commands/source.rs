@@ -2,17 +2,24 @@
 
 use super::{Failure, Outcome};
 use crate::cli::SourceArgs;
+use linkage_driver::live::host_utime;
 use linkage_driver::{
-    PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions, SourceStatistics,
+    Awaited, Gate, PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions,
+    SourceStatistics, Timeline,
 };
-use std::sync::Arc;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 /// Frames that a live camera gives before its exposure has settled.
 const SETTLING: usize = 5;
 /// Status of a program that was interrupted twice.
 const INTERRUPTED: i32 = 130;
+
+/// How often it is told that a live camera is silent.
+const TOLD_EVERY: Duration = Duration::from_secs(5);
+/// Longest wait for a frame without a look whether to stop.
+const POLL: Duration = Duration::from_millis(100);
 
 /// Opens a source. Ctrl-C ends it, as if it were a recording that is over; a second one ends
 /// the program.
@@ -24,7 +31,20 @@ pub fn open(name: &str, take: &SourceArgs) -> Outcome<Taken> {
     let stop = interrupted();
     let options = SourceOptions { camera, stop: Arc::clone(&stop), ..Default::default() };
     let source = linkage_driver::open_with(name, &options)?;
-    Ok(Taken { source, take: take.clone(), stop, taken: 0, first_utime: None })
+    // A recording ends by its own stamps, a live camera by the clock too: it may be silent.
+    let deadline = take
+        .seconds
+        .filter(|_| source.is_live())
+        .and_then(|s| Instant::now().checked_add(Duration::try_from_secs_f64(s).ok()?));
+    Ok(Taken {
+        source,
+        take: take.clone(),
+        stop,
+        deadline,
+        gate: Gate::new(Timeline::GoesOn),
+        taken: 0,
+        first_utime: None,
+    })
 }
 
 /// Set by the first Ctrl-C or SIGTERM.
@@ -51,6 +71,10 @@ pub struct Taken {
     source: Box<dyn RgbdSource>,
     take: SourceArgs,
     stop: Arc<AtomicBool>,
+    /// When no frame is waited for any more.
+    deadline: Option<Instant>,
+    /// Keeps a live camera's times in order where its clock begins again.
+    gate: Gate,
     taken: usize,
     first_utime: Option<i64>,
 }
@@ -67,6 +91,38 @@ impl Taken {
         }
         last.ok_or_else(|| Failure::no_answer(format!("{}: no frame", self.name())))
     }
+
+    /// The next frame of the source; `None` at its end, at the deadline, or when interrupted.
+    fn await_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
+        if !self.source.is_live() {
+            return self.source.next_frame();
+        }
+        let mut silent_since = Instant::now();
+        let mut told = silent_since;
+        while !self.stop.load(Ordering::Relaxed) {
+            let left = self.deadline.map(|d| d.saturating_duration_since(Instant::now()));
+            if left.is_some_and(|left| left.is_zero()) {
+                return Ok(None);
+            }
+            match self.source.next_frame_within(left.unwrap_or(POLL).min(POLL))? {
+                Awaited::End => return Ok(None),
+                Awaited::Frame(frame) => {
+                    if let Some(frame) = self.gate.pass(frame, host_utime()) {
+                        return Ok(Some(frame));
+                    }
+                    silent_since = Instant::now();
+                }
+                Awaited::Nothing if told.elapsed() >= TOLD_EVERY => {
+                    told = Instant::now();
+                    let seconds = silent_since.elapsed().as_secs();
+                    let source = self.source.name();
+                    tracing::warn!(source, "no frame for {seconds} s: does anything send?");
+                }
+                Awaited::Nothing => {}
+            }
+        }
+        Ok(None)
+    }
 }
 
 impl RgbdSource for Taken {
@@ -75,7 +131,7 @@ impl RgbdSource for Taken {
         if enough || self.stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
-        let Some(frame) = self.source.next_frame()? else { return Ok(None) };
+        let Some(frame) = self.await_frame()? else { return Ok(None) };
         let first = *self.first_utime.get_or_insert(frame.utime);
         if self.take.seconds.is_some_and(|s| (frame.utime - first) as f64 * 1e-6 > s) {
             return Ok(None);
@@ -108,6 +164,7 @@ impl RgbdSource for Taken {
 pub fn losses(s: &SourceStatistics) -> Option<String> {
     let counts = [
         (s.dropped, "dropped, for they came faster than they were taken"),
+        (s.missing, "sent and not arrived, for the network or its receive buffer lost them"),
         (s.unpaired, "pictures without a partner in time"),
         (s.damaged, "damaged"),
         (s.out_of_order, "repeated or out of order"),
@@ -118,4 +175,14 @@ pub fn losses(s: &SourceStatistics) -> Option<String> {
         .map(|(count, what)| format!("{count} {what}"))
         .collect();
     (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// Which time stamps were not used as they are, in words; `None` where all were.
+pub fn repairs(s: &SourceStatistics) -> Option<String> {
+    (s.restamped + s.reconnections > 0).then(|| {
+        format!(
+            "{} frames had a stamp that cannot be and count by their arrival; the camera was opened again or its clock began again {} times",
+            s.restamped, s.reconnections
+        )
+    })
 }

@@ -7,6 +7,7 @@
 
 mod datagram;
 mod network;
+mod own;
 mod reassembly;
 mod receiver;
 mod sender;
@@ -46,18 +47,15 @@ impl Network {
         let datagram = [&datagram::short_header(0)[..], channel.as_bytes(), &[0]].concat();
         let start = Instant::now();
         while start.elapsed() < wait {
-            sender.send(&datagram).map_err(join)?;
+            match sender.send(&datagram) {
+                // One that does not wait; it is tried again.
+                Err(e) if e.kind() == std::io::ErrorKind::WouldBlock => {}
+                sent => sent.map_err(join)?,
+            }
             if listener.receive(SELF_TEST_POLL).is_ok_and(|packet| packet.is_some()) {
                 return Ok(());
             }
         }
         Err(LcmError::NoLoopback { url, waited: wait })
-    }
-}
-
-impl std::fmt::Display for Network {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let Self { group, ttl, receive_buffer } = self;
-        write!(f, "udpm://{group}?ttl={ttl}&recv_buf_size={receive_buffer}")
     }
 }

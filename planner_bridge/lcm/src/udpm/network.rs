@@ -1,9 +1,11 @@
 //! The network that a `udpm://` URL names.
 
+use super::own::OwnAddresses;
 use super::sender::DatagramSender;
 use socket2::{Domain, Protocol, Socket, Type};
+use std::fmt;
 use std::io;
-use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 
 /// The group and port of a URL that names none, as liblcm has them.
 const DEFAULT_GROUP: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::new(239, 255, 76, 67), 7667);
@@ -107,9 +109,20 @@ impl Network {
         Ok((socket.into(), granted))
     }
 
-    /// Whether packets of other hosts are not to be heard.
-    pub(super) fn is_this_host_only(&self) -> bool {
-        self.ttl == 0
+    /// The only addresses that are heard, where the network is this host's alone.
+    pub(super) fn own_addresses(&self) -> Option<OwnAddresses> {
+        (self.ttl == 0).then(|| OwnAddresses::new(*self.group.ip()))
+    }
+}
+
+impl fmt::Display for Network {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Self { group, ttl, receive_buffer } = self;
+        write!(f, "udpm://{group}?ttl={ttl}")?;
+        if *receive_buffer != DEFAULT_RECEIVE_BUFFER {
+            write!(f, "&recv_buf_size={receive_buffer}")?;
+        }
+        Ok(())
     }
 }
 
@@ -125,35 +138,6 @@ fn address_of(text: &str) -> Result<SocketAddrV4, NetworkError> {
     };
     full.filter(|a: &SocketAddrV4| a.port() != 0)
         .ok_or_else(|| NetworkError::Address(text.to_owned()))
-}
-
-/// The addresses of this host, asked for again when one is not among them.
-#[derive(Debug, Default)]
-pub(super) struct OwnAddresses {
-    known: Vec<IpAddr>,
-    asked: Option<std::time::Instant>,
-}
-
-/// Shortest time between two questions for this host's addresses: a flood of packets from
-/// elsewhere asks no more often.
-const ASK_AGAIN: std::time::Duration = std::time::Duration::from_secs(1);
-
-impl OwnAddresses {
-    /// Whether an address is one of this host.
-    pub fn has(&mut self, address: IpAddr) -> bool {
-        if address.is_loopback() || self.known.contains(&address) {
-            return true;
-        }
-        if self.asked.is_some_and(|t| t.elapsed() < ASK_AGAIN) {
-            return false;
-        }
-        self.asked = Some(std::time::Instant::now());
-        if let Ok(interfaces) = nix::ifaddrs::getifaddrs() {
-            self.known =
-                interfaces.filter_map(|i| Some(i.address?.as_sockaddr_in()?.ip().into())).collect();
-        }
-        self.known.contains(&address)
-    }
 }
 
 #[cfg(test)]
@@ -173,6 +157,8 @@ mod tests {
         assert_eq!(network("udpm://239.255.76.5:7000").ttl, 0);
         assert_eq!(network("udpm://239.255.76.5?ttl=1").group, group(5, 7667));
         assert_eq!(network("udpm://").group, group(67, 7667));
+        assert_eq!(network(url).to_string(), "udpm://239.255.76.5:7000?ttl=3&recv_buf_size=100000");
+        assert_eq!(network("udpm://").to_string(), "udpm://239.255.76.67:7667?ttl=0");
         assert_eq!(network("udpm://?recv_buf_size=0").receive_buffer, DEFAULT_RECEIVE_BUFFER);
     }
 
@@ -192,17 +178,6 @@ mod tests {
         ] {
             let error = Network::parse(url).unwrap_err().to_string();
             assert!(error.contains(word), "{url}: {error}");
-        }
-    }
-
-    #[test]
-    fn this_host_knows_its_addresses_and_no_others() {
-        let mut own = OwnAddresses::default();
-        assert!(own.has(Ipv4Addr::LOCALHOST.into()));
-        assert!(!own.has(Ipv4Addr::new(192, 0, 2, 254).into()));
-        for interface in nix::ifaddrs::getifaddrs().unwrap() {
-            let address = interface.address.and_then(|a| Some(a.as_sockaddr_in()?.ip()));
-            assert!(address.is_none_or(|a| own.has(a.into())), "{interface:?}");
         }
     }
 }

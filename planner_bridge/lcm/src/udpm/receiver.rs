@@ -1,7 +1,8 @@
 //! The thread that empties the socket, so that the system's buffer, which may be small, does not
 //! run over while the packets wait to be taken.
 
-use super::network::{Network, OwnAddresses};
+use super::network::Network;
+use super::own::OwnAddresses;
 use super::reassembly::{Counts, Reassembly};
 use crate::inbox::Inbox;
 use crate::subscriptions::Subscriptions;
@@ -45,7 +46,7 @@ impl Receiver {
         let ear = Ear {
             socket,
             shared: Arc::clone(&shared),
-            own: network.is_this_host_only().then(OwnAddresses::default),
+            own: network.own_addresses(),
             reassembly: Reassembly::default(),
         };
         let thread =
@@ -110,9 +111,13 @@ impl Ear {
                     std::thread::sleep(POLL);
                 }
             }
-            let mut counts = self.shared.counts.lock().unwrap_or_else(PoisonError::into_inner);
-            *counts = self.reassembly.counts();
+            self.tell_counts();
         }
+    }
+
+    fn tell_counts(&self) {
+        let mut counts = self.shared.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        *counts = self.reassembly.counts();
     }
 
     fn take(&mut self, from: SocketAddr, datagram: &[u8]) {
@@ -122,6 +127,8 @@ impl Ear {
         }
         let wanted = self.shared.wanted.read().unwrap_or_else(PoisonError::into_inner);
         if let Some(whole) = self.reassembly.take(from, datagram, &wanted, Instant::now()) {
+            // Who takes the packet finds it counted.
+            self.tell_counts();
             self.shared.inbox.push(Packet {
                 channel: whole.channel,
                 bytes: whole.bytes,

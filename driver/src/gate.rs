@@ -1,0 +1,339 @@
+//! Puts frames in the order of time, whatever their stamps say.
+//!
+//! A stamp is judged by the frames before it and by when its frame arrived. One wrong stamp
+//! must not block the frames after it, and a clock that begins again must not end a source.
+
+use crate::frame::RgbdFrame;
+use crate::statistics::SourceStatistics;
+
+/// What becomes of time once the sender's clock has begun again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Timeline {
+    /// Stamps stay as they are sent: time may step back once.
+    AsSent,
+    /// Time goes on: later stamps are shifted.
+    GoesOn,
+}
+
+/// A step back in time this long is no disorder but another beginning, microseconds.
+const NEW_BEGINNING_US: i64 = 1_000_000;
+/// A step ahead this long is believed without asking when the frames arrived, microseconds.
+const PAUSE_US: i64 = 3_000_000;
+/// Arrivals this far apart are believed, microseconds.
+const LONG_PAUSE_US: i64 = 10_000_000;
+/// How well a long pause by the stamps agrees with the arrivals: so much, and a tenth of it.
+const DISAGREEMENT_US: i64 = 1_000_000;
+/// So many frames in a row that lie behind the last one, in order among themselves, are another
+/// beginning too.
+const BEHIND_IN_A_ROW: usize = 3;
+/// Time between frames that tell none, microseconds.
+const DEFAULT_PERIOD_US: i64 = 33_333;
+/// Stamps that are times at all: above 0, which stands for none, and before the year 2096.
+const TIMES_US: std::ops::Range<i64> = 1..4_000_000_000_000_000;
+
+/// Judges stamps, and counts.
+#[derive(Debug, Clone)]
+pub struct Gate {
+    timeline: Timeline,
+    /// Added to stamps.
+    shift_us: i64,
+    last: Option<Last>,
+    /// The frame before, if its stamp jumped: the first of another beginning, or a single one.
+    jumped: Option<Stamped>,
+    behind: Behind,
+    first_utime: i64,
+    passed: u64,
+    /// What it has counted.
+    pub statistics: SourceStatistics,
+}
+
+/// The last frame that passed.
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    utime: i64,
+    arrival: i64,
+    /// Time from the frame before.
+    period: i64,
+}
+
+/// A stamp, and the time that its frame was given.
+#[derive(Debug, Clone, Copy)]
+struct Stamped {
+    stamp: i64,
+    utime: i64,
+}
+
+/// Frames in a row that lie a little behind the last one.
+#[derive(Debug, Clone, Copy, Default)]
+struct Behind {
+    stamp: i64,
+    count: usize,
+}
+
+impl Gate {
+    /// Nothing has passed.
+    pub fn new(timeline: Timeline) -> Self {
+        Self {
+            timeline,
+            shift_us: 0,
+            last: None,
+            jumped: None,
+            behind: Behind::default(),
+            first_utime: 0,
+            passed: 0,
+            statistics: SourceStatistics::default(),
+        }
+    }
+
+    /// Lets a frame pass that is later than the one before it, at the time that it is given;
+    /// `arrival` is when it was received, microseconds of a clock that goes on.
+    pub fn pass(&mut self, mut frame: RgbdFrame, arrival: i64) -> Option<RgbdFrame> {
+        let utime = self.time(frame.utime, arrival);
+        let Some(utime) = utime else {
+            self.statistics.out_of_order += 1;
+            return None;
+        };
+        let period = self.last.map_or(DEFAULT_PERIOD_US, |last| {
+            let step = utime.saturating_sub(last.utime);
+            if (1..=LONG_PAUSE_US).contains(&step) { step } else { last.period }
+        });
+        self.last = Some(Last { utime, arrival, period });
+        if self.passed == 0 {
+            self.first_utime = utime;
+        }
+        self.passed += 1;
+        if utime > self.first_utime {
+            let seconds = utime.saturating_sub(self.first_utime) as f64 * 1e-6;
+            self.statistics.rate_hz = (self.passed - 1) as f64 / seconds;
+        }
+        self.statistics.invalid_depth = frame.depth.invalid_share();
+        frame.utime = utime;
+        Some(frame)
+    }
+
+    /// The time of a frame; `None` for one that is repeated or out of order.
+    fn time(&mut self, stamp: i64, arrival: i64) -> Option<i64> {
+        let Some(last) = self.last else { return Some(self.first_time(stamp, arrival)) };
+        if !TIMES_US.contains(&stamp) {
+            self.statistics.restamped += 1;
+            self.jumped = None;
+            return Some(last.utime.saturating_add(last.since(arrival)));
+        }
+        let time = stamp.saturating_add(self.shift_us);
+        let step = time.saturating_sub(last.utime);
+        if step <= 0 && step > -NEW_BEGINNING_US {
+            return self.a_little_behind(stamp, last, arrival);
+        }
+        self.behind = Behind::default();
+        let pause = arrival.saturating_sub(last.arrival);
+        let agrees = step.saturating_sub(pause).saturating_abs() < DISAGREEMENT_US + step / 10;
+        if step > 0 && (step <= PAUSE_US || agrees) {
+            self.jumped = None;
+            return Some(time);
+        }
+        Some(self.jump(stamp, last, arrival))
+    }
+
+    /// The first frame's time: its stamp, or where that is none its arrival.
+    fn first_time(&mut self, stamp: i64, arrival: i64) -> i64 {
+        if TIMES_US.contains(&stamp) || !TIMES_US.contains(&arrival) {
+            return stamp.clamp(0, TIMES_US.end);
+        }
+        self.statistics.restamped += 1;
+        arrival
+    }
+
+    /// A frame not later than the last one is left out, unless those before it were so too and
+    /// it goes on from them.
+    fn a_little_behind(&mut self, stamp: i64, last: Last, arrival: i64) -> Option<i64> {
+        let goes_on = self.behind.count > 0 && stamp > self.behind.stamp;
+        let count = if goes_on { self.behind.count + 1 } else { 1 };
+        self.behind = Behind { stamp, count };
+        if count < BEHIND_IN_A_ROW {
+            return None;
+        }
+        self.behind = Behind::default();
+        let utime = last.utime.saturating_add(last.since(arrival));
+        Some(self.begin_again(stamp, Stamped { stamp, utime }))
+    }
+
+    /// A stamp far from those before it: the frame's time is reckoned from its arrival, and if
+    /// the next one goes on from it, the clock has begun again.
+    fn jump(&mut self, stamp: i64, last: Last, arrival: i64) -> i64 {
+        let goes_on = |before: &Stamped| (1..=LONG_PAUSE_US).contains(&(stamp - before.stamp));
+        if let Some(before) = self.jumped.take().filter(goes_on) {
+            return self.begin_again(stamp, before);
+        }
+        self.statistics.restamped += 1;
+        let utime = last.utime.saturating_add(last.since(arrival));
+        self.jumped = Some(Stamped { stamp, utime });
+        utime
+    }
+
+    /// Takes up a clock that has begun again, by a stamp of it and the time that it stands for.
+    fn begin_again(&mut self, stamp: i64, known: Stamped) -> i64 {
+        self.statistics.reconnections += 1;
+        self.jumped = None;
+        self.shift_us = match self.timeline {
+            Timeline::AsSent => 0,
+            Timeline::GoesOn => known.utime.saturating_sub(known.stamp),
+        };
+        if self.timeline == Timeline::AsSent {
+            // The rate is measured anew.
+            self.passed = 0;
+        }
+        stamp.saturating_add(self.shift_us)
+    }
+}
+
+impl Last {
+    /// Time that has passed until an arrival, as far as that can be.
+    fn since(&self, arrival: i64) -> i64 {
+        let pause = arrival.saturating_sub(self.arrival);
+        if (1..=LONG_PAUSE_US).contains(&pause) { pause } else { self.period }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::PinholeCamera;
+    use crate::frame::{ColorImage, DepthImage};
+    use proptest::prelude::*;
+    use std::sync::Arc;
+
+    const PERIOD: i64 = 33_333;
+
+    fn frame(utime: i64) -> RgbdFrame {
+        let camera =
+            PinholeCamera { width: 1, height: 1, cx: 0.5, cy: 0.5, ..PinholeCamera::kinect() };
+        let color = ColorImage::new(1, 1, vec![7; 3]).unwrap();
+        let depth = DepthImage::from_metres(1, 1, vec![1.0]).unwrap();
+        RgbdFrame::new(utime, Arc::new(camera), color, depth).unwrap()
+    }
+
+    /// Times that frames of these stamps are given; they arrive a period apart.
+    fn times(timeline: Timeline, stamps: &[i64]) -> (Vec<i64>, SourceStatistics) {
+        let arrival = |i: usize| 1_700_000_000_000_000 + i as i64 * PERIOD;
+        let mut gate = Gate::new(timeline);
+        let passed = stamps
+            .iter()
+            .enumerate()
+            .filter_map(|(i, &stamp)| gate.pass(frame(stamp), arrival(i)))
+            .map(|f| f.utime)
+            .collect();
+        (passed, gate.statistics)
+    }
+
+    /// Stamps a period apart.
+    fn clock(start: i64, count: i64) -> Vec<i64> {
+        (0..count).map(|i| start + i * PERIOD).collect()
+    }
+
+    #[test]
+    fn one_stamp_far_away_costs_nothing_and_blocks_nothing() {
+        for wrong in
+            [1_000_000_000_000_000_000, i64::MAX, i64::MIN, -1, 0, 1, 60_000_000, 3_600_000_000]
+        {
+            for timeline in [Timeline::AsSent, Timeline::GoesOn] {
+                let expected = clock(50_000_000, 20);
+                let mut stamps = expected.clone();
+                stamps[7] = wrong;
+                let (found, statistics) = times(timeline, &stamps);
+                assert_eq!(found, expected, "{wrong}");
+                assert_eq!((statistics.restamped, statistics.lost()), (1, 0), "{wrong}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_clock_that_begins_again_loses_no_frame() {
+        for start in [5, 1_000, 900_000_000, 1_600_000_000_000_000] {
+            let stamps = [clock(50_000_000, 20), clock(start, 20)].concat();
+            let (found, statistics) = times(Timeline::GoesOn, &stamps);
+            assert_eq!(found, clock(50_000_000, 40), "{start}");
+            assert_eq!((statistics.reconnections, statistics.lost()), (1, 0));
+            let (found, statistics) = times(Timeline::AsSent, &stamps);
+            assert_eq!(found.len(), 40);
+            assert_eq!(found[21..], stamps[21..], "later stamps stay as they are sent");
+            assert_eq!((statistics.reconnections, statistics.lost()), (1, 0));
+        }
+    }
+
+    #[test]
+    fn a_clock_that_begins_again_after_less_than_a_second_loses_two_frames() {
+        let stamps = [clock(1_000_000, 15), clock(1_000_000, 40)].concat();
+        let (found, statistics) = times(Timeline::GoesOn, &stamps);
+        assert_eq!((found.len(), statistics.lost()), (53, 2));
+        assert!(found.is_sorted_by(|a, b| a < b));
+    }
+
+    #[test]
+    fn stamps_of_zero_are_replaced_by_arrivals() {
+        for timeline in [Timeline::AsSent, Timeline::GoesOn] {
+            let (found, statistics) = times(timeline, &[0; 10]);
+            assert_eq!(found, clock(1_700_000_000_000_000, 10));
+            assert_eq!((statistics.restamped, statistics.lost()), (10, 0));
+        }
+    }
+
+    #[test]
+    fn without_a_stamp_or_an_arrival_frames_are_a_thirtieth_of_a_second_apart() {
+        let mut gate = Gate::new(Timeline::GoesOn);
+        let found: Vec<i64> =
+            (0..5).filter_map(|_| gate.pass(frame(0), 0)).map(|f| f.utime).collect();
+        assert_eq!(found, clock(0, 5));
+    }
+
+    #[test]
+    fn a_repeated_frame_stays_out_however_often_it_comes() {
+        // A camera that is stuck sends its last picture again: that is no new frame.
+        let stamps = [&[1_000_000, 1_033_333][..], &[1_033_333; 30]].concat();
+        let (found, statistics) = times(Timeline::AsSent, &stamps);
+        assert_eq!((found.len(), statistics.out_of_order), (2, 30));
+    }
+
+    #[test]
+    fn a_long_pause_is_kept_where_the_arrivals_tell_it_too() {
+        let mut gate = Gate::new(Timeline::GoesOn);
+        let hour = 3_600_000_000;
+        let found: Vec<i64> = [(1_000_000, 5), (1_000_000 + hour, 5 + hour + 20_000)]
+            .into_iter()
+            .filter_map(|(stamp, arrival)| gate.pass(frame(stamp), arrival))
+            .map(|f| f.utime)
+            .collect();
+        assert_eq!(found, [1_000_000, 1_000_000 + hour]);
+        assert_eq!(gate.statistics.restamped, 0);
+    }
+
+    proptest! {
+        #[test]
+        fn time_goes_on_whatever_the_stamps_and_arrivals_are(
+            frames in proptest::collection::vec((any::<i64>(), any::<i64>()), 1..60),
+            near in proptest::collection::vec((0..3_000_000_i64, 0..3_000_000_i64), 1..60),
+        ) {
+            let mut gate = Gate::new(Timeline::GoesOn);
+            let mut before = i64::MIN;
+            for (stamp, arrival) in frames.into_iter().chain(near) {
+                if let Some(frame) = gate.pass(frame(stamp), arrival) {
+                    prop_assert!(frame.utime > before, "{} after {before}", frame.utime);
+                    before = frame.utime;
+                }
+            }
+        }
+
+        #[test]
+        fn after_any_stamps_a_clock_that_runs_loses_at_most_two_frames(
+            stamps in proptest::collection::vec(any::<i64>(), 0..20),
+            near in proptest::collection::vec(0..3_000_000_i64, 0..20),
+            start in 1..2_000_000_000_000_000_i64,
+            goes_on: bool,
+        ) {
+            let timeline = if goes_on { Timeline::GoesOn } else { Timeline::AsSent };
+            let before = [stamps, near].concat();
+            let lost = times(timeline, &before).1.lost();
+            let all = [before, clock(start, 30)].concat();
+            prop_assert!(times(timeline, &all).1.lost() <= lost + 2);
+        }
+    }
+}
