@@ -4,7 +4,7 @@
 use linkage_driver::depth::Registration;
 use linkage_driver::lcm::{Packing, decode_frame, encode_frame};
 use linkage_driver::record::{FakenectRecorder, Recorder};
-use linkage_driver::{PinholeCamera, RgbdFrame, SourceStatistics, kinect, open};
+use linkage_driver::{DepthImage, PinholeCamera, RgbdFrame, SourceStatistics, kinect, open};
 use linkage_lcm::{LogWriter, encode};
 use linkage_skill::store::Store;
 use linkage_tests::{failure, fixtures, linkage, program, shared_data, simulated, tiny_recording};
@@ -426,6 +426,29 @@ fn two_v4l2_devices_make_one_camera() {
         let worst = colours.map(|(a, b)| (grey(a) - grey(b)).abs()).max().unwrap();
         assert!(worst <= 2, "grey differs by {worst}");
     }
+}
+
+#[test]
+fn v4l2_depth_whose_units_cannot_be_millimetres_is_refused() {
+    let _turn = in_turn();
+    let scratch = tempfile::tempdir().unwrap();
+    let (mut frames, _) = frames_of(text(&demonstration()));
+    frames.truncate(10);
+    for frame in &mut frames {
+        // A device with steps of 5 mm: a fifth of the number of millimetres.
+        let metres = frame.depth.as_metres().iter().map(|z| z / 5.0).collect();
+        frame.depth = DepthImage::from_metres(640, 480, metres).unwrap();
+    }
+    let log = scratch.path().join("v4l.log");
+    let output = Command::new(program())
+        .args(["record", "--source", fixtures::V4L2_DEVICES, "--out", text(&log)])
+        .args(["--format", "lcm-log", "--quiet"])
+        .envs(fixtures::v4l2_devices(scratch.path(), &frames))
+        .output()
+        .unwrap();
+    let (status, said) = failure(&output);
+    assert_eq!(status, 2, "{said}");
+    assert!(said.contains("1000 units") && said.contains("depth_units_per_metre"), "{said}");
 }
 
 #[test]
