@@ -116,7 +116,12 @@ impl Taken {
                     told = Instant::now();
                     let seconds = silent_since.elapsed().as_secs();
                     let source = self.source.name();
-                    tracing::warn!(source, "no frame for {seconds} s: does anything send?");
+                    let damaged = self.source.statistics().damaged;
+                    tracing::warn!(
+                        source,
+                        damaged,
+                        "no frame for {seconds} s: does anything send?"
+                    );
                 }
                 Awaited::Nothing => {}
             }
