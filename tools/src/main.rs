@@ -6,6 +6,7 @@ mod cli;
 mod commands;
 mod console;
 mod export;
+mod interrupt;
 mod report;
 mod simulate;
 mod tags;
