@@ -4,6 +4,7 @@ use super::error::{StoreError, explain};
 use super::schema::{self, State};
 use rusqlite::backup::{Backup, StepResult};
 use rusqlite::{Connection, ErrorCode, MAIN_DB, OpenFlags};
+use rustix::fs::{Access, access};
 use std::ffi::OsString;
 use std::fs;
 use std::io;
@@ -61,15 +62,14 @@ fn check_path(path: &Path, absent: Absent) -> Result<(), StoreError> {
     match fs::metadata(path) {
         Ok(there) if there.is_dir() => refuse("it is a folder"),
         Ok(there) if !there.is_file() => refuse("it is a device or a pipe"),
-        Ok(_) => fs::File::open(path).map(drop).map_err(unreachable),
+        // It is not opened to see whether it can be: to close it again would take away the locks
+        // that this process has on it.
+        Ok(_) => access(path, Access::READ_OK).map_err(|e| unreachable(e.into())),
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(unreachable(error)),
         Err(_) if absent == Absent::Refuse => {
             Err(StoreError::Missing { path: path.display().to_string() })
         }
-        Err(error) if folder_of(path).is_dir() => {
-            drop(error);
-            Ok(())
-        }
+        Err(_) if folder_of(path).is_dir() => Ok(()),
         Err(error) => Err(unreachable(error)),
     }
 }

@@ -40,25 +40,26 @@ pub fn list_if_many(connection: &Connection) -> Result<(), Fault> {
 
 /// Puts the words of all objects in lists. Some lists at a time: other processes wait for no more,
 /// and until the words are taken away, which is last, they are what counts.
-fn list(connection: &Connection) -> Result<(), Fault> {
-    let (entries, objects) = unlisted(connection)?;
+pub fn list(connection: &Connection) -> Result<(), Fault> {
+    let (emptied, objects) = unlisted(connection)?;
     let numbers: HashSet<u32> = objects.iter().map(|(number, _)| *number).collect();
     let postings = Postings::of(&objects);
     let lists: Vec<(usize, &[Posting])> = postings.lists().collect();
     lists.chunks(LISTS_AT_ONCE).try_for_each(|some| lengthen(connection, some, &numbers))?;
     let together = begin(connection)?;
-    for entry in entries.into_iter().filter(|e| numbers.contains(&e.number)) {
-        contents::update(&together, &Entry { words: None, ..entry })?;
-    }
+    emptied.iter().try_for_each(|entry| contents::update(&together, entry))?;
     Ok(together.commit()?)
 }
 
-/// Rows whose words are not listed, and their words by the numbers of their objects, in order.
+/// Rows whose words are not listed, without these, and the words by the numbers of their objects,
+/// in order.
 fn unlisted(connection: &Connection) -> Result<(Vec<Entry>, Vec<(u32, Words)>), Fault> {
-    let entries = contents::unlisted(connection)?;
-    let words_of = |e: &Entry| Some((e.number, Words::from_bytes(e.words.clone()?)?));
-    let objects = entries.iter().filter_map(words_of).collect();
-    Ok((entries, objects))
+    let split = |mut entry: Entry| {
+        let words = Words::from_bytes(entry.words.take()?)?;
+        let number = entry.number;
+        Some((entry, (number, words)))
+    };
+    Ok(contents::unlisted(connection)?.into_iter().filter_map(split).unzip())
 }
 
 /// Puts postings of objects with these numbers at the ends of lists. Postings that they have there

@@ -1,7 +1,10 @@
-//! The store: one SQLite file with models, appearance, words and provenance. Every
-//! change is one transaction, so a kill at any moment leaves what was there before.
+//! The store: one SQLite file with models, appearance, words and provenance. Every change is one
+//! transaction, so a kill at any moment leaves what was there before. All that is kept has a
+//! checksum, and so has the list of all objects: what is damaged is told, and gives no other answer.
 
 mod contents;
+#[cfg(test)]
+mod damage;
 mod error;
 mod file;
 mod library;
@@ -280,8 +283,8 @@ impl Store {
         entries.sort_unstable_by(|a, b| a.object.cmp(&b.object));
         let mut names = Vec::with_capacity(entries.len());
         let (mut listed, mut unlisted, mut made) = (HashMap::new(), Vec::new(), Vec::new());
-        for (own, entry) in (0..).zip(entries) {
-            match entry.words.clone().map(Words::from_bytes) {
+        for (own, mut entry) in (0..).zip(entries) {
+            match entry.words.take().map(Words::from_bytes) {
                 None => {
                     listed.insert(entry.number, own);
                 }

@@ -121,3 +121,108 @@ fn check_appearance(appearance: &Appearance, parts: usize) -> Result<(), String>
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Library;
+    use super::super::tests::object;
+    use super::*;
+    use crate::appearance::{Edge, Surfel};
+    use crate::articulate::JointGeometry;
+    use crate::model::{Joint, Part};
+    use crate::recognise::{RecogniseConfig, Scene};
+    use crate::specimen::{board, features, seen};
+    use nalgebra::{Point3, Vector3};
+    use proptest::prelude::*;
+    use std::sync::OnceLock;
+
+    /// A board on a hinge, with surface and edges.
+    fn flap() -> StoredObject {
+        let mut flap = object("flap");
+        let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(-0.2, 0.0, 1.5));
+        flap.model.parts.push(Part::new(1, "board", 9));
+        flap.model.joints.push(Joint { range: [0.0, 1.0], ..Joint::of(&line) });
+        let normal = [0.0, 0.0, -1.0];
+        let surfel = |i: u16| Surfel {
+            part: i % 2,
+            point: [f32::from(i % 20) * 0.02 - 0.2, f32::from(i / 20) * 0.02 - 0.2, 1.5],
+            normal,
+            lab: [50.0, 0.0, 0.0],
+        };
+        let edge = |i: u16| Edge {
+            part: 1,
+            surface: surfel(i).point,
+            normal,
+            beyond: [0.25, 0.0, 1.5],
+            configurations: [0.0, 1.0],
+        };
+        flap.appearance = features(3);
+        flap.appearance.surfels = (0..400).map(surfel).collect();
+        flap.appearance.edges = (0..20).map(edge).collect();
+        for (i, f) in flap.appearance.features.iter_mut().enumerate() {
+            (f.part, f.point, f.normal) = ((i % 2) as u16, surfel(2 * i as u16).point, normal);
+        }
+        flap
+    }
+
+    /// Does with an object what recognition does.
+    fn use_it(object: StoredObject) {
+        static SCENE: OnceLock<Scene> = OnceLock::new();
+        let scene = SCENE.get_or_init(|| Scene::new(&seen(1, board(0.2, 1.5, 1.5))).unwrap());
+        let library = Library::new(vec![object]);
+        library.recognise(scene, &RecogniseConfig::default(), 1).unwrap();
+    }
+
+    #[test]
+    fn an_object_comes_back_as_it_was_and_by_no_other_name() {
+        let record = Record::of(&flap()).unwrap();
+        assert_eq!(record.clone().object("flap").unwrap(), flap());
+        assert!(record.clone().object("door").unwrap_err().contains("that of \"flap\""));
+        assert_ne!(record.checksum("flap"), record.checksum("door"));
+        use_it(flap());
+    }
+
+    #[test]
+    fn what_nothing_could_read_again_is_not_stored() {
+        let says = |change: fn(&mut StoredObject)| {
+            let mut object = flap();
+            change(&mut object);
+            Record::of(&object).unwrap_err()
+        };
+        assert!(says(|o| o.model.joints[0].bic = f64::NAN).contains("joints[0].bic"));
+        assert!(says(|o| o.appearance.features[7].part = 2).contains("feature 7"));
+        assert!(says(|o| o.appearance.features[7].size_m = 0.0).contains("feature 7"));
+        assert!(says(|o| o.appearance.features[7].descriptor.truncate(9)).contains("descriptor"));
+        assert!(says(|o| o.appearance.surfels[5].point[1] = f32::NAN).contains("surfel 5"));
+        assert!(says(|o| o.appearance.surfels[5].normal[1] = 3.0).contains("surfel 5"));
+        assert!(says(|o| o.appearance.edges[1].beyond[0] = f32::INFINITY).contains("edge 1"));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn bytes_that_nobody_wrote_are_refused_or_harm_nothing(
+            appearance in proptest::collection::vec(any::<u8>(), 0..400),
+            edges in proptest::collection::vec(any::<u8>(), 0..100),
+        ) {
+            let record = Record { appearance, edges, ..Record::of(&flap()).unwrap() };
+            if let Ok(object) = record.object("flap") {
+                use_it(object);
+            }
+        }
+
+        #[test]
+        fn a_byte_that_was_changed_is_refused_or_harms_nothing(
+            place in any::<proptest::sample::Index>(), byte in any::<u8>(), in_edges in any::<bool>(),
+        ) {
+            let mut record = Record::of(&flap()).unwrap();
+            let blob = if in_edges { &mut record.edges } else { &mut record.appearance };
+            let place = place.index(blob.len());
+            blob[place] = byte;
+            if let Ok(object) = record.object("flap") {
+                use_it(object);
+            }
+        }
+    }
+}
