@@ -75,7 +75,7 @@ struct Joint {
 
 fn learned_from(source: &str, scratch: &Path) -> Joint {
     let json = scratch.join("model.json");
-    run(&["learn", source, "--object", "drawer", "--json", text(&json), "--quiet"]);
+    run(&["learn", source, "--object", "drawer", "--no-store", "--json", text(&json), "--quiet"]);
     let model: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
     let joints = model["joints"].as_array().unwrap();
     assert_eq!(joints.len(), 1, "{source}");
