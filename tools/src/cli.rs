@@ -1,6 +1,7 @@
 //! Options, as DESIGN 4.3 fixes them.
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use linkage_skill::articulate::Columns;
 use std::path::PathBuf;
 
 /// Learns how articulated things move by watching a person move them once; recognises them,
@@ -262,9 +263,13 @@ pub struct ReplayArgs {
 
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Pose logs: "x y z", "x y z qx qy qz qw" or "t x y z qx qy qz qw"
+    /// Pose logs: "x y z", "x y z qx qy qz qw" or "t x y z qx qy qz qw", or as a first line names it
     #[arg(required = true)]
     pub logs: Vec<PathBuf>,
+    /// What the columns hold, where neither names nor their number tell it: t,x,y,z,qx,qy,qz,qw, and
+    /// _ for a column that is not used
+    #[arg(long, value_name = "NAMES")]
+    pub columns: Option<Columns>,
     /// Write linkage.model/1, an array for several logs; - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
