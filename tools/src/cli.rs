@@ -1,5 +1,6 @@
 //! Options, as DESIGN 4.3 fixes them.
 
+use crate::console::LogFormat;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use linkage_skill::articulate::Columns;
 use std::path::PathBuf;
@@ -30,6 +31,9 @@ pub struct Common {
     /// No progress
     #[arg(long, global = true)]
     pub quiet: bool,
+    /// How log events are written to standard error; RUST_LOG says which
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text, value_name = "FORMAT")]
+    pub log_format: LogFormat,
 }
 
 #[derive(Debug, Subcommand)]

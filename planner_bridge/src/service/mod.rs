@@ -9,6 +9,7 @@ mod learning;
 mod perception;
 mod publisher;
 mod stream;
+pub mod watchdog;
 
 pub use command::{Action, Command, Refusal};
 pub use stream::{StreamError, StreamReport, Streamer};
