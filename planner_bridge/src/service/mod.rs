@@ -12,6 +12,7 @@ mod perception;
 mod publisher;
 mod reacquire;
 mod stream;
+pub mod watchdog;
 
 pub use authority::{CommandKey, KeyError, Unauthorised};
 pub use command::{Action, Command, Fault, Refusal, SCHEMA as COMMAND_SCHEMA};

@@ -18,7 +18,7 @@ use linkage_realtime::{Commanded, Notice, Reason};
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
 use linkage_skill::store::{Library, Store, StoreError};
-use linkage_skill::{LearnError, Learner, ObjectModel, SkillConfig};
+use linkage_skill::{Learner, ObjectModel, SkillConfig};
 use nalgebra::Point3;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -355,14 +355,6 @@ impl<'q> Perception<'q> {
         let State::Demonstrating(d) = &mut self.state else { return };
         match d.learner.push(frame) {
             Ok(()) => {}
-            Err(e @ LearnError::TooLong { .. }) => {
-                // What was seen is not lost: it is learned from.
-                self.out.note(Note::Error(format!("{}: {e}; it is finished here", d.object)));
-                if let Err(reason) = self.finish_demonstration(None) {
-                    self.out.note(Note::Error(reason));
-                }
-                return;
-            }
             Err(e) => self.out.note(Note::Error(format!("{}: {e}", d.object))),
         }
         if d.told.elapsed() >= TELL_EVERY {
