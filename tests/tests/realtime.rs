@@ -9,11 +9,8 @@ use std::num::NonZeroU64;
 
 const PERIOD_US: u64 = 5000;
 const MINUTE_US: u64 = 60_000_000;
-const WATCH: Watch = Watch {
-    frame_age_us: 500_000,
-    heartbeat_age_us: Some(200_000),
-    longest_gap_us: 50_000,
-};
+const WATCH: Watch =
+    Watch { frame_age_us: 500_000, heartbeat_age_us: Some(200_000), longest_gap_us: 50_000 };
 const LIMITS: MotionLimits = MotionLimits { velocity: 0.02, acceleration: 0.5, jerk: 2.0 };
 
 /// A clock that each sleep advances, a real socket, and a camera that dies near the end.
