@@ -6,9 +6,8 @@ use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::path::Path;
 
-/// Most pixels of a picture that is taken: the largest colour picture of a depth camera is
-/// 4096x3072 (Azure Kinect).
-pub const MAX_PIXELS: usize = 4096 * 3072;
+/// Most pixels of a picture that is taken: learning from a dozen of this size takes 1 GB.
+pub const MAX_PIXELS: usize = 3840 * 2160;
 
 /// A camera that cannot be one.
 #[derive(Debug, thiserror::Error)]
@@ -214,7 +213,7 @@ impl PinholeCamera {
         Err(CameraError::Value {
             key: "width",
             value: self.width as f64,
-            needed: "such that width x height is at most 12582912 pixels; shrink the pictures",
+            needed: "such that width x height is at most 8294400 (3840x2160); shrink the pictures",
         })
     }
 

@@ -56,6 +56,9 @@ fn lacks_tables(bytes: &[u8]) -> bool {
 }
 
 /// Encodes a picture; `quality` from 1 to 100.
+///
+/// # Errors
+/// What the encoder says, or that JPEG cannot hold so many pixels.
 pub fn encode(image: &ColorImage, quality: u8) -> Result<Vec<u8>, String> {
     let side = |n: usize| u16::try_from(n).map_err(|_| format!("{n} pixels are too many for JPEG"));
     let (width, height) = (side(image.width())?, side(image.height())?);

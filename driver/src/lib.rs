@@ -13,7 +13,7 @@ pub mod frame;
 pub mod freenect;
 pub mod gate;
 pub mod image_file;
-mod jpeg;
+pub mod jpeg;
 pub mod kinect;
 pub mod lcm;
 pub mod live;

@@ -108,6 +108,8 @@ pub struct SourceOptions {
 
 /// Depth of V4L2 devices is in millimetres unless a camera says otherwise.
 const V4L_UNITS_PER_METRE: f64 = 1000.0;
+/// Messages carry depth in millimetres.
+const LCM_UNITS_PER_METRE: f64 = 1000.0;
 
 /// The kinds of sources, for messages.
 const KINDS: &str = "tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], \
@@ -147,7 +149,7 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
         "lcm" => {
             let (url, channel) = with_channel(&rest);
             let (url, channel) = (url.to_owned(), channel.to_owned());
-            let camera = Arc::new(camera_or_kinect(name, options));
+            let camera = Arc::new(camera_or(name, options, LCM_UNITS_PER_METRE));
             let options = SourceOptions { live: options.live.patient(), ..options.clone() };
             live(name, &options, move || LcmCamera::open(&url, &channel, Arc::clone(&camera)))
         }
@@ -169,14 +171,11 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
                 ))
             })?;
             let (color, depth) = (color.to_owned(), depth.to_owned());
-            let camera = Arc::new(PinholeCamera {
-                depth_units_per_metre: options
-                    .camera
-                    .as_ref()
-                    .map_or(V4L_UNITS_PER_METRE, |c| c.depth_units_per_metre),
-                ..camera_or_kinect(name, options)
-            });
-            live(name, options, move || V4lCamera::open(&color, &depth, Arc::clone(&camera)))
+            let is_assumed = options.camera.is_none();
+            let camera = Arc::new(camera_or(name, options, V4L_UNITS_PER_METRE));
+            live(name, options, move || {
+                V4lCamera::open(&color, &depth, Arc::clone(&camera), is_assumed)
+            })
         }
         _ => Err(wrong(format!("no source of kind \"{kind}:\"; there are {KINDS}"))),
     }
@@ -200,9 +199,10 @@ fn with_channel(name: &str) -> (&str, &str) {
     }
 }
 
-fn camera_or_kinect(source: &str, options: &SourceOptions) -> PinholeCamera {
+/// The camera that is given, or a Kinect whose depth has so many units in a metre.
+fn camera_or(source: &str, options: &SourceOptions, units: f64) -> PinholeCamera {
     options.camera.clone().unwrap_or_else(|| {
-        let camera = PinholeCamera::kinect();
+        let camera = PinholeCamera { depth_units_per_metre: units, ..PinholeCamera::kinect() };
         camera.warn_assumed(source, "give the right ones with --camera camera.toml");
         camera
     })
@@ -215,7 +215,10 @@ fn camera_beside(file: &Path) -> Result<PinholeCamera, SourceError> {
     match candidates.iter().find(|path| path.is_file()) {
         Some(path) => PinholeCamera::read_or_explain(path),
         None => {
-            let camera = PinholeCamera::kinect();
+            let camera = PinholeCamera {
+                depth_units_per_metre: LCM_UNITS_PER_METRE,
+                ..PinholeCamera::kinect()
+            };
             let remedy = format!("write the right ones into {}", candidates[0].display());
             camera.warn_assumed(&file.display().to_string(), &remedy);
             Ok(camera)

@@ -1,9 +1,11 @@
 //! A colour and a depth device of V4L2 side by side (RealSense, Astra).
 //!
 //! Depth must come registered to colour, at one size: V4L2 tells nothing of lenses, so the
-//! camera is given (`--camera`), or Kinect defaults with depth in millimetres.
+//! camera is given (`--camera`), or Kinect defaults with depth in millimetres, which the first
+//! frames must bear out.
 
 use crate::camera::PinholeCamera;
+use crate::depth::{ScaleDoubt, ScaleWatch};
 use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::jpeg;
 use crate::live::{Camera, CameraFault, Paired, Pairing};
@@ -59,6 +61,8 @@ struct Layout {
 /// Two open devices, each with a thread that waits for it.
 pub struct V4lCamera {
     camera: Arc<PinholeCamera>,
+    /// Looks whether the first frames' depth fits the camera's units.
+    scale: ScaleWatch,
     color: Layout,
     depth: Layout,
     pictures: Receiver<Result<Picture, String>>,
@@ -68,11 +72,16 @@ pub struct V4lCamera {
 }
 
 impl V4lCamera {
-    /// Opens both devices at the camera's size.
+    /// Opens both devices at the size of a camera that is given, or else of the one assumed.
     ///
     /// # Errors
     /// [`SourceError::Device`] names the device and what it offers or lacks.
-    pub fn open(color: &str, depth: &str, camera: Arc<PinholeCamera>) -> Result<Self, SourceError> {
+    pub fn open(
+        color: &str,
+        depth: &str,
+        camera: Arc<PinholeCamera>,
+        is_assumed: bool,
+    ) -> Result<Self, SourceError> {
         camera.check().map_err(|e| SourceError::Device {
             name: format!("v4l:{color},{depth}"),
             reason: e.to_string(),
@@ -88,7 +97,18 @@ impl V4lCamera {
             })
             .into();
         let pairing = Pairing::new(MAX_PAIR_GAP_US);
-        Ok(Self { camera, color, depth, pictures, pairing, stop, threads })
+        let scale = ScaleWatch::new(camera.depth_units_per_metre, is_assumed);
+        Ok(Self { camera, scale, color, depth, pictures, pairing, stop, threads })
+    }
+
+    fn frame_of(&mut self, pair: Paired<Vec<u8>, Vec<u8>>) -> Result<RgbdFrame, CameraFault> {
+        let frame = self.assemble(pair).map_err(CameraFault::Damaged)?;
+        match self.scale.look(&frame.depth) {
+            Some(ScaleDoubt::Wrong(reason)) => return Err(CameraFault::Unusable(reason)),
+            Some(ScaleDoubt::Odd(reason)) => tracing::warn!("{reason}"),
+            None => {}
+        }
+        Ok(frame)
     }
 
     fn assemble(&self, pair: Paired<Vec<u8>, Vec<u8>>) -> Result<RgbdFrame, String> {
@@ -120,7 +140,7 @@ impl Camera for V4lCamera {
                 self.pairing.color(picture.utime, picture.bytes)
             };
             if let Some(pair) = pair {
-                return self.assemble(pair).map(Some).map_err(CameraFault::Damaged);
+                return self.frame_of(pair).map(Some);
             }
         }
     }

@@ -294,11 +294,10 @@ fn assure_configuration(
     deviation: Option<f64>,
     safety: &Safety,
 ) -> Result<(), PlanError> {
-    let Some(deviation) = deviation else { return Ok(()) };
     let unclear = |what: String| PlanError::Unclear { joint: joint.name.clone(), what };
-    if !(deviation.is_finite() && deviation > 0.0) {
-        return Err(unclear("how far it deviates is not known".to_owned()));
-    }
+    let deviation = deviation
+        .filter(|deviation| deviation.is_finite() && *deviation > 0.0)
+        .ok_or_else(|| unclear("how far it deviates is not known".to_owned()))?;
     match joint.kind {
         JointKind::Revolute | JointKind::Helical if deviation > safety.angle_deviation => {
             let (is, limit) = (deviation.to_degrees(), safety.angle_deviation.to_degrees());
@@ -535,6 +534,7 @@ pub(crate) mod tests {
         for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(said(hinge, nothing).unwrap_err().contains("is not known"));
         }
+        assert!(assure_configuration(hinge, None, &safety).is_err());
     }
 
     /// What the fridge is commanded to do half a second after its opening began.

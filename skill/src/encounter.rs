@@ -184,7 +184,7 @@ const RIDGE: f64 = 1e-12;
 /// Brings what a newer demonstration says of a joint's line into what is known of it, each
 /// weighed by its covariance.
 fn weigh_in(own: &mut Joint, newer: &Joint, object_from_newer: &Pose) {
-    let (Some(known), Some(seen)) = (covariance(own), covariance(newer)) else { return };
+    let (Some(known), Some(seen)) = (own.known_covariance(), newer.known_covariance()) else { return };
     let (before, line) = (own.geometry(), newer.geometry().transformed(object_from_newer));
     let axis = before.axis.dot(&line.axis).signum() * line.axis.into_inner();
     // The newer origin slides along its line to beside the known one, and the uncertainty of
@@ -218,11 +218,6 @@ fn registered(covariance: &Matrix6<f64>, object_from_newer: &Pose, along: f64) -
     registered
 }
 
-/// Of a joint's axis and origin; `None` where it is not known.
-fn covariance(joint: &Joint) -> Option<Matrix6<f64>> {
-    (joint.covariance.len() == 6).then(|| Matrix6::from_fn(|r, c| joint.covariance[r][c]))
-}
-
 /// A joint that the earlier demonstrations did not move, with its part's appearance.
 fn add_joint(
     stored: &mut StoredObject,
@@ -240,7 +235,7 @@ fn add_joint(
     added.child = id;
     added.axis = line.axis.into_inner().into();
     added.origin = line.origin.into();
-    if let Some(seen) = covariance(joint) {
+    if let Some(seen) = joint.known_covariance() {
         added.covariance = covariance_rows(&registered(&seen, object_from_newer, 0.0));
     }
     model.joints.push(added);

@@ -1,10 +1,15 @@
 //! The learned object: parts, joints, and how each joint was seen to move. Its JSON form is
 //! `linkage.model/1` (DESIGN 4.4).
 
+mod check;
+
+pub use check::{InvalidModel, LARGEST_CONFIGURATION, LONGEST_NAME, MOST_PARTS, check_name};
+
 use crate::articulate::{JointGeometry, JointKind};
 use crate::geometry::{Pose, pose_from_array, pose_to_array};
-use nalgebra::{Point3, UnitVector3, Vector3};
-use serde::{Deserialize, Serialize};
+use nalgebra::{Matrix6, Point3, UnitVector3, Vector3};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::ops::Index;
 
@@ -54,7 +59,7 @@ pub struct Joint {
     pub pitch: f64,
     /// Least and greatest configuration seen; radians or metres.
     pub range: [f64; 2],
-    /// Covariance of (axis, origin), 6 x 6.
+    /// Covariance of (axis, origin), 6 x 6; empty where it is not known.
     pub covariance: Vec<[f64; 6]>,
     /// Frames in which the configuration is known.
     pub observations: usize,
@@ -118,15 +123,28 @@ impl Joint {
             pitch: self.pitch,
         }
     }
+
+    /// Covariance of (axis, origin); `None` where it is not known.
+    pub fn known_covariance(&self) -> Option<Matrix6<f64>> {
+        let rows: &[[f64; 6]; 6] = self.covariance.as_slice().try_into().ok()?;
+        Some(Matrix6::from_fn(|r, c| rows[r][c]))
+    }
 }
 
-/// A covariance as the model's JSON holds it.
+/// A covariance as the model's JSON holds it: exactly symmetric. It is empty where rounding or a
+/// failed fit left no covariance.
 pub fn covariance_rows(covariance: &impl Index<(usize, usize), Output = f64>) -> Vec<[f64; 6]> {
-    (0..6).map(|r| std::array::from_fn(|c| covariance[(r, c)])).collect()
+    let mean = |r: usize, c: usize| 0.5 * (covariance[(r, c)] + covariance[(c, r)]);
+    let symmetric = Matrix6::from_fn(mean);
+    if !check::is_covariance(&symmetric) {
+        return Vec::new();
+    }
+    (0..6).map(|r| std::array::from_fn(|c| symmetric[(r, c)])).collect()
 }
 
-/// What is known of an object's motion.
+/// What is known of an object's motion. Whatever is read is checked: see [`ObjectModel::check`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub struct ObjectModel {
     /// [`MODEL_SCHEMA`].
     pub schema: String,
@@ -167,7 +185,31 @@ impl ReferenceFrame {
     }
 }
 
+impl Serialize for ObjectModel {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for ObjectModel {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let model = Self::deserialize(deserializer)?;
+        model.check().map_err(D::Error::custom)?;
+        Ok(model)
+    }
+}
+
 impl ObjectModel {
+    /// Tells whether this is a model that everything here can work with: a tree of parts, its
+    /// joints in order, all numbers finite and within bounds. Models from files are checked as
+    /// they are read; learned ones as they are stored.
+    ///
+    /// # Errors
+    /// [`InvalidModel`] says what is wrong, and where.
+    pub fn check(&self) -> Result<(), InvalidModel> {
+        check::check(self)
+    }
+
     /// The joint of a name.
     pub fn joint(&self, name: &str) -> Option<&Joint> {
         self.joints.iter().find(|j| j.name == name)

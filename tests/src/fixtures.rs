@@ -24,6 +24,8 @@ pub struct OpenNi {
     /// The library with its drivers.
     root: PathBuf,
     frames: PathBuf,
+    /// What the device is told of itself; openni2_device.cpp lists it.
+    settings: Vec<&'static str>,
 }
 
 impl OpenNi {
@@ -44,13 +46,20 @@ impl OpenNi {
         compile("openni2_device.cpp", &drivers.join("libFrames.so.0"), &["-shared", "-fPIC"], &[]);
         let path = scratch.join("frames.bin");
         fs::write(&path, packed(frames)).expect("frames can be written");
-        Some(Self { root, frames: path })
+        Some(Self { root, frames: path, settings: Vec::new() })
+    }
+
+    /// The same device with a peculiarity.
+    pub fn with(mut self, setting: &'static str) -> Self {
+        self.settings.push(setting);
+        self
     }
 
     /// A program that sees the device.
     pub fn command(&self, program: &Path) -> Command {
         let mut command = Command::new(program);
         command.env("LD_LIBRARY_PATH", &self.root).env("LINKAGE_FRAMES", &self.frames);
+        command.envs(self.settings.iter().map(|setting| (setting, "1")));
         command
     }
 

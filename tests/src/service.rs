@@ -52,6 +52,13 @@ impl Service {
         kib / 1024.0
     }
 
+    /// Kills it, whatever it is doing.
+    pub fn kill(&self) {
+        let pid = self.process.id().to_string();
+        let killed = Command::new("kill").args(["-KILL", &pid]).status();
+        assert!(killed.is_ok_and(|s| s.success()), "the service runs until it is killed");
+    }
+
     /// Asks it to end; how it did, and how long that took.
     pub fn terminate(mut self) -> (ExitStatus, Duration) {
         let start = Instant::now();

@@ -1,18 +1,24 @@
 //! Every driver through its real library, without hardware: what goes in comes out, and a
 //! demonstration teaches the same whichever way it comes.
 
+use linkage_driver::depth::Registration;
 use linkage_driver::lcm::{Packing, decode_frame, encode_frame};
 use linkage_driver::record::{FakenectRecorder, Recorder};
-use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame, SourceStatistics, open};
-use linkage_lcm::encode;
+use linkage_driver::{
+    ColorImage, DepthImage, PinholeCamera, RgbdFrame, SourceStatistics, kinect, open,
+};
 use linkage_lcm::udpm::Network;
-use linkage_tests::{build, failure, fixtures, linkage, program, simulated};
+use linkage_lcm::{LogWriter, encode};
+use linkage_skill::store::Store;
+use linkage_tests::{
+    build, failure, fixtures, linkage, program, shared_data, simulated, tiny_recording,
+};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const SCENE: &str = "drawer";
 const SEED: u64 = 1;
@@ -69,7 +75,7 @@ struct Joint {
 
 fn learned_from(source: &str, scratch: &Path) -> Joint {
     let json = scratch.join("model.json");
-    run(&["learn", source, "--object", "drawer", "--json", text(&json), "--quiet"]);
+    run(&["learn", source, "--object", "drawer", "--no-store", "--json", text(&json), "--quiet"]);
     let model: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
     let joints = model["joints"].as_array().unwrap();
     assert_eq!(joints.len(), 1, "{source}");
@@ -352,6 +358,105 @@ fn an_oni_file_that_is_cut_short_is_refused_by_name() {
 }
 
 #[test]
+fn a_mirrored_oni_file_is_turned_back() {
+    let _turn = in_turn();
+    let scratch = tempfile::tempdir().unwrap();
+    let (original, _) = frames_of(text(&demonstration()));
+    let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..10]) else {
+        return;
+    };
+    let openni = openni.with("LINKAGE_MIRRORS");
+    let oni = scratch.path().join("mirrored.oni");
+    openni.record(&oni, 10);
+    let (frames, _) = frames_of(&format!("oni:{}", oni.display()));
+    assert_eq!(frames.len(), 10);
+    for (a, b) in original.iter().zip(&frames) {
+        assert_same_to_the_millimetre(a, b, 30);
+    }
+}
+
+/// The colour of a picture's left and right end, and its depth there in millimetres.
+fn ends(frame: &RgbdFrame) -> [([u8; 3], Option<i32>); 2] {
+    let v = frame.color.height() / 2;
+    [4, frame.color.width() - 5].map(|u| {
+        let depth = frame.depth.at(u, v).map(|z| (1000.0 * z).round() as i32);
+        (frame.color.at(u, v).unwrap(), depth)
+    })
+}
+
+#[test]
+fn mirrored_and_plain_recordings_of_one_scene_are_the_same() {
+    let _turn = in_turn();
+    let Some(case) = shared_data("cases/15-oni-mirrored") else { return };
+    let expected = [([255, 0, 0], Some(1000)), ([0, 0, 255], Some(2000))];
+    for name in ["plain", "mirrored"] {
+        let (frames, _) = frames_of(&format!("oni:{}/{name}.oni", case.display()));
+        assert!(!frames.is_empty());
+        assert!(frames.iter().all(|f| ends(f) == expected), "{name}: {:?}", ends(&frames[0]));
+    }
+}
+
+/// Records 30 frames of a live OpenNI2 device; the frames, and what the program says.
+fn recorded_from_openni2(openni: &fixtures::OpenNi, scratch: &Path) -> (Vec<RgbdFrame>, String) {
+    let log = scratch.join("live.log");
+    let output = openni
+        .command(&program())
+        .args(["record", "--source", "openni2:", "--frames", "30", "--out", text(&log)])
+        .args(["--format", "lcm-log", "--quiet"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let (frames, _) = frames_of(&format!("lcmlog:{}", log.display()));
+    assert_eq!(frames.len(), 30);
+    (frames, said)
+}
+
+#[test]
+fn a_live_device_that_mirrors_whatever_it_is_asked_is_turned_back() {
+    let _turn = in_turn();
+    let scratch = tempfile::tempdir().unwrap();
+    let (original, _) = frames_of(text(&demonstration()));
+    let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..40]) else {
+        return;
+    };
+    let openni = openni.with("LINKAGE_MIRRORS");
+    let (frames, said) = recorded_from_openni2(&openni, scratch.path());
+    assert!(said.contains("mirrored"), "{said}");
+    for frame in &frames {
+        let played = original.iter().find(|o| o.color == frame.color).expect("it was played");
+        assert_same_to_the_millimetre(played, frame, 0);
+    }
+}
+
+#[test]
+fn depth_that_a_live_device_does_not_register_is_registered() {
+    let _turn = in_turn();
+    let scratch = tempfile::tempdir().unwrap();
+    let (original, _) = frames_of(text(&demonstration()));
+    let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..40]) else {
+        return;
+    };
+    let openni = openni.with("LINKAGE_UNREGISTERED");
+    let (frames, said) = recorded_from_openni2(&openni, scratch.path());
+    assert!(said.contains("does not register depth"), "{said}");
+    let focal = |pixels: f64, angle: f32| pixels / (2.0 * (f64::from(angle) / 2.0).tan());
+    let camera = |horizontal, vertical| PinholeCamera {
+        fx: focal(640.0, horizontal),
+        fy: focal(480.0, vertical),
+        ..PinholeCamera::kinect()
+    };
+    let registration =
+        Registration { depth_camera: camera(1.0145, 0.7898), ..kinect::registration() };
+    for frame in frames.iter().step_by(10) {
+        let played = original.iter().find(|o| o.color == frame.color).expect("it was played");
+        let expected = registration.register(&played.depth, &camera(1.0947, 0.8579));
+        let expected = RgbdFrame { depth: expected, ..played.clone() };
+        assert_same_to_the_millimetre(&expected, frame, 0);
+    }
+}
+
+#[test]
 fn a_live_openni2_device_is_recorded() {
     let _turn = in_turn();
     let scratch = tempfile::tempdir().unwrap();
@@ -359,16 +464,7 @@ fn a_live_openni2_device_is_recorded() {
     let Some(openni) = fixtures::OpenNi::with_frames(scratch.path(), &original[..40]) else {
         return;
     };
-    let log = scratch.path().join("live.log");
-    let output = openni
-        .command(&program())
-        .args(["record", "--source", "openni2:", "--frames", "30", "--out", text(&log)])
-        .args(["--format", "lcm-log", "--quiet"])
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let (frames, _) = frames_of(&format!("lcmlog:{}", log.display()));
-    assert_eq!(frames.len(), 30);
+    let (frames, _) = recorded_from_openni2(&openni, scratch.path());
     for frame in &frames {
         assert!(original.iter().any(|o| o.color == frame.color), "a picture that nobody played");
     }
@@ -407,6 +503,29 @@ fn two_v4l2_devices_make_one_camera() {
         let worst = colours.map(|(a, b)| (grey(a) - grey(b)).abs()).max().unwrap();
         assert!(worst <= 2, "grey differs by {worst}");
     }
+}
+
+#[test]
+fn v4l2_depth_whose_units_cannot_be_millimetres_is_refused() {
+    let _turn = in_turn();
+    let scratch = tempfile::tempdir().unwrap();
+    let (mut frames, _) = frames_of(text(&demonstration()));
+    frames.truncate(10);
+    for frame in &mut frames {
+        // A device with steps of 5 mm: a fifth of the number of millimetres.
+        let metres = frame.depth.as_metres().iter().map(|z| z / 5.0).collect();
+        frame.depth = DepthImage::from_metres(640, 480, metres).unwrap();
+    }
+    let log = scratch.path().join("v4l.log");
+    let output = Command::new(program())
+        .args(["record", "--source", fixtures::V4L2_DEVICES, "--out", text(&log)])
+        .args(["--format", "lcm-log", "--quiet"])
+        .envs(fixtures::v4l2_devices(scratch.path(), &frames))
+        .output()
+        .unwrap();
+    let (status, said) = failure(&output);
+    assert_eq!(status, 2, "{said}");
+    assert!(said.contains("1000 units") && said.contains("depth_units_per_metre"), "{said}");
 }
 
 #[test]
@@ -521,4 +640,107 @@ fn a_dump_that_is_cut_short_plays_what_is_whole() {
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(frames_of(&format!("lcmlog:{}", log.display())).0.len(), 5);
+}
+
+/// A log of the tiny recording's frames, each at a time of its own and received at another.
+fn log_of(scratch: &Path, stamps: &[i64], received: impl Fn(usize) -> i64) -> String {
+    let recording = scratch.join("tiny");
+    tiny_recording(&recording);
+    let (frames, _) = frames_of(text(&recording));
+    let path = scratch.join("stamps.lcmlog");
+    let mut log = LogWriter::create(&path).unwrap();
+    for (i, &stamp) in stamps.iter().enumerate() {
+        let frame = RgbdFrame { utime: stamp, ..frames[i % frames.len()].clone() };
+        let message = encode(&encode_frame(&frame, Packing::LOSSLESS).unwrap()).unwrap();
+        log.write(received(i), "KINECT_FRAME", &message).unwrap();
+    }
+    log.flush().unwrap();
+    fs::copy(recording.join("camera.toml"), scratch.join("camera.toml")).unwrap();
+    format!("lcmlog:{}", path.display())
+}
+
+#[test]
+fn stamps_that_cannot_be_cost_no_frame_of_a_log() {
+    let scratch = tempfile::tempdir().unwrap();
+    let clock = |start: i64, count: i64| (0..count).map(|i| start + 33_333 * i).collect::<Vec<_>>();
+    let received = |i: usize| 1_700_000_000_000_000 + 33_333 * i as i64;
+    let far_ahead = [clock(1_000_000, 10), vec![1_000_000_000_000_000_000], clock(1_400_000, 10)];
+    let again = [clock(5_000_000, 20), clock(5, 20)];
+    for (stamps, expected) in [
+        (far_ahead.concat(), 21),
+        (again.concat(), 40),
+        (vec![0; 25], 25),
+        ([clock(1_000_000, 5), vec![0; 5], clock(1_333_330, 5)].concat(), 15),
+        ([vec![i64::MAX, i64::MIN, -5], clock(1_000_000, 20)].concat(), 23),
+    ] {
+        let (frames, statistics) = frames_of(&log_of(scratch.path(), &stamps, received));
+        assert_eq!((frames.len(), statistics.lost()), (expected, 0), "{stamps:?}");
+        assert!(frames.is_sorted_by(|a, b| a.utime < b.utime), "{stamps:?}");
+    }
+    // A frame without a stamp counts from when it was received.
+    let (frames, _) = frames_of(&log_of(scratch.path(), &[0; 3], received));
+    let times: Vec<i64> = frames.iter().map(|f| f.utime).collect();
+    assert_eq!(times, [0, 1, 2].map(received));
+}
+
+/// Records a log, and counts the frames of what was recorded.
+fn recorded_from_log(log: &Path) -> usize {
+    let scratch = tempfile::tempdir().unwrap();
+    let copy = scratch.path().join("copy");
+    let source = format!("lcmlog:{}", log.display());
+    run(&["record", "--source", &source, "--out", text(&copy), "--quiet"]);
+    frames_of(text(&copy)).0.len()
+}
+
+#[test]
+fn a_log_goes_on_after_a_wrong_length_and_after_a_cut() {
+    let Some(case) = shared_data("cases/09-log-length-word") else { return };
+    for (name, expected) in [("whole", 40), ("one-bit", 39), ("cut-then-appended", 39)] {
+        assert_eq!(recorded_from_log(&case.join(format!("{name}.lcmlog"))), expected, "{name}");
+    }
+}
+
+#[test]
+fn a_log_of_two_recordings_gives_the_frames_of_both() {
+    let Some(case) = shared_data("cases/11-log-begins-again") else { return };
+    assert_eq!(recorded_from_log(&case.join("two-in-one.lcmlog")), 40);
+}
+
+/// A network that nobody sends on.
+const SILENT: &str = "lcm:udpm://239.255.76.67:7696?ttl=0";
+
+#[test]
+fn a_command_on_a_silent_network_ends_by_the_clock() {
+    let _turn = in_turn();
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    let store = scratch.path().join("objects.linkage");
+    Store::open_or_create(&store).unwrap();
+    for command in [
+        &["record", "--source", SILENT, "--out", text(&out)][..],
+        &["learn", SILENT, "--object", "door"],
+        &["recognise", SILENT, "--store", text(&store)],
+        &["replay", SILENT, "--publish", "udpm://239.255.76.67:7697?ttl=0"],
+    ] {
+        let start = Instant::now();
+        let output = linkage(&[command, &["--seconds", "2", "--quiet"]].concat());
+        let (status, said) = failure(&output);
+        assert!(start.elapsed() < Duration::from_secs(30), "{command:?}: {:?}", start.elapsed());
+        assert!(status == 1 && said.contains("frame"), "{command:?}: {status} {said}");
+    }
+    let output = linkage(&["doctor", "--source", SILENT]);
+    let found = String::from_utf8_lossy(&output.stdout);
+    let line = found.lines().find(|l| l.starts_with("FAIL  source")).unwrap_or_default();
+    assert!(line.contains("no frame"), "{found}");
+    assert_eq!(output.status.code(), Some(1));
+}
+
+#[test]
+fn whoever_waits_for_a_silent_network_is_told_so() {
+    let _turn = in_turn();
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    let output = linkage(&["record", "--source", SILENT, "--out", text(&out), "--seconds", "7"]);
+    let said = failure(&output).1;
+    assert!(said.contains("no frame for 5 s"), "{said}");
 }

@@ -54,6 +54,7 @@ fn a_drawer_with_tags_is_learned_without_them_and_both_agree() {
         "--tags",
         "--tag-poses",
         &at("tags.csv"),
+        "--no-store",
         "--json",
         &at("model.json"),
         "--quiet",

@@ -323,6 +323,9 @@ pub enum StoreAction {
         /// The other stores
         #[arg(required = true)]
         from: Vec<PathBuf>,
+        /// Put them in the place of other objects of their names
+        #[arg(long)]
+        replace: bool,
         /// The store
         #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
         store: PathBuf,
@@ -414,9 +417,18 @@ pub struct LearnArgs {
     /// Name of the object
     #[arg(long)]
     pub object: String,
-    /// Store to put the object into
+    /// Store to put the object into [default: objects.linkage, where recognise looks too]
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
+    /// Put it in the place of the stored object of that name
+    #[arg(long)]
+    pub replace: bool,
+    /// Add the demonstration to the stored object of that name, if there is one
+    #[arg(long, conflicts_with = "replace")]
+    pub add: bool,
+    /// Store nothing: only write the files that are asked for
+    #[arg(long, conflicts_with_all = ["store", "replace", "add"])]
+    pub no_store: bool,
     /// Write the model as JSON (linkage.model/1); - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

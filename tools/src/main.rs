@@ -6,6 +6,9 @@ mod cli;
 mod commands;
 mod console;
 mod export;
+#[cfg(test)]
+mod hostile;
+mod interrupt;
 mod report;
 mod simulate;
 mod tags;

@@ -6,6 +6,7 @@ use crate::frame::RgbdFrame;
 use crate::gate::{Gate, Timeline};
 use crate::source::{RgbdSource, SourceError};
 use crate::statistics::SourceStatistics;
+use crate::text_table;
 use linkage_lcm::LogReader;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -36,10 +37,11 @@ impl LogRecording {
         channel: &str,
         camera: Arc<PinholeCamera>,
     ) -> Result<Self, SourceError> {
-        let reader = LogReader::open(path).map_err(|e| SourceError::Recording {
+        let file = text_table::regular_file(path).map_err(|e| SourceError::Recording {
             path: path.display().to_string(),
             reason: e.to_string(),
         })?;
+        let reader = LogReader::new(file);
         Ok(Self {
             name: format!("lcmlog:{}", path.display()),
             reader,

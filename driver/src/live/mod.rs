@@ -46,6 +46,8 @@ pub enum CameraFault {
     Damaged(String),
     /// The camera is gone and must be opened again.
     Lost(String),
+    /// What it delivers cannot be used, however often it is opened.
+    Unusable(String),
     /// It has come to its end, as recordings do.
     Ended,
 }
@@ -128,6 +130,7 @@ impl LiveSource {
             missing_before: 0,
             last_frame: Instant::now(),
             last_report: Instant::now(),
+            last_damage: None,
         };
         let thread = std::thread::Builder::new()
             .name("capture".to_owned())
@@ -197,6 +200,8 @@ struct Watch {
     missing_before: u64,
     last_frame: Instant,
     last_report: Instant,
+    /// When damage was last told.
+    last_damage: Option<Instant>,
 }
 
 /// Why a camera is not asked any more.
@@ -204,6 +209,7 @@ enum End {
     Stopped,
     Ended,
     Lost(String),
+    Unusable(String),
 }
 
 impl Watch {
@@ -215,6 +221,7 @@ impl Watch {
             drop(camera);
             match end {
                 End::Stopped | End::Ended => return self.queue.close(None),
+                End::Unusable(reason) => return self.queue.close(Some(reason)),
                 End::Lost(reason) => {
                     tracing::warn!(source = self.name, reason, "camera lost; it is opened again");
                     match self.reopen(reason) {
@@ -242,11 +249,10 @@ impl Watch {
                 Ok(None) => {}
                 Err(CameraFault::Damaged(reason)) => {
                     last = Instant::now();
-                    self.gate.statistics.damaged += 1;
-                    tracing::debug!(source = self.name, reason, "damaged frame");
-                    self.queue.note(&self.gate.statistics);
+                    self.note_damage(&reason);
                 }
                 Err(CameraFault::Lost(reason)) => return End::Lost(reason),
+                Err(CameraFault::Unusable(reason)) => return End::Unusable(reason),
                 Err(CameraFault::Ended) => return End::Ended,
             }
         }
@@ -259,6 +265,17 @@ impl Watch {
         if missing != self.gate.statistics.missing {
             self.gate.statistics.missing = missing;
             self.queue.note(&self.gate.statistics);
+        }
+    }
+
+    /// Counts a damaged frame, and says so now and then: all of them may be.
+    fn note_damage(&mut self, reason: &str) {
+        self.gate.statistics.damaged += 1;
+        self.queue.note(&self.gate.statistics);
+        if self.last_damage.is_none_or(|told| told.elapsed() > REPORT_EVERY) {
+            self.last_damage = Some(Instant::now());
+            let damaged = self.gate.statistics.damaged;
+            tracing::warn!(source = self.name, damaged, reason, "damaged frame");
         }
     }
 
@@ -325,6 +342,7 @@ mod tests {
         Damaged,
         /// Frames do not arrive.
         Missing(u64),
+        Unusable,
         Vanish,
         Silence,
     }
@@ -345,6 +363,7 @@ mod tests {
                     self.1 += frames;
                     Ok(None)
                 }
+                Act::Unusable => Err(CameraFault::Unusable("in feet".to_owned())),
                 Act::Vanish => Err(CameraFault::Lost("unplugged".to_owned())),
                 Act::Silence => {
                     std::thread::sleep(timeout);
@@ -457,6 +476,23 @@ mod tests {
         assert_eq!(times, [10, 20, 30, 40]);
         assert_eq!((statistics.out_of_order, statistics.damaged), (2, 1));
         assert_eq!((statistics.delivered, statistics.lost()), (4, 3));
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_used_ends_the_source_at_once() {
+        let acts = [Act::Frame(1), Act::Unusable, Act::Frame(2)];
+        let (times, end, statistics) = play(&acts, 0, config());
+        assert_eq!((times, statistics.reconnections), (vec![1], 0));
+        assert!(end.unwrap_err().contains("in feet"));
+    }
+
+    #[test]
+    fn one_stamp_far_ahead_does_not_end_a_camera() {
+        let far = 1_000_000_000_000_000_000;
+        let acts = [9_000_000, 9_033_000, far, 9_099_000, 9_133_000].map(Act::Frame);
+        let (times, _, statistics) = play(&acts, 0, config());
+        assert_eq!((times.len(), times[3..].to_vec()), (5, vec![9_099_000, 9_133_000]));
+        assert_eq!((statistics.restamped, statistics.lost()), (1, 0));
     }
 
     #[test]

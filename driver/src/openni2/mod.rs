@@ -4,8 +4,10 @@
 mod sys;
 
 use crate::camera::PinholeCamera;
+use crate::depth::Registration;
 use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::gate::{Gate, Timeline};
+use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
 use crate::source::{RgbdSource, SourceError};
 use crate::statistics::SourceStatistics;
@@ -13,14 +15,14 @@ use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
-use sys::{Device, Sensor};
+use sys::{Device, Optics, Registered, Sensor};
 
 pub use sys::list_devices;
 
 /// A live camera.
 pub struct OpenNi2Camera {
     device: Device,
-    camera: Arc<PinholeCamera>,
+    geometry: Geometry,
     clock: DeviceClock,
     pairing: Pairing<sys::Picture, sys::Picture>,
 }
@@ -35,10 +37,10 @@ impl OpenNi2Camera {
         let device = Device::open(uri).map_err(|e| {
             failed(format!("{e}; \"linkage doctor\" lists devices and what is missing"))
         })?;
-        let camera = Arc::new(camera.cloned().unwrap_or_else(|| camera_of(&device)));
+        let geometry = Geometry::of(&device, camera, &format!("openni2:{uri}")).map_err(failed)?;
         Ok(Self {
             device,
-            camera,
+            geometry,
             clock: DeviceClock::new(1.0),
             pairing: Pairing::new(DEFAULT_MAX_PAIR_GAP_US),
         })
@@ -51,13 +53,14 @@ impl Camera for OpenNi2Camera {
             return Ok(None);
         };
         let picture = self.device.read(sensor).map_err(CameraFault::Lost)?;
+        self.geometry.tell_mirroring(&self.device);
         // The device counts from its start, which differs after each reconnection.
         let utime = self.clock.utime(picture.utime as u32, host_utime());
         let pair = match sensor {
             Sensor::Color => self.pairing.color(utime, picture),
             Sensor::Depth => self.pairing.depth(utime, picture),
         };
-        pair.map(|pair| assemble(pair, &self.camera)).transpose().map_err(CameraFault::Damaged)
+        pair.map(|pair| self.geometry.assemble(pair)).transpose().map_err(CameraFault::Damaged)
     }
 
     fn pairing(&self) -> (u64, i64) {
@@ -69,7 +72,7 @@ impl Camera for OpenNi2Camera {
 pub struct OniRecording {
     name: String,
     device: Device,
-    camera: Arc<PinholeCamera>,
+    geometry: Geometry,
     pairing: Pairing<sys::Picture, sys::Picture>,
     gate: Gate,
     delivered: u64,
@@ -100,9 +103,10 @@ impl OniRecording {
         if frames == 0 {
             return Err(broken("it holds no pair of colour and depth".to_owned()));
         }
+        let name = format!("oni:{}", path.display());
         Ok(Self {
-            name: format!("oni:{}", path.display()),
-            camera: Arc::new(camera.cloned().unwrap_or_else(|| camera_of(&device))),
+            geometry: Geometry::of(&device, camera, &name).map_err(broken)?,
+            name,
             device,
             pairing: Pairing::new(DEFAULT_MAX_PAIR_GAP_US),
             gate: Gate::new(Timeline::GoesOn),
@@ -144,6 +148,7 @@ impl RgbdSource for OniRecording {
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
         while let Some(sensor) = self.due() {
             let picture = self.read_next(sensor).map_err(|e| self.broken(e))?;
+            self.geometry.tell_mirroring(&self.device);
             self.read[sensor as usize] = picture.number.max(self.read[sensor as usize] + 1);
             self.reached[sensor as usize] = picture.utime;
             let pair = match sensor {
@@ -151,7 +156,7 @@ impl RgbdSource for OniRecording {
                 Sensor::Depth => self.pairing.depth(picture.utime, picture),
             };
             let Some(pair) = pair else { continue };
-            match assemble(pair, &self.camera) {
+            match self.geometry.assemble(pair) {
                 Ok(frame) => {
                     // A recording has no other clock.
                     let arrival = frame.utime;
@@ -188,12 +193,73 @@ impl RgbdSource for OniRecording {
     }
 }
 
+/// How a device's pictures become frames.
+struct Geometry {
+    name: String,
+    camera: Arc<PinholeCamera>,
+    /// Of depth that the device does not register.
+    registration: Option<Registration>,
+    is_mirroring_told: bool,
+}
+
+impl Geometry {
+    /// What a device tells of itself; the camera is the one that is given, if one is. Whatever
+    /// is assumed is said aloud.
+    fn of(device: &Device, camera: Option<&PinholeCamera>, name: &str) -> Result<Self, String> {
+        let told = || camera_of(device.optics(Sensor::Color), "colour");
+        let camera = camera.cloned().map_or_else(told, Ok)?;
+        let registration = match device.registered() {
+            Registered::Yes => None,
+            Registered::Untold => {
+                tracing::warn!(
+                    source = name,
+                    "it does not tell whether depth is registered to colour: it is taken as registered"
+                );
+                None
+            }
+            Registered::No => {
+                tracing::warn!(
+                    source = name,
+                    "the device does not register depth to colour: it is registered here, by the usual 23 mm between the cameras"
+                );
+                let depth_camera = camera_of(device.optics(Sensor::Depth), "depth")?;
+                Some(Registration { depth_camera, ..kinect::registration() })
+            }
+        };
+        let (name, camera) = (name.to_owned(), Arc::new(camera));
+        Ok(Self { name, camera, registration, is_mirroring_told: false })
+    }
+
+    /// Says once that pictures come mirrored and are turned back.
+    fn tell_mirroring(&mut self, device: &Device) {
+        let is_mirrored = [Sensor::Color, Sensor::Depth].iter().any(|s| device.is_mirrored(*s));
+        if is_mirrored && !self.is_mirroring_told {
+            self.is_mirroring_told = true;
+            tracing::warn!(source = self.name, "its pictures are mirrored: they are turned back");
+        }
+    }
+
+    fn assemble(&self, pair: Paired<sys::Picture, sys::Picture>) -> Result<RgbdFrame, String> {
+        let (color, depth) = (pair.color, pair.depth);
+        let text = |e: crate::FrameError| e.to_string();
+        let color = ColorImage::new(color.width, color.height, color.bytes).map_err(text)?;
+        let raw: Vec<u16> =
+            depth.bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+        let mut depth =
+            DepthImage::from_raw(depth.width, depth.height, &raw, depth.units_per_metre)
+                .map_err(text)?;
+        if let Some(registration) = &self.registration {
+            depth = registration.register(&depth, &self.camera);
+        }
+        RgbdFrame::new(pair.utime, Arc::clone(&self.camera), color, depth).map_err(text)
+    }
+}
+
 /// Intrinsics from the field of view, which is all that OpenNI2 tells.
-fn camera_of(device: &Device) -> PinholeCamera {
-    let (width, height) = device.size();
-    let [horizontal, vertical] = device.field_of_view();
+fn camera_of(optics: Optics, what: &str) -> Result<PinholeCamera, String> {
+    let Optics { size: (width, height), field_of_view: [horizontal, vertical] } = optics;
     let focal = |pixels: usize, angle: f64| pixels as f64 / (2.0 * (angle / 2.0).tan());
-    PinholeCamera {
+    let camera = PinholeCamera {
         width,
         height,
         fx: focal(width, horizontal),
@@ -202,19 +268,32 @@ fn camera_of(device: &Device) -> PinholeCamera {
         cy: (height as f64 - 1.0) / 2.0,
         depth_units_per_metre: 1000.0,
         distortion: [0.0; 8],
-    }
+    };
+    camera.check().map_err(|e| {
+        format!(
+            "its {what} of {width}x{height} pixels, {horizontal} by {vertical} rad, cannot be: {e}; give the camera with --camera"
+        )
+    })?;
+    Ok(camera)
 }
 
-fn assemble(
-    pair: Paired<sys::Picture, sys::Picture>,
-    camera: &Arc<PinholeCamera>,
-) -> Result<RgbdFrame, String> {
-    let (color, depth) = (pair.color, pair.depth);
-    let text = |e: crate::FrameError| e.to_string();
-    let color = ColorImage::new(color.width, color.height, color.bytes).map_err(text)?;
-    let raw: Vec<u16> =
-        depth.bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
-    let depth = DepthImage::from_raw(depth.width, depth.height, &raw, depth.units_per_metre)
-        .map_err(text)?;
-    RgbdFrame::new(pair.utime, Arc::clone(camera), color, depth).map_err(text)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_device_tells_of_its_lens_must_be_a_camera() {
+        let kinect = Optics { size: (640, 480), field_of_view: [1.0947, 0.8579] };
+        assert!((camera_of(kinect, "colour").unwrap().fx - 525.0).abs() < 2.0);
+        for (size, field_of_view) in [
+            ((640, 480), [0.0, 0.0]),
+            ((640, 480), [1.0947, f64::NAN]),
+            ((640, 480), [62.7, 49.2]),
+            ((0, 480), [1.0947, 0.8579]),
+            ((100_000, 100_000), [1.0947, 0.8579]),
+        ] {
+            let error = camera_of(Optics { size, field_of_view }, "depth").unwrap_err();
+            assert!(error.contains("--camera") && error.contains("depth"), "{error}");
+        }
+    }
 }

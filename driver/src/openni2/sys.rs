@@ -35,7 +35,7 @@ pub struct Picture {
     pub number: usize,
     pub width: usize,
     pub height: usize,
-    /// RGB, or 16 bits of depth a pixel.
+    /// RGB, or 16 bits of depth a pixel; never mirrored.
     pub bytes: Vec<u8>,
     /// Of depth.
     pub units_per_metre: f64,
@@ -61,9 +61,29 @@ fn initialise() -> Result<(), String> {
 pub struct Device {
     device: ffi::OniDeviceHandle,
     streams: [ffi::OniStreamHandle; 2],
-    size: (usize, usize),
-    field_of_view: [f64; 2],
+    optics: [Optics; 2],
     recorded: [usize; 2],
+    is_mirrored: [bool; 2],
+}
+
+/// What a stream tells of its lens.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Optics {
+    /// Columns and rows.
+    pub size: (usize, usize),
+    /// Horizontal and vertical, radians.
+    pub field_of_view: [f64; 2],
+}
+
+/// What a device says of whose pixels depth comes in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Registered {
+    /// The colour camera's.
+    Yes,
+    /// The infrared camera's.
+    No,
+    /// It does not say, as recordings do not.
+    Untold,
 }
 
 // SAFETY: OpenNI2's functions may be called from any thread; a Device is owned by one at a
@@ -132,9 +152,9 @@ impl Device {
         Ok(Self {
             device,
             streams: [ptr::null_mut(); 2],
-            size: (0, 0),
-            field_of_view: [0.0; 2],
+            optics: [Optics::default(); 2],
             recorded: [0; 2],
+            is_mirrored: [false; 2],
         })
     }
 
@@ -181,20 +201,7 @@ impl Device {
         self.choose_mode(stream, kind);
         let mode: ffi::OniVideoMode = get(stream, ffi::ONI_STREAM_PROPERTY_VIDEO_MODE as c_int)
             .ok_or_else(|| format!("the {what} stream does not tell its format"))?;
-        if sensor == Sensor::Color {
-            self.size = (mode.resolutionX.max(0) as usize, mode.resolutionY.max(0) as usize);
-            let angle = |property| get::<f32>(stream, property).map_or(0.0, f64::from);
-            self.field_of_view = [
-                angle(ffi::ONI_STREAM_PROPERTY_HORIZONTAL_FOV as c_int),
-                angle(ffi::ONI_STREAM_PROPERTY_VERTICAL_FOV as c_int),
-            ];
-            if self.field_of_view.iter().any(|a| !(0.05..3.0).contains(a)) {
-                return Err(format!(
-                    "its field of view, {:?} rad, cannot be; give the camera with --camera",
-                    self.field_of_view
-                ));
-            }
-        }
+        self.optics[sensor as usize] = optics(stream, &mode);
         let recorded = get::<c_int>(stream, ffi::ONI_STREAM_PROPERTY_NUMBER_OF_FRAMES as c_int);
         self.recorded[sensor as usize] = recorded.map_or(0, |n| n.max(0) as usize);
         // SAFETY: the stream was just made.
@@ -256,14 +263,35 @@ impl Device {
         if status == ffi::OniStatus_ONI_STATUS_OK { Ok(()) } else { Err(last_error()) }
     }
 
-    /// Columns and rows of colour.
-    pub fn size(&self) -> (usize, usize) {
-        self.size
+    /// What a stream tells of its lens.
+    pub fn optics(&self, sensor: Sensor) -> Optics {
+        self.optics[sensor as usize]
     }
 
-    /// Of the colour camera, horizontal and vertical, radians.
-    pub fn field_of_view(&self) -> [f64; 2] {
-        self.field_of_view
+    /// True where a stream's last picture came mirrored and was turned back.
+    pub fn is_mirrored(&self, sensor: Sensor) -> bool {
+        self.is_mirrored[sensor as usize]
+    }
+
+    /// What the device says of registration.
+    pub fn registered(&self) -> Registered {
+        let (mut mode, mut size): (c_int, c_int) = (0, size_of::<c_int>() as c_int);
+        // SAFETY: the device is open; the property is an int, and no more is written than `size`
+        // says.
+        let status = unsafe {
+            ffi::oniDeviceGetProperty(
+                self.device,
+                ffi::ONI_DEVICE_PROPERTY_IMAGE_REGISTRATION as c_int,
+                (&raw mut mode).cast(),
+                &mut size,
+            )
+        };
+        let to_color = ffi::OniImageRegistrationMode_ONI_IMAGE_REGISTRATION_DEPTH_TO_COLOR as c_int;
+        match status {
+            ffi::OniStatus_ONI_STATUS_OK if mode == to_color => Registered::Yes,
+            ffi::OniStatus_ONI_STATUS_OK => Registered::No,
+            _ => Registered::Untold,
+        }
     }
 
     /// Pictures in a recording; 0 for a live device.
@@ -287,9 +315,13 @@ impl Device {
         }
     }
 
-    /// Reads the next picture of a stream; blocks until there is one.
+    /// Reads the next picture of a stream; blocks until there is one. A mirrored one is turned
+    /// back: not every device lets mirroring be switched off, and a recording is as it is.
     pub fn read(&mut self, sensor: Sensor) -> Result<Picture, String> {
         let stream = self.streams[sensor as usize];
+        let mirroring = get::<c_int>(stream, ffi::ONI_STREAM_PROPERTY_MIRRORING as c_int);
+        let is_mirrored = mirroring.is_some_and(|m| m != 0);
+        self.is_mirrored[sensor as usize] = is_mirrored;
         let mut frame: *mut ffi::OniFrame = ptr::null_mut();
         // SAFETY: the stream runs; the frame is valid until it is released, and all that is
         // kept of it is copied before.
@@ -298,7 +330,7 @@ impl Device {
             if status != ffi::OniStatus_ONI_STATUS_OK || frame.is_null() {
                 return Err(format!("a frame cannot be read: {}", last_error()));
             }
-            let picture = copied(&*frame);
+            let picture = copied(&*frame, is_mirrored);
             ffi::oniFrameRelease(frame);
             picture
         }
@@ -318,11 +350,23 @@ impl Drop for Device {
     }
 }
 
-/// A frame's pixels, row by row without padding.
+/// Size and field of view of a stream; zeros where it does not tell.
+fn optics(stream: ffi::OniStreamHandle, mode: &ffi::OniVideoMode) -> Optics {
+    let angle = |property| get::<f32>(stream, property).map_or(0.0, f64::from);
+    Optics {
+        size: (mode.resolutionX.max(0) as usize, mode.resolutionY.max(0) as usize),
+        field_of_view: [
+            angle(ffi::ONI_STREAM_PROPERTY_HORIZONTAL_FOV as c_int),
+            angle(ffi::ONI_STREAM_PROPERTY_VERTICAL_FOV as c_int),
+        ],
+    }
+}
+
+/// A frame's pixels, row by row without padding, and turned back where they are mirrored.
 ///
 /// # Safety
 /// The frame's data must hold `dataSize` bytes.
-unsafe fn copied(frame: &ffi::OniFrame) -> Result<Picture, String> {
+unsafe fn copied(frame: &ffi::OniFrame, is_mirrored: bool) -> Result<Picture, String> {
     let (pixel_bytes, units_per_metre) = match frame.videoMode.pixelFormat {
         ffi::OniPixelFormat_ONI_PIXEL_FORMAT_RGB888 => (3, 0.0),
         ffi::OniPixelFormat_ONI_PIXEL_FORMAT_DEPTH_1_MM => (2, 1e3),
@@ -334,12 +378,22 @@ unsafe fn copied(frame: &ffi::OniFrame) -> Result<Picture, String> {
     let (width, height) = (frame.width.max(0) as usize, frame.height.max(0) as usize);
     let row = width * pixel_bytes;
     let (stride, size) = (frame.stride.max(0) as usize, frame.dataSize.max(0) as usize);
-    if height == 0 || stride < row || size < stride * (height - 1) + row || frame.data.is_null() {
+    if width == 0
+        || height == 0
+        || stride < row
+        || size < stride * (height - 1) + row
+        || frame.data.is_null()
+    {
         return Err(format!("a frame of {width}x{height} holds only {size} bytes"));
     }
     // SAFETY: the caller's contract.
     let data = unsafe { std::slice::from_raw_parts(frame.data.cast::<u8>(), size) };
-    let bytes = data.chunks(stride).take(height).flat_map(|r| &r[..row]).copied().collect();
+    let rows = data.chunks(stride).take(height).map(|r| &r[..row]);
+    let bytes = if is_mirrored {
+        rows.flat_map(|r| r.rchunks_exact(pixel_bytes)).flatten().copied().collect()
+    } else {
+        rows.flatten().copied().collect()
+    };
     Ok(Picture {
         utime: frame.timestamp as i64,
         number: frame.frameIndex.max(0) as usize,

@@ -5,8 +5,8 @@ use crate::channel as on;
 use crate::messages;
 use crate::service::publisher::Outbox;
 use linkage_driver::live::host_utime;
-use linkage_skill::encounter::remember;
-use linkage_skill::store::{Library, Provenance, Store};
+use linkage_skill::encounter::{CombineError, remember};
+use linkage_skill::store::{Library, Provenance, Store, StoreError};
 use linkage_skill::{Demonstration, Learner, ObjectModel, SkillConfig};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -32,6 +32,17 @@ pub struct Learning {
 pub struct Learned {
     pub summary: String,
     pub library: Library,
+}
+
+/// Why nothing was stored.
+#[derive(Debug, thiserror::Error)]
+enum NotStored {
+    #[error("cancelled")]
+    Cancelled,
+    #[error(transparent)]
+    Combine(#[from] CombineError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
 }
 
 impl Teacher {
@@ -60,21 +71,22 @@ impl Teacher {
             return Err("nothing articulated moves; nothing was learned".to_owned());
         }
         let mut store = Store::open_or_create(&self.store).map_err(|e| e.to_string())?;
-        let known = store.find(object).map_err(|e| e.to_string())?;
         let is_cancelled = || cancelled.load(Ordering::Relaxed);
-        // A new object's model is told before it is stored, which takes longer than to learn it.
-        if known.is_none() && !is_cancelled() {
-            self.publish(&demonstration, &demonstration.model);
-        }
         let provenance =
             Provenance { source: "demonstrated live".to_owned(), learned_utime: host_utime() };
-        let stored = remember(known.as_ref(), &demonstration, provenance, &self.config)
-            .map_err(|e| e.to_string())?;
-        if is_cancelled() {
-            return Err("cancelled".to_owned());
-        }
-        store.put(&stored).map_err(|e| e.to_string())?;
-        if known.is_some() {
+        let mut is_told = false;
+        let combined = store.update(object, |known| {
+            // A new object's model is told before it is stored, which takes longer than to learn
+            // it.
+            is_told = known.is_none() && !is_cancelled();
+            if is_told {
+                self.publish(&demonstration, &demonstration.model);
+            }
+            let stored = remember(known, &demonstration, provenance.clone(), &self.config)?;
+            if is_cancelled() { Err(NotStored::Cancelled) } else { Ok(stored) }
+        });
+        let stored = combined.map_err(|e| e.to_string())?;
+        if !is_told {
             self.publish(&demonstration, &stored.model);
         }
         let library = store.load().map_err(|e| e.to_string())?;

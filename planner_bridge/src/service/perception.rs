@@ -472,9 +472,11 @@ impl<'q> Perception<'q> {
         let model = &t.object.model;
         let stamps = Stamps { captured: t.utime, made: host_utime() };
         let planned = predict(model, &t.recognised, &request, &self.config.rig);
-        if let Err(PlanError::Predict(PredictError::Unseen { .. })) = &planned
-            && pending.since.elapsed() < JOINT_PATIENCE
-        {
+        let is_unclear = matches!(
+            &planned,
+            Err(PlanError::Predict(PredictError::Unseen { .. }) | PlanError::Unclear { .. })
+        );
+        if is_unclear && pending.since.elapsed() < JOINT_PATIENCE {
             t.pending = Some(pending);
             return;
         }

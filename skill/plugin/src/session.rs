@@ -5,6 +5,7 @@ use crate::border::{Failure, call, free, given, linkage_result, optional_text, p
 use crate::frame::{linkage_frame, taken};
 use linkage_planner_bridge::{PlanError, Request, Rig, predict};
 use linkage_skill::encounter::{CombineError, remember};
+use linkage_skill::model::check_name;
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{KnownObject, Scene};
 use linkage_skill::store::{Library, Provenance, Store, StoreError};
@@ -41,6 +42,12 @@ impl linkage_session {
 
 fn stored(error: StoreError) -> Failure {
     Failure::bad(error)
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        stored(error)
+    }
 }
 
 impl Skill {
@@ -82,14 +89,12 @@ impl Skill {
             learned_utime: linkage_driver::live::host_utime(),
         };
         let mut store = Store::open_or_create(&self.path).map_err(stored)?;
-        let known = store.find(&object).map_err(stored)?;
-        let learned = remember(known.as_ref(), &demonstration, provenance, &self.config).map_err(
-            |e| match &e {
+        store.update(&object, |known| {
+            remember(known, &demonstration, provenance.clone(), &self.config).map_err(|e| match &e {
                 CombineError::Vision(_) => Failure::internal(e),
                 _ => Failure::bad(e),
-            },
-        )?;
-        store.put(&learned).map_err(stored)?;
+            })
+        })?;
         self.library = store.load().map_err(stored)?;
         Ok(())
     }
@@ -219,9 +224,7 @@ pub unsafe extern "C" fn linkage_start_demonstration(
         // SAFETY: the caller promises it.
         let (session, object) = unsafe { (given(session, "session")?, text(object, "object")?) };
         let mut skill = session.lock();
-        if object.is_empty() {
-            return Err(Failure::bad("an object needs a name"));
-        }
+        check_name(object).map_err(|reason| Failure::bad(format!("object: {reason}")))?;
         if let Some((running, _)) = &skill.demonstration {
             let why = format!("{running} is being demonstrated; finish or cancel that first");
             return Err(Failure::bad(why));

@@ -4,7 +4,7 @@ use super::hinge::SYSTEMATIC_RAD;
 use crate::geometry::orthonormal_basis;
 use crate::model::covariance_rows;
 use crate::structure::LearnedJoint;
-use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, Matrix6, SymmetricEigen, Vector3, Vector6};
+use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, SymmetricEigen, Vector3, Vector6};
 
 /// Fewest planes.
 const MIN_PLANES: usize = 6;
@@ -47,7 +47,7 @@ impl Direction {
         let joint = &mut learned.joint;
         let told = Vector3::from(joint.axis);
         let axis = if self.axis.dot(&told) < 0.0 { -self.axis } else { self.axis };
-        let covariance = Matrix6::from_fn(|r, c| joint.covariance[r][c]);
+        let Some(covariance) = joint.known_covariance() else { return false };
         let (u, v) = orthonormal_basis(&axis);
         let across = Matrix2x3::from_rows(&[u.transpose(), v.transpose()]);
         let mut measures = Matrix2x6::zeros();
@@ -75,7 +75,7 @@ mod tests {
     use crate::articulate::JointGeometry;
     use crate::geometry::line_angle;
     use crate::model::Joint;
-    use nalgebra::{Point3, UnitVector3};
+    use nalgebra::{Matrix6, Point3, UnitVector3};
 
     /// Normals of a door that turns by this much, each off by about a hundredth of a radian.
     fn normals(turn: f64) -> Vec<Vector3<f64>> {

@@ -1,10 +1,14 @@
 //! What the inverted index needs of each object, as the store keeps it: its words, until those of
 //! many have come together; then their postings by lists, of which a picture asks for a few.
 
+use super::contents::{self, Entry};
+use super::error::Fault;
+use super::record::Checksum;
+use super::schema::begin;
 use super::{Store, StoreError};
 use crate::recognise::{Posting, Postings, Words};
 use lru::LruCache;
-use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+use rusqlite::{Connection, OptionalExtension, params};
 use std::collections::HashSet;
 use std::sync::Arc;
 
@@ -22,7 +26,7 @@ fn are_many(unlisted: u32, listed: u32) -> bool {
 }
 
 /// Lists the words of all objects if they are many.
-pub fn list_if_many(connection: &Connection) -> rusqlite::Result<()> {
+pub fn list_if_many(connection: &Connection) -> Result<(), Fault> {
     let count = |of: &str| -> rusqlite::Result<u32> {
         connection.query_row(&format!("SELECT count(*) FROM words {of}"), [], |row| row.get(0))
     };
@@ -36,24 +40,26 @@ pub fn list_if_many(connection: &Connection) -> rusqlite::Result<()> {
 
 /// Puts the words of all objects in lists. Some lists at a time: other processes wait for no more,
 /// and until the words are taken away, which is last, they are what counts.
-fn list(connection: &Connection) -> rusqlite::Result<()> {
-    let objects = unlisted(connection)?;
+pub fn list(connection: &Connection) -> Result<(), Fault> {
+    let (emptied, objects) = unlisted(connection)?;
     let numbers: HashSet<u32> = objects.iter().map(|(number, _)| *number).collect();
     let postings = Postings::of(&objects);
     let lists: Vec<(usize, &[Posting])> = postings.lists().collect();
     lists.chunks(LISTS_AT_ONCE).try_for_each(|some| lengthen(connection, some, &numbers))?;
     let together = begin(connection)?;
-    let mut listed = together.prepare("UPDATE words SET words = NULL WHERE number = ?1")?;
-    numbers.iter().try_for_each(|number| listed.execute([number]).map(drop))?;
-    drop(listed);
-    together.commit()
+    emptied.iter().try_for_each(|entry| contents::update(&together, entry))?;
+    Ok(together.commit()?)
 }
 
-/// Words that are not listed, by the numbers of their objects, in order.
-fn unlisted(connection: &Connection) -> rusqlite::Result<Vec<(u32, Words)>> {
-    let query = "SELECT number, words FROM words WHERE words IS NOT NULL ORDER BY number";
-    let rows = all(connection, query, |row| Ok((row.get(0)?, Words::from_bytes(row.get(1)?))))?;
-    Ok(rows.into_iter().filter_map(|(number, words)| Some((number, words?))).collect())
+/// Rows whose words are not listed, without these, and the words by the numbers of their objects,
+/// in order.
+fn unlisted(connection: &Connection) -> Result<(Vec<Entry>, Vec<(u32, Words)>), Fault> {
+    let split = |mut entry: Entry| {
+        let words = Words::from_bytes(entry.words.take()?)?;
+        let number = entry.number;
+        Some((entry, (number, words)))
+    };
+    Ok(contents::unlisted(connection)?.into_iter().filter_map(split).unzip())
 }
 
 /// Puts postings of objects with these numbers at the ends of lists. Postings that they have there
@@ -62,28 +68,116 @@ fn lengthen(
     connection: &Connection,
     lists: &[(usize, &[Posting])],
     numbers: &HashSet<u32>,
-) -> rusqlite::Result<()> {
+) -> Result<(), Fault> {
     let together = begin(connection)?;
     let known: HashSet<u32> =
         all(&together, "SELECT number FROM words", |row| row.get(0))?.into_iter().collect();
     let is_kept = |p: &Posting| known.contains(&p.object) && !numbers.contains(&p.object);
-    let mut read = together.prepare("SELECT postings FROM postings WHERE list = ?1")?;
-    let mut write =
-        together.prepare("INSERT OR REPLACE INTO postings (list, postings) VALUES (?1, ?2)")?;
+    let mut directory = Directory::read(&together)?;
     for &(list, postings) in lists {
-        let list = list as u32;
-        let before: Option<Vec<u8>> = read.query_row([list], |row| row.get(0)).optional()?;
-        let before = Posting::all_from_bytes(before.as_deref().unwrap_or_default());
-        let all = before.filter(is_kept).chain(postings.iter().copied());
-        write.execute(params![list, all.flat_map(Posting::to_bytes).collect::<Vec<u8>>()])?;
+        let before = read_list(&together, list, &directory)?.unwrap_or_default();
+        let before = Posting::all_from_bytes(&before).filter(is_kept);
+        let all = before.chain(postings.iter().copied());
+        let bytes = all.flat_map(Posting::to_bytes).collect::<Vec<u8>>();
+        write_list(&together, list, &bytes)?;
+        directory.insert(list);
     }
-    drop((read, write));
-    together.commit()
+    directory.write(&together)?;
+    Ok(together.commit()?)
 }
 
-/// A change during which no other process makes one.
-fn begin(connection: &Connection) -> rusqlite::Result<Transaction<'_>> {
-    Transaction::new_unchecked(connection, TransactionBehavior::Immediate)
+/// The postings of a list as they are kept; `None` where there is no such list.
+fn read_list(
+    connection: &Connection,
+    list: usize,
+    directory: &Directory,
+) -> Result<Option<Vec<u8>>, Fault> {
+    let mut statement =
+        connection.prepare_cached("SELECT postings, checksum FROM postings WHERE list = ?1")?;
+    let row = statement.query_row([list as u32], |row| <(Vec<u8>, u32)>::try_from(row));
+    match row.optional()? {
+        Some((bytes, checksum)) if checksum_of(list, &bytes) == checksum => Ok(Some(bytes)),
+        None if !directory.contains(list) => Ok(None),
+        Some(_) => Err(damaged(list, "does not match its checksum")),
+        None => Err(damaged(list, "is lost")),
+    }
+}
+
+fn damaged(list: usize, how: &str) -> Fault {
+    Fault::File(format!("list {list} of its index {how}"))
+}
+
+fn write_list(connection: &Connection, list: usize, bytes: &[u8]) -> rusqlite::Result<()> {
+    let mut statement = connection.prepare_cached(
+        "INSERT OR REPLACE INTO postings (list, postings, checksum) VALUES (?1, ?2, ?3)",
+    )?;
+    statement.execute(params![list as u32, bytes, checksum_of(list, bytes)]).map(drop)
+}
+
+fn checksum_of(list: usize, bytes: &[u8]) -> u32 {
+    let mut sum = Checksum::default();
+    sum.field(&(list as u64).to_le_bytes());
+    sum.field(bytes);
+    sum.finish()
+}
+
+/// Which lists there are, a bit each: one that is lost would look like one that never was.
+#[derive(Default)]
+struct Directory(Vec<u8>);
+
+/// What stands for its list's number in the directory's checksum.
+const DIRECTORY: usize = usize::MAX;
+/// More lists than any vocabulary has.
+const MOST_LISTS: usize = 1 << 24;
+
+impl Directory {
+    fn read(connection: &Connection) -> Result<Self, Fault> {
+        let row = connection.query_row("SELECT lists, checksum FROM listed", [], |row| {
+            <(Vec<u8>, u32)>::try_from(row)
+        });
+        match row.optional()? {
+            Some((lists, checksum)) if checksum_of(DIRECTORY, &lists) == checksum => Ok(Self(lists)),
+            _ => Err(Fault::File("the directory of its index is damaged".to_owned())),
+        }
+    }
+
+    fn write(&self, connection: &Connection) -> rusqlite::Result<()> {
+        let row = params![self.0, checksum_of(DIRECTORY, &self.0)];
+        let sql = "INSERT OR REPLACE INTO listed (id, lists, checksum) VALUES (0, ?1, ?2)";
+        connection.execute(sql, row).map(drop)
+    }
+
+    fn contains(&self, list: usize) -> bool {
+        self.0.get(list / 8).is_some_and(|byte| byte >> (list % 8) & 1 == 1)
+    }
+
+    fn insert(&mut self, list: usize) {
+        if self.0.len() <= list / 8 {
+            self.0.resize(list / 8 + 1, 0);
+        }
+        self.0[list / 8] |= 1 << (list % 8);
+    }
+}
+
+/// Writes that there is no list.
+pub fn write_empty_directory(connection: &Connection) -> rusqlite::Result<()> {
+    Directory::default().write(connection)
+}
+
+/// Adds checksums to the lists of an older store.
+pub fn add_checksums(connection: &Connection) -> Result<(), Fault> {
+    let lists: Vec<u32> = all(connection, "SELECT list FROM postings", |row| row.get(0))?;
+    let mut directory = Directory::default();
+    for list in lists.into_iter().map(|list| list as usize) {
+        if list >= MOST_LISTS {
+            return Err(damaged(list, "can not be"));
+        }
+        let sql = "SELECT postings FROM postings WHERE list = ?1";
+        let bytes: Vec<u8> = connection.query_row(sql, [list as u32], |row| row.get(0))?;
+        write_list(connection, list, &bytes)?;
+        directory.insert(list);
+    }
+    Ok(directory.write(connection)?)
 }
 
 /// All rows of a query.
@@ -119,7 +213,7 @@ impl Lists {
     ) -> Result<Vec<Arc<[Posting]>>, StoreError> {
         let unread: Vec<usize> =
             lists.iter().copied().filter(|list| !self.recent.contains(list)).collect();
-        let read = store.sql(read(&store.connection, &unread))?;
+        let read = read(&store.connection, &unread).map_err(|e| e.in_file(&store.path))?;
         for (list, postings) in unread.into_iter().zip(read) {
             self.bytes += size_of_val(&postings[..]);
             self.recent.put(list, postings);
@@ -140,15 +234,18 @@ impl Lists {
 }
 
 /// The postings of each list.
-fn read(connection: &Connection, lists: &[usize]) -> rusqlite::Result<Vec<Arc<[Posting]>>> {
+fn read(connection: &Connection, lists: &[usize]) -> Result<Vec<Arc<[Posting]>>, Fault> {
+    if lists.is_empty() {
+        return Ok(Vec::new());
+    }
     // One transaction: the file is locked once, not for every list.
     let together = connection.unchecked_transaction()?;
-    let mut statement = together.prepare_cached("SELECT postings FROM postings WHERE list = ?1")?;
-    let mut postings = |list: &usize| {
-        let of_row = |row: &Row| Ok(Posting::all_from_bytes(row.get_ref(0)?.as_blob()?).collect());
-        Ok(statement.query_row([*list as u32], of_row).optional()?.unwrap_or_default())
+    let directory = Directory::read(&together)?;
+    let postings = |list: &usize| {
+        let bytes = read_list(&together, *list, &directory)?.unwrap_or_default();
+        Ok(Posting::all_from_bytes(&bytes).collect())
     };
-    lists.iter().map(&mut postings).collect()
+    lists.iter().map(postings).collect()
 }
 
 #[cfg(test)]
@@ -178,7 +275,7 @@ mod tests {
 
     fn list_all(store: &Store) {
         list(&store.connection).unwrap();
-        assert!(unlisted(&store.connection).unwrap().is_empty());
+        assert!(unlisted(&store.connection).unwrap().0.is_empty());
     }
 
     /// Bytes of all postings.
@@ -234,7 +331,7 @@ mod tests {
         store.put_all(&things(5..10)).unwrap();
         let whole = ranked(&store.load().unwrap(), 7);
         let of_five = bytes(&store);
-        let objects = unlisted(&store.connection).unwrap();
+        let (_, objects) = unlisted(&store.connection).unwrap();
         let numbers = objects.iter().map(|(number, _)| *number).collect();
         let postings = Postings::of(&objects);
         let lists: Vec<(usize, &[Posting])> = postings.lists().collect();
@@ -257,13 +354,19 @@ mod tests {
     }
 
     #[test]
-    fn damaged_lists_find_less_and_nothing_worse() {
-        let (_dir, store) = store_of(&things(0..20));
-        let damage = "UPDATE postings SET postings = randomblob(1000) WHERE list % 2 = 1";
-        store.connection.execute(damage, []).unwrap();
-        assert_eq!(ranked(&store.load().unwrap(), 3)[0].0, 3);
-        store.connection.execute("UPDATE postings SET postings = randomblob(100)", []).unwrap();
-        assert!(ranked(&store.load().unwrap(), 3).is_empty());
+    fn lists_that_are_damaged_or_lost_are_told() {
+        for damage in [
+            "UPDATE postings SET postings = randomblob(1000)",
+            "UPDATE postings SET postings = zeroblob(length(postings))",
+            "DELETE FROM postings",
+            "UPDATE listed SET lists = x''",
+        ] {
+            let (_dir, store) = store_of(&things(0..20));
+            store.connection.execute(damage, []).unwrap();
+            let error = store.load().unwrap().rank(&features_seen(3, 1.0), 5).unwrap_err();
+            assert!(matches!(error, StoreError::DamagedFile { .. }), "{damage}: {error}");
+            assert!(error.to_string().contains("s.linkage"), "{error}");
+        }
     }
 
     #[test]

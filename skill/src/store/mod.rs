@@ -1,76 +1,31 @@
-//! The store: one SQLite file with models, appearance, words and provenance. Every
-//! change is one transaction, so a kill at any moment leaves what was there before.
+//! The store: one SQLite file with models, appearance, words and provenance. Every change is one
+//! transaction, so a kill at any moment leaves what was there before. All that is kept has a
+//! checksum, and so has the list of all objects: what is damaged is told, and gives no other answer.
 
+mod contents;
+#[cfg(test)]
+mod damage;
+mod error;
+mod file;
 mod library;
 mod lists;
+mod record;
 mod schema;
 
 use crate::appearance::Appearance;
 use crate::model::ObjectModel;
 use crate::recognise::{Index, Words};
-use rusqlite::{Connection, OptionalExtension, params};
+use contents::Entry;
+use error::{Fault, explain};
+use file::{Absent, Opened};
+use rusqlite::Connection;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+pub use error::StoreError;
 pub use library::Library;
+pub use record::Record;
 pub use schema::SCHEMA_VERSION;
-
-/// A store that cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// It is not there.
-    #[error("{path}: no such store; learn an object with --store first")]
-    Missing {
-        /// The file.
-        path: String,
-    },
-    /// It is something else.
-    #[error("{path}: not a Linkage store; give another file name")]
-    NotAStore {
-        /// The file.
-        path: String,
-    },
-    /// It was written by a newer version.
-    #[error(
-        "{path}: schema {found} is newer than {known}, the newest that this version knows; update linkage"
-    )]
-    Newer {
-        /// The file.
-        path: String,
-        /// Its schema.
-        found: i64,
-        /// Ours.
-        known: i64,
-    },
-    /// No object goes by that name.
-    #[error("{path}: no object \"{object}\"; it holds: {known}")]
-    UnknownObject {
-        /// The file.
-        path: String,
-        /// As asked.
-        object: String,
-        /// What there is.
-        known: String,
-    },
-    /// A row that cannot be decoded.
-    #[error("{path}: object \"{object}\" is damaged: {reason}; remove it and learn it again")]
-    Damaged {
-        /// The file.
-        path: String,
-        /// Which.
-        object: String,
-        /// Why.
-        reason: String,
-    },
-    /// SQLite's own errors: disk full, no permission, locked.
-    #[error("{path}: {source}")]
-    Database {
-        /// The file.
-        path: String,
-        /// Why.
-        source: rusqlite::Error,
-    },
-}
 
 /// Where an object's knowledge comes from.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,6 +47,10 @@ pub struct StoredObject {
     pub provenance: Vec<Provenance>,
 }
 
+/// Which state of an object a store holds: each change gives another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Revision(u32);
+
 /// Names that an error lists.
 const MOST_NAMED: usize = 20;
 
@@ -99,18 +58,18 @@ const MOST_NAMED: usize = 20;
 pub struct Store {
     path: PathBuf,
     connection: Connection,
+    is_read_only: bool,
 }
 
 impl Store {
-    /// Opens an existing store.
+    /// Opens an existing store. Where it or its folder cannot be written, as on a full disk, it can
+    /// still be read.
     ///
     /// # Errors
-    /// [`StoreError::Missing`], [`StoreError::NotAStore`], [`StoreError::Newer`].
+    /// [`StoreError::Missing`], [`StoreError::NotAFile`], [`StoreError::Unreachable`],
+    /// [`StoreError::NotAStore`], [`StoreError::Newer`], [`StoreError::DamagedFile`].
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        if !path.exists() {
-            return Err(StoreError::Missing { path: path.display().to_string() });
-        }
-        Self::open_or_create(path)
+        Self::opened(path, Absent::Refuse)
     }
 
     /// Opens a store, or makes an empty one.
@@ -118,20 +77,44 @@ impl Store {
     /// # Errors
     /// As [`Self::open`], and [`StoreError::Database`] when it cannot be made.
     pub fn open_or_create(path: &Path) -> Result<Self, StoreError> {
-        let connection = Connection::open(path).map_err(|e| schema::explain(path, e))?;
-        schema::prepare(path, &connection)?;
-        Ok(Self { path: path.to_owned(), connection })
+        Self::opened(path, Absent::Create)
+    }
+
+    fn opened(path: &Path, absent: Absent) -> Result<Self, StoreError> {
+        let Opened { connection, is_read_only } = file::open(path, absent)?;
+        Ok(Self { path: path.to_owned(), connection, is_read_only })
+    }
+
+    /// True where nothing can be put in or taken out.
+    pub fn is_read_only(&self) -> bool {
+        self.is_read_only
     }
 
     /// Names of all objects, in alphabetical order.
     ///
     /// # Errors
-    /// [`StoreError::Database`].
+    /// [`StoreError::Damaged`], [`StoreError::DamagedFile`], [`StoreError::Database`].
     pub fn names(&self) -> Result<Vec<String>, StoreError> {
-        let mut statement =
-            self.sql(self.connection.prepare("SELECT name FROM object ORDER BY name"))?;
-        let rows = self.sql(statement.query_map([], |row| row.get(0)))?;
-        self.sql(rows.collect())
+        let snapshot = self.snapshot()?;
+        let entries = self.read(contents::entries(&snapshot))?;
+        let mut names: Vec<String> = entries.into_iter().map(|e| e.object).collect();
+        names.sort_unstable();
+        Ok(names)
+    }
+
+    /// Which state of an object there is; `None` where no object goes by that name.
+    ///
+    /// # Errors
+    /// As [`Self::names`].
+    pub fn revision(&self, name: &str) -> Result<Option<Revision>, StoreError> {
+        if let Some(entry) = self.read(contents::entry(&self.connection, name))? {
+            return Ok(Some(Revision(entry.number)));
+        }
+        // That there is none is told by all rows together.
+        if self.names()?.iter().any(|known| known == name) {
+            return Err(self.damaged(name, "the index of names has lost it".to_owned()));
+        }
+        Ok(None)
     }
 
     /// An object, if one goes by that name.
@@ -151,36 +134,32 @@ impl Store {
     /// # Errors
     /// [`StoreError::UnknownObject`] lists what there is; [`StoreError::Damaged`].
     pub fn get(&self, name: &str) -> Result<StoredObject, StoreError> {
-        let row = self.sql(
-            self.connection
-                .query_row(
-                    "SELECT model, appearance, edges FROM object WHERE name = ?1",
-                    [name],
-                    |row| <(String, Vec<u8>, Vec<u8>)>::try_from(row),
-                )
-                .optional(),
-        )?;
-        let Some((model, appearance, edges)) = row else {
-            return Err(self.unknown(name)?);
-        };
-        let damaged = |reason: String| StoreError::Damaged {
-            path: self.path.display().to_string(),
-            object: name.to_owned(),
-            reason,
-        };
-        let appearance: Appearance =
-            postcard::from_bytes(&appearance).map_err(|e| damaged(e.to_string()))?;
-        let edges = postcard::from_bytes(&edges).map_err(|e| damaged(e.to_string()))?;
-        Ok(StoredObject {
-            model: serde_json::from_str(&model).map_err(|e| damaged(e.to_string()))?,
-            appearance: Appearance { edges, ..appearance },
-            provenance: self.provenance(name)?,
-        })
+        self.get_revised(name).map(|(object, _)| object)
+    }
+
+    /// An object, and which state of it that is.
+    fn get_revised(&self, name: &str) -> Result<(StoredObject, Revision), StoreError> {
+        // One transaction: another process may replace it meanwhile.
+        let snapshot = self.snapshot()?;
+        let entry = self.read(contents::entry(&snapshot, name))?;
+        let record = entry.as_ref().map(|_| schema::read_record(&snapshot, name)).transpose();
+        drop(snapshot);
+        let Some(entry) = entry else { return Err(self.unknown(name)?) };
+        // Whatever does not let it be read, other objects may be whole.
+        let record = record.map_err(|e| self.damaged(name, e.to_string()))?.flatten();
+        let lost = || self.damaged(name, "its model is lost".to_owned());
+        let record = record.ok_or_else(lost)?;
+        if record.checksum(name) != entry.content {
+            return Err(self.damaged(name, "it does not match its checksum".to_owned()));
+        }
+        let object = record.object(name).map_err(|reason| self.damaged(name, reason))?;
+        Ok((object, Revision(entry.number)))
     }
 
     /// Puts an object in, in place of one of the same name.
     ///
     /// # Errors
+    /// [`StoreError::Invalid`] for one that nothing could read again; [`StoreError::ReadOnly`],
     /// [`StoreError::Database`]; the store then holds what it held before.
     pub fn put(&mut self, object: &StoredObject) -> Result<(), StoreError> {
         self.put_all(std::slice::from_ref(object))
@@ -192,19 +171,87 @@ impl Store {
     /// # Errors
     /// As [`Self::put`].
     pub fn put_all(&mut self, objects: &[StoredObject]) -> Result<(), StoreError> {
+        self.write(objects, |_, _, _| Ok(()))
+    }
+
+    /// Puts objects in, all or none, if each still is as it was: in the state that stands beside
+    /// it, or unknown.
+    ///
+    /// # Errors
+    /// [`StoreError::Changed`], and as [`Self::put`].
+    pub fn put_unchanged(
+        &mut self,
+        objects: &[StoredObject],
+        before: &[Option<Revision>],
+    ) -> Result<(), StoreError> {
         let path = self.path.clone();
-        let explain = |e| schema::explain(&path, e);
-        let transaction = self.connection.transaction().map_err(explain)?;
-        for object in objects {
-            write_object(&transaction, object).map_err(explain)?;
+        self.write(objects, |connection, index, object| {
+            let now = contents::entry(connection, object).map_err(|e| e.in_file(&path))?;
+            if now.map(|e| Revision(e.number)) == before.get(index).copied().flatten() {
+                return Ok(());
+            }
+            let path = path.display().to_string();
+            Err(StoreError::Changed { path, object: object.to_owned() })
+        })
+    }
+
+    /// Puts in what `change` makes of the object of a name, if there is one. Where another process
+    /// changes it meanwhile, `change` is asked again, so that no change is lost.
+    ///
+    /// # Errors
+    /// Those of `change`, and as [`Self::find`] and [`Self::put`].
+    pub fn update<E: From<StoreError>>(
+        &mut self,
+        name: &str,
+        mut change: impl FnMut(Option<&StoredObject>) -> Result<StoredObject, E>,
+    ) -> Result<StoredObject, E> {
+        loop {
+            let known = match self.get_revised(name) {
+                Ok(known) => Some(known),
+                Err(StoreError::UnknownObject { .. }) => None,
+                Err(error) => return Err(error.into()),
+            };
+            let changed = change(known.as_ref().map(|(object, _)| object))?;
+            let before = known.map(|(_, revision)| revision);
+            match self.put_unchanged(std::slice::from_ref(&changed), &[before]) {
+                Err(StoreError::Changed { .. }) => {}
+                Err(error) => return Err(error.into()),
+                Ok(()) => return Ok(changed),
+            }
         }
-        transaction.commit().map_err(explain)?;
+    }
+
+    /// Writes objects, each if it may be, all or none.
+    fn write(
+        &mut self,
+        objects: &[StoredObject],
+        may_be: impl Fn(&Connection, usize, &str) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        self.refuse_if_read_only()?;
+        // What takes long is done before other processes have to wait.
+        let made = |object: &StoredObject| {
+            let name = object.model.object.clone();
+            let invalid = |reason| StoreError::Invalid { object: name.clone(), reason };
+            let record = Record::of(object).map_err(invalid)?;
+            Ok((name, record, Words::of(&object.appearance)))
+        };
+        let made: Vec<(String, Record, Words)> =
+            objects.iter().map(made).collect::<Result<_, StoreError>>()?;
+        let together = self.sql(schema::begin(&self.connection))?;
+        for (index, (name, record, words)) in made.iter().enumerate() {
+            may_be(&together, index, name)?;
+            self.sql(schema::write_record(&together, name, record, words.as_bytes()))?;
+        }
+        self.sql(together.commit())?;
         self.list_if_many();
         Ok(())
     }
 
     /// Where words cannot be listed, as on a full disk, they stay as they are until next time.
     fn list_if_many(&self) {
+        if self.is_read_only {
+            return;
+        }
         if let Err(error) = lists::list_if_many(&self.connection) {
             let store = self.path.display();
             tracing::warn!(%store, %error, "words are not listed: it opens more slowly");
@@ -214,10 +261,13 @@ impl Store {
     /// Takes an object out.
     ///
     /// # Errors
-    /// [`StoreError::UnknownObject`].
+    /// [`StoreError::UnknownObject`], [`StoreError::ReadOnly`], [`StoreError::Database`].
     pub fn remove(&mut self, name: &str) -> Result<(), StoreError> {
+        self.refuse_if_read_only()?;
+        let together = self.sql(schema::begin(&self.connection))?;
         let removed =
-            self.sql(self.connection.execute("DELETE FROM object WHERE name = ?1", [name]))?;
+            self.sql(together.execute("DELETE FROM object WHERE name = ?1", [name]))?;
+        self.sql(together.commit())?;
         if removed == 0 { Err(self.unknown(name)?) } else { Ok(()) }
     }
 
@@ -227,42 +277,46 @@ impl Store {
     /// # Errors
     /// As [`Self::get`], for objects whose words were not kept.
     pub fn load(&self) -> Result<Library, StoreError> {
-        let snapshot = self.sql(self.connection.unchecked_transaction())?;
-        let mut rows: Vec<(String, u32, Option<Vec<u8>>)> =
-            self.sql(lists::all(&snapshot, "SELECT object, number, words FROM words", |row| {
-                row.try_into()
-            }))?;
-        rows.sort_unstable_by(|a, b| a.0.cmp(&b.0));
-        let mut names = Vec::with_capacity(rows.len());
+        let snapshot = self.snapshot()?;
+        let mut entries = self.read(contents::entries(&snapshot))?;
+        drop(snapshot);
+        entries.sort_unstable_by(|a, b| a.object.cmp(&b.object));
+        let mut names = Vec::with_capacity(entries.len());
         let (mut listed, mut unlisted, mut made) = (HashMap::new(), Vec::new(), Vec::new());
-        for (own, (name, number, words)) in (0..).zip(rows) {
-            match words.map(Words::from_bytes) {
+        for (own, mut entry) in (0..).zip(entries) {
+            match entry.words.take().map(Words::from_bytes) {
                 None => {
-                    listed.insert(number, own);
+                    listed.insert(entry.number, own);
                 }
                 Some(Some(words)) => unlisted.push((own, words)),
                 Some(None) => {
-                    let words = Words::of(&self.get(&name)?.appearance);
-                    made.push((number, words.clone()));
+                    let words = self.words_of(&entry.object)?;
+                    let bytes = words.as_bytes().to_vec();
+                    made.push(Entry { words: Some(bytes), ..entry.clone() });
                     unlisted.push((own, words));
                 }
             }
-            names.push(name);
+            names.push(entry.object);
         }
-        drop(snapshot);
         self.keep(&made);
         self.list_if_many();
         Ok(Library::lazy(Self::open(&self.path)?, names, Index::of_some(&unlisted, listed)))
     }
 
+    /// Words of an object; none of one that another process took out meanwhile.
+    fn words_of(&self, name: &str) -> Result<Words, StoreError> {
+        let object = self.find(name)?;
+        Ok(object.map_or_else(Words::default, |o| Words::of(&o.appearance)))
+    }
+
     /// Keeps words that had to be made. Where they cannot be written they are made again next time.
-    fn keep(&self, made: &[(u32, Words)]) {
+    fn keep(&self, made: &[Entry]) {
+        if made.is_empty() || self.is_read_only {
+            return;
+        }
         let written = || {
-            let together = self.connection.unchecked_transaction()?;
-            for (number, words) in made {
-                let row = params![number, words.as_bytes()];
-                together.execute("UPDATE words SET words = ?2 WHERE number = ?1", row)?;
-            }
+            let together = schema::begin(&self.connection)?;
+            made.iter().try_for_each(|entry| contents::update(&together, entry))?;
             together.commit()
         };
         if let Err(error) = written() {
@@ -270,26 +324,39 @@ impl Store {
         }
     }
 
-    fn provenance(&self, name: &str) -> Result<Vec<Provenance>, StoreError> {
-        let mut statement = self.sql(self.connection.prepare(
-            "SELECT source, learned_utime FROM demonstration WHERE object = ?1 ORDER BY id",
-        ))?;
-        let rows = self.sql(statement.query_map([name], |row| {
-            Ok(Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
-        }))?;
-        self.sql(rows.collect())
+    /// A state of the store that stays as it is while it is read.
+    fn snapshot(&self) -> Result<rusqlite::Transaction<'_>, StoreError> {
+        self.sql(self.connection.unchecked_transaction())
+    }
+
+    fn refuse_if_read_only(&self) -> Result<(), StoreError> {
+        let path = || self.path.display().to_string();
+        if self.is_read_only { Err(StoreError::ReadOnly { path: path() }) } else { Ok(()) }
     }
 
     fn unknown(&self, name: &str) -> Result<StoreError, StoreError> {
+        let names = self.names()?;
+        if names.iter().any(|known| known == name) {
+            return Err(self.damaged(name, "the index of names has lost it".to_owned()));
+        }
         Ok(StoreError::UnknownObject {
             path: self.path.display().to_string(),
             object: name.to_owned(),
-            known: some_of(self.names()?, name),
+            known: some_of(names, name),
         })
     }
 
+    fn damaged(&self, object: &str, reason: String) -> StoreError {
+        let path = self.path.display().to_string();
+        StoreError::Damaged { path, object: object.to_owned(), reason }
+    }
+
     fn sql<T>(&self, result: rusqlite::Result<T>) -> Result<T, StoreError> {
-        result.map_err(|e| schema::explain(&self.path, e))
+        result.map_err(|e| explain(&self.path, e))
+    }
+
+    fn read<T>(&self, result: Result<T, Fault>) -> Result<T, StoreError> {
+        result.map_err(|fault| fault.in_file(&self.path))
     }
 }
 
@@ -304,42 +371,13 @@ fn some_of(mut names: Vec<String>, asked: &str) -> String {
     if names.is_empty() { "nothing".to_owned() } else { names.join(", ") }
 }
 
-fn write_object(
-    transaction: &rusqlite::Transaction,
-    object: &StoredObject,
-) -> rusqlite::Result<()> {
-    let name = &object.model.object;
-    let model = serde_json::to_string(&object.model).map_err(unwritable)?;
-    let appearance = postcard::to_stdvec(&object.appearance).map_err(unwritable)?;
-    let edges = postcard::to_stdvec(&object.appearance.edges).map_err(unwritable)?;
-    transaction.execute("DELETE FROM object WHERE name = ?1", [name])?;
-    transaction.execute(
-        "INSERT INTO object (name, model, appearance, edges) VALUES (?1, ?2, ?3, ?4)",
-        params![name, model, appearance, edges],
-    )?;
-    transaction.execute(
-        "INSERT INTO words (object, words) VALUES (?1, ?2)",
-        params![name, Words::of(&object.appearance).as_bytes()],
-    )?;
-    for p in &object.provenance {
-        transaction.execute(
-            "INSERT INTO demonstration (object, source, learned_utime) VALUES (?1, ?2, ?3)",
-            params![name, p.source, p.learned_utime],
-        )?;
-    }
-    Ok(())
-}
-
-fn unwritable(error: impl std::error::Error + Send + Sync + 'static) -> rusqlite::Error {
-    rusqlite::Error::ToSqlConversionFailure(error.into())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::appearance::Edge;
-    use crate::model::{MODEL_SCHEMA, ReferenceFrame};
+    use crate::model::{MODEL_SCHEMA, Part, ReferenceFrame};
     use crate::specimen::{features, features_seen};
+    use rusqlite::OptionalExtension;
 
     pub fn object(name: &str) -> StoredObject {
         StoredObject {
@@ -347,7 +385,7 @@ mod tests {
                 schema: MODEL_SCHEMA.into(),
                 object: name.into(),
                 reference_frame: ReferenceFrame::at_camera(0.0),
-                parts: Vec::new(),
+                parts: vec![Part::new(0, "base", 1)],
                 joints: Vec::new(),
                 demonstrations: 1,
                 profile: "default".into(),
@@ -358,8 +396,13 @@ mod tests {
         }
     }
 
-    /// Takes back what version 6 brought.
+    /// Takes back what versions 6 and 7 brought.
     const AS_IN_VERSION_5: &str = "
+        DROP TRIGGER object_added;
+        DROP TRIGGER object_changed;
+        DROP TRIGGER object_removed;
+        DROP TABLE total;
+        DROP TABLE listed;
         DROP TABLE postings;
         DROP INDEX unlisted;
         ALTER TABLE words RENAME TO numbered;
@@ -456,7 +499,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("s.linkage");
         let edge = Edge {
-            part: 1,
+            part: 0,
             surface: [0.1, 0.2, 0.3],
             normal: [0.0, 0.0, 1.0],
             beyond: [0.14, 0.2, 0.3],

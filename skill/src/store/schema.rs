@@ -1,12 +1,16 @@
 //! The store's tables and their versions.
 
-use super::StoreError;
-use rusqlite::{Connection, ErrorCode, Transaction, TransactionBehavior};
+use super::contents::{self, Entry};
+use super::error::{Fault, StoreError, explain};
+use super::lists;
+use super::record::Record;
+use rusqlite::{Connection, ErrorCode, Transaction, TransactionBehavior, params};
+use std::hash::{BuildHasher, RandomState};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// The newest schema that this version knows.
-pub const SCHEMA_VERSION: i64 = 6;
+pub const SCHEMA_VERSION: i64 = 7;
 
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
@@ -28,44 +32,72 @@ CREATE INDEX demonstration_of_object ON demonstration (object);
 CREATE TABLE words (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
     object TEXT NOT NULL UNIQUE REFERENCES object (name) ON DELETE CASCADE,
-    words BLOB
+    words BLOB,
+    content INTEGER NOT NULL DEFAULT 0,
+    checksum INTEGER NOT NULL DEFAULT 0
 );
 CREATE INDEX unlisted ON words (number) WHERE words IS NOT NULL;
 CREATE TABLE postings (
     list INTEGER PRIMARY KEY,
-    postings BLOB NOT NULL
+    postings BLOB NOT NULL,
+    checksum INTEGER NOT NULL DEFAULT 0
+);
+";
+
+/// The totals over all rows of words, which SQLite itself keeps up to date, and which lists there
+/// are.
+const TOTALS: &str = "
+CREATE TABLE total (
+    id INTEGER PRIMARY KEY CHECK (id = 0),
+    objects INTEGER NOT NULL,
+    checksum INTEGER NOT NULL
+);
+INSERT INTO total SELECT 0, count(*), 0 FROM words;
+CREATE TRIGGER object_added AFTER INSERT ON words BEGIN
+    UPDATE total SET objects = objects + 1, checksum = checksum + new.checksum;
+END;
+CREATE TRIGGER object_changed AFTER UPDATE ON words BEGIN
+    UPDATE total SET checksum = checksum - old.checksum + new.checksum;
+END;
+CREATE TRIGGER object_removed AFTER DELETE ON words BEGIN
+    UPDATE total SET objects = objects - 1, checksum = checksum - old.checksum;
+END;
+CREATE TABLE listed (
+    id INTEGER PRIMARY KEY CHECK (id = 0),
+    lists BLOB NOT NULL,
+    checksum INTEGER NOT NULL
 );
 PRAGMA application_id = 1280199495;
-PRAGMA user_version = 6;
+PRAGMA user_version = 7;
 ";
 
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
 /// store; objects of the second know no edges: an empty list is written as one zero; rectified
 /// features of the third are upright, and its words those of another vocabulary; words of the
 /// fourth are written otherwise; the fifth has no lists, and words that lack are marked (`x'ff'`)
-/// to be made when they are needed.
-const UPGRADES: [&str; 5] = [
-    "
+/// to be made when they are needed; the sixth has no checksums.
+const UPGRADES: [&[&str]; 6] = [
+    &["
 DROP TABLE IF EXISTS vocabulary;
 CREATE TABLE IF NOT EXISTS words (
     object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
     words BLOB NOT NULL
 );
 PRAGMA user_version = 2;
-",
-    "
+"],
+    &["
 ALTER TABLE object ADD COLUMN edges BLOB NOT NULL DEFAULT x'00';
 PRAGMA user_version = 3;
-",
-    "
+"],
+    &["
 DELETE FROM words;
 PRAGMA user_version = 4;
-",
-    "
+"],
+    &["
 DELETE FROM words;
 PRAGMA user_version = 5;
-",
-    "
+"],
+    &["
 CREATE TABLE numbered (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
     object TEXT NOT NULL UNIQUE REFERENCES object (name) ON DELETE CASCADE,
@@ -81,56 +113,170 @@ CREATE TABLE postings (
     postings BLOB NOT NULL
 );
 PRAGMA user_version = 6;
-",
+"],
+    &["
+ALTER TABLE words ADD COLUMN content INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE words ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE postings ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
+", TOTALS],
 ];
 
 /// A page of a new file: what is kept of an object is long, and words and lists, of which many are
 /// read at a time, should lie on few pages.
 const PAGE_BYTES: u32 = 16_384;
-/// Longest wait for another process that writes.
-const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What a file is, as far as its tables tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum State {
+    /// Nothing was written yet.
+    Empty,
+    /// A store of this version of the schema, or of an earlier one.
+    Version(i64),
+}
+
+impl State {
+    /// True where nothing is to be made or brought up to date.
+    pub fn is_newest(self) -> bool {
+        self == Self::Version(SCHEMA_VERSION)
+    }
+}
 
 /// Makes the tables of an empty file, or brings those of an old one up to date.
 pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     let sql = |e| explain(path, e);
-    connection.busy_timeout(PATIENCE).map_err(sql)?;
-    let lacking = steps(path, connection)?;
-    if lacking == [CREATE] {
+    let state = state(path, connection)?;
+    if state == State::Empty {
         connection.pragma_update(None, "page_size", PAGE_BYTES).map_err(sql)?;
         patiently(|| connection.pragma_update(None, "journal_mode", "WAL")).map_err(sql)?;
     }
-    if !lacking.is_empty() {
-        let alone = Transaction::new_unchecked(connection, TransactionBehavior::Immediate);
-        let alone = alone.map_err(sql)?;
-        // Another process may have been faster.
-        for step in steps(path, &alone)? {
-            alone.execute_batch(step).map_err(sql)?;
-        }
-        alone.commit().map_err(sql)?;
+    if !state.is_newest() {
+        upgrade(path, connection)?;
     }
     connection.pragma_update(None, "foreign_keys", true).map_err(sql)?;
     connection.pragma_update(None, "synchronous", "FULL").map_err(sql)
 }
 
+/// Makes or completes the tables, all or nothing.
+fn upgrade(path: &Path, connection: &Connection) -> Result<(), StoreError> {
+    let sql = |e| explain(path, e);
+    let alone = begin(connection).map_err(sql)?;
+    // Another process may have been faster.
+    match state(path, &alone)? {
+        State::Empty => {
+            alone.execute_batch(CREATE).map_err(sql)?;
+            alone.execute_batch(TOTALS).map_err(sql)?;
+            lists::write_empty_directory(&alone).map_err(sql)?;
+        }
+        State::Version(SCHEMA_VERSION) => return Ok(()),
+        State::Version(before) => {
+            let lacking = UPGRADES.into_iter().skip(usize::try_from(before - 1).unwrap_or(0));
+            for sql_text in lacking.flatten() {
+                alone.execute_batch(sql_text).map_err(sql)?;
+            }
+            add_checksums(&alone).map_err(|fault| fault.in_file(path))?;
+        }
+    }
+    alone.commit().map_err(sql)
+}
+
+/// Adds checksums over all that an older store holds.
+fn add_checksums(connection: &Connection) -> Result<(), Fault> {
+    let of_row = |row: &rusqlite::Row| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
+    let rows: Vec<(u32, String, Option<Vec<u8>>)> =
+        lists::all(connection, "SELECT number, object, words FROM words", of_row)?;
+    tracing::info!(objects = rows.len(), "adding checksums to an older store");
+    for (number, object, words) in rows {
+        let Some(record) = read_record(connection, &object)? else {
+            let reason = "it has words and no model".to_owned();
+            return Err(Fault::Object { object, reason });
+        };
+        let content = record.checksum(&object);
+        contents::update(connection, &Entry { number, object, words, content })?;
+    }
+    lists::add_checksums(connection)?;
+    Ok(())
+}
+
+/// The columns of an object.
+pub fn read_record(connection: &Connection, name: &str) -> rusqlite::Result<Option<Record>> {
+    let mut statement =
+        connection.prepare_cached("SELECT model, appearance, edges FROM object WHERE name = ?1")?;
+    let mut rows = statement.query([name])?;
+    let Some(row) = rows.next()? else { return Ok(None) };
+    let (model, appearance, edges) = row.try_into()?;
+    let mut statement = connection.prepare_cached(
+        "SELECT source, learned_utime FROM demonstration WHERE object = ?1 ORDER BY id",
+    )?;
+    let provenance = statement.query_map([name], |row| {
+        Ok(super::Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
+    })?;
+    let provenance = provenance.collect::<rusqlite::Result<_>>()?;
+    Ok(Some(Record { model, appearance, edges, provenance }))
+}
+
+/// Writes an object, in place of one of the same name.
+pub fn write_record(
+    connection: &Connection,
+    name: &str,
+    record: &Record,
+    words: &[u8],
+) -> rusqlite::Result<()> {
+    connection.execute("DELETE FROM object WHERE name = ?1", [name])?;
+    connection.execute(
+        "INSERT INTO object (name, model, appearance, edges) VALUES (?1, ?2, ?3, ?4)",
+        params![name, record.model, record.appearance, record.edges],
+    )?;
+    contents::insert(connection, name, words, record.checksum(name))?;
+    for p in &record.provenance {
+        connection.execute(
+            "INSERT INTO demonstration (object, source, learned_utime) VALUES (?1, ?2, ?3)",
+            params![name, p.source, p.learned_utime],
+        )?;
+    }
+    Ok(())
+}
+
+/// A change during which no other process makes one.
+pub fn begin(connection: &Connection) -> rusqlite::Result<Transaction<'_>> {
+    Transaction::new_unchecked(connection, TransactionBehavior::Immediate)
+}
+
 /// Tries again while another process that does the same has the file: SQLite itself does not wait
 /// where a reader becomes a writer.
 fn patiently(mut change: impl FnMut() -> rusqlite::Result<()>) -> rusqlite::Result<()> {
-    let end = Instant::now() + PATIENCE;
+    let mut tries = 0;
     loop {
         match change() {
             Err(error)
                 if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy)
-                    && Instant::now() < end =>
+                    && wait_for_turn(tries) =>
             {
-                std::thread::sleep(Duration::from_millis(10));
+                tries += 1;
             }
             result => return result,
         }
     }
 }
 
-/// What a file lacks of the newest schema.
-fn steps(path: &Path, connection: &Connection) -> Result<Vec<&'static str>, StoreError> {
+/// Tries of a process that waits for others: half a minute in all.
+const MOST_TRIES: i32 = 1_000;
+/// Longest wait between two tries is 2 to this power, milliseconds.
+const LONGEST_WAIT: i32 = 6;
+
+/// Waits for another process that has the file, each time for a random while, so that of many who
+/// wait none is always the last; `false` when it has waited long enough.
+pub fn wait_for_turn(tries: i32) -> bool {
+    if tries >= MOST_TRIES {
+        return false;
+    }
+    let longest_us = 1000 << tries.clamp(0, LONGEST_WAIT);
+    let wait_us = RandomState::new().hash_one(tries) % longest_us;
+    std::thread::sleep(Duration::from_micros(wait_us));
+    true
+}
+
+/// What a file is.
+pub fn state(path: &Path, connection: &Connection) -> Result<State, StoreError> {
     let sql = |e| explain(path, e);
     let number = |pragma: &str| {
         connection.pragma_query_value(None, pragma, |row| row.get::<_, i64>(0)).map_err(sql)
@@ -140,7 +286,7 @@ fn steps(path: &Path, connection: &Connection) -> Result<Vec<&'static str>, Stor
         .map_err(sql)?;
     let (application, version) = (number("application_id")?, number("user_version")?);
     if tables == 0 && application == 0 {
-        Ok(vec![CREATE])
+        Ok(State::Empty)
     } else if application != APPLICATION_ID {
         Err(StoreError::NotAStore { path: path.display().to_string() })
     } else if version > SCHEMA_VERSION {
@@ -150,16 +296,7 @@ fn steps(path: &Path, connection: &Connection) -> Result<Vec<&'static str>, Stor
             known: SCHEMA_VERSION,
         })
     } else {
-        Ok(UPGRADES.into_iter().skip(usize::try_from(version - 1).unwrap_or(0)).collect())
-    }
-}
-
-/// An error of SQLite with the file's name.
-pub fn explain(path: &Path, source: rusqlite::Error) -> StoreError {
-    let path = path.display().to_string();
-    match source.sqlite_error_code() {
-        Some(ErrorCode::NotADatabase) => StoreError::NotAStore { path },
-        _ => StoreError::Database { path, source },
+        Ok(State::Version(version))
     }
 }
 
@@ -169,7 +306,13 @@ mod tests {
 
     #[test]
     fn the_mark_in_the_tables_is_the_mark_that_is_checked() {
-        assert!(CREATE.contains(&format!("application_id = {APPLICATION_ID};")));
-        assert!(CREATE.contains(&format!("user_version = {SCHEMA_VERSION};")));
+        assert!(TOTALS.contains(&format!("application_id = {APPLICATION_ID};")));
+        assert!(TOTALS.contains(&format!("user_version = {SCHEMA_VERSION};")));
+    }
+
+    #[test]
+    fn who_waits_for_its_turn_gives_up_at_last() {
+        assert!(wait_for_turn(0) && wait_for_turn(3));
+        assert!(!wait_for_turn(MOST_TRIES));
     }
 }

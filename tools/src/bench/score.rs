@@ -221,7 +221,8 @@ fn line_distance_sq(truth: &TrueJoint, found: &Joint) -> Option<f64> {
         let first = if row < 2 { 0 } else { 3 };
         directions.fixed_view_mut::<1, 3>(row, first).copy_from(&side.transpose());
     }
-    let covariance = DMatrix::from_fn(6, 6, |r, c| found.covariance[r][c]);
+    let known = found.known_covariance()?;
+    let covariance = DMatrix::from_fn(6, 6, |r, c| known[(r, c)]);
     let mut difference = DVector::zeros(6);
     difference.rows_mut(0, 3).copy_from(&(true_axis - axis));
     difference.rows_mut(3, 3).copy_from(&aside);

@@ -1,8 +1,10 @@
 //! `linkage learn`.
 
+use super::destination::Destination;
 use super::{Failure, Outcome, skill_config, source, write_json, write_text};
 use crate::cli::{Common, LearnArgs};
 use crate::console::Progress;
+use crate::interrupt;
 use crate::report;
 use crate::tags::TagLog;
 use anyhow::Context;
@@ -10,60 +12,87 @@ use linkage_driver::RgbdSource;
 use linkage_driver::live::host_utime;
 use linkage_skill::encounter;
 use linkage_skill::geometry::pose_to_array;
-use linkage_skill::store::{Provenance, Store, StoreError, StoredObject};
+use linkage_skill::store::{Provenance, StoredObject};
 use linkage_skill::{Demonstration, LearnError, Learner, ObjectModel, SkillConfig};
 use std::fmt::Write;
 use std::path::Path;
 
+/// A demonstration with the source that it was seen in.
+type Watched<'a> = (&'a str, Demonstration);
+
 pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
-    let mut known: Option<StoredObject> = None;
-    let mut first: Option<Demonstration> = None;
-    for source in &args.sources {
-        let mut tags = if args.tags { Some(TagLog::of(recording_of(source))?) } else { None };
-        let mut frames = source::open(source, &args.take)?;
-        let demonstration =
-            demonstrate_past(tags.as_mut(), &mut frames, &args.object, &config, common.quiet)?;
-        if let Some(losses) = source::losses(&frames.statistics()) {
-            tracing::warn!(source, "not learned from: {losses}");
-        }
-        if let Some(tags) = &tags {
-            report_tags(tags, args.tag_poses.as_deref())?;
-        }
-        let keep = args.store.is_some() || args.report.is_some() || args.sources.len() > 1;
-        if keep && !demonstration.model.joints.is_empty() {
-            known = Some(remember(known.as_ref(), &demonstration, source, &config)?);
-        }
-        first.get_or_insert(demonstration);
-    }
-    let Some(first) = first else { return Ok(()) };
-    let model = known.as_ref().map_or(&first.model, |k| &k.model).clone();
-    let model = &model;
+    let destination = Destination::of(args)?;
+    let all = args.sources.iter().map(|source| watch(args, source, &config, common.quiet));
+    let all: Vec<Watched> = all.collect::<Outcome<_>>()?;
+    let Some((_, first)) = all.first() else { return Ok(()) };
+    let known = destination.as_ref().and_then(Destination::known);
+    let object = remember_all(known, &all, &config)?;
+    let model = object.as_ref().map_or(&first.model, |o| &o.model);
     if let Some(path) = &args.json {
         write_json(path, model)?;
     }
     if let Some(path) = &args.poses {
-        write_text(path, &poses_csv(&first))?;
+        write_text(path, &poses_csv(first))?;
     }
     if let Some(path) = &args.report {
-        write_text(
-            path,
-            &report::demonstration_page(&first, known.as_ref().map(|k| &k.appearance))?,
-        )?;
+        let appearance = object.as_ref().map(|o| &o.appearance);
+        write_text(path, &report::demonstration_page(first, appearance)?)?;
     }
-    if model.joints.is_empty() {
+    let Some(object) = object else {
         return Err(Failure::no_answer(format!(
             "{}: nothing articulated moves; nothing was learned",
             args.sources.join(", ")
         )));
-    }
-    if let (Some(path), Some(object)) = (&args.store, known) {
-        put(path, object)?;
-    }
+    };
+    let again = |known: Option<&StoredObject>| {
+        let object = remember_all(known, &all, &config)?;
+        object.ok_or_else(|| Failure::no_answer("nothing was learned"))
+    };
+    let stored = match destination {
+        Some(destination) => destination.keep(object, again, common.quiet)?,
+        None => object,
+    };
     if !common.quiet {
-        eprint!("{}", summary(model));
+        eprint!("{}", summary(&stored.model));
     }
     Ok(())
+}
+
+/// Watches one demonstration.
+fn watch<'a>(
+    args: &LearnArgs,
+    source: &'a str,
+    config: &SkillConfig,
+    quiet: bool,
+) -> Outcome<Watched<'a>> {
+    let mut tags = if args.tags { Some(TagLog::of(recording_of(source))?) } else { None };
+    let mut frames = source::open(source, &args.take)?;
+    let demonstration = demonstrate_past(tags.as_mut(), &mut frames, &args.object, config, quiet)?;
+    if let Some(losses) = source::losses(&frames.statistics()) {
+        tracing::warn!(source, "not learned from: {losses}");
+    }
+    if let Some(tags) = &tags {
+        report_tags(tags, args.tag_poses.as_deref())?;
+    }
+    Ok((source, demonstration))
+}
+
+/// All demonstrations as one object, registered into what is known of it already; `None` where
+/// nothing moves in any of them.
+fn remember_all(
+    known: Option<&StoredObject>,
+    all: &[Watched],
+    config: &SkillConfig,
+) -> Outcome<Option<StoredObject>> {
+    let mut object: Option<StoredObject> = None;
+    for (source, demonstration) in all {
+        if !demonstration.model.joints.is_empty() {
+            let before = object.as_ref().or(known);
+            object = Some(remember(before, demonstration, source, config)?);
+        }
+    }
+    Ok(object)
 }
 
 /// A demonstration as an object, registered into what is known of it already.
@@ -75,18 +104,6 @@ pub fn remember(
 ) -> Outcome<StoredObject> {
     let provenance = Provenance { source: source.to_owned(), learned_utime: host_utime() };
     Ok(encounter::remember(known, demonstration, provenance, config)?)
-}
-
-fn put(path: &Path, object: StoredObject) -> Outcome {
-    let mut store = Store::open_or_create(path)?;
-    let name = object.model.object.clone();
-    match store.get(&name) {
-        Ok(_) => tracing::warn!(object = name, "the store's object of this name is replaced"),
-        Err(StoreError::UnknownObject { .. } | StoreError::Damaged { .. }) => {}
-        Err(error) => return Err(error.into()),
-    }
-    store.put(&object)?;
-    Ok(())
 }
 
 /// The directory that a source's name stands for.
@@ -145,6 +162,7 @@ pub fn demonstrate_past(
         count += 1;
     }
     progress.finish(&format!("{count} frames of {source}"));
+    interrupt::stopped(&source, frames.is_live())?;
     learner.finish(object).map_err(|error| {
         let status = match &error {
             LearnError::TooShort { .. } | LearnError::NoDepth => super::NO_ANSWER,

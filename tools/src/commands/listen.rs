@@ -1,6 +1,6 @@
 //! `linkage listen`: prints what a service publishes, for people.
 
-use super::source::interrupted;
+use crate::interrupt;
 use super::{Failure, Outcome};
 use crate::cli::ListenArgs;
 use anyhow::anyhow;
@@ -31,7 +31,7 @@ pub fn run(args: &ListenArgs) -> Outcome {
     ] {
         lcm.subscribe(channel)?;
     }
-    let stop = interrupted();
+    let stop = interrupt::watch();
     let start = Instant::now();
     let (mut printed, mut heard) = (Printed::default(), false);
     while !stop.load(Ordering::Relaxed) && limit.is_none_or(|limit| start.elapsed() < limit) {

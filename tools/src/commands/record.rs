@@ -4,6 +4,7 @@ use super::source::{losses, open, repairs};
 use super::{Failure, Outcome};
 use crate::cli::{Common, RecordArgs, RecordFormat};
 use crate::console::Progress;
+use crate::interrupt;
 use linkage_driver::{RgbdSource, record};
 
 pub fn run(args: &RecordArgs, common: &Common) -> Outcome {
@@ -21,6 +22,7 @@ pub fn run(args: &RecordArgs, common: &Common) -> Outcome {
         progress.step();
         count += 1;
     };
+    let signal = interrupt::unwatch();
     recorder.finish()?;
     progress.finish(&format!("{count} frames in {}", args.out.display()));
     let statistics = frames.statistics();
@@ -33,6 +35,11 @@ pub fn run(args: &RecordArgs, common: &Common) -> Outcome {
     result?;
     if count == 0 {
         return Err(Failure::no_answer(format!("{}: no frame", args.source)));
+    }
+    // A camera has no end of its own; of a recording something is missing.
+    if let (Some(signal), false) = (signal, frames.is_live()) {
+        let what = format!("{} frames of {} are in {}", count, args.source, args.out.display());
+        return Err(signal.failure(what));
     }
     Ok(())
 }

@@ -1,8 +1,8 @@
 //! `linkage serve`: the live skill until Ctrl-C or SIGTERM.
 
-use super::source::interrupted;
 use super::{Outcome, skill_config};
 use crate::cli::{Common, ServeArgs};
+use crate::interrupt;
 use anyhow::anyhow;
 use linkage_driver::live::LiveConfig;
 use linkage_driver::{PinholeCamera, SourceOptions, open_with};
@@ -21,7 +21,7 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
         Some(path) => Rig::read(path)?,
         None => Rig::default(),
     };
-    let stop = interrupted();
+    let stop = interrupt::watch();
     let config = ServiceConfig {
         skill: skill_config(common)?,
         url: args.publish.clone().unwrap_or_else(|| rig.lcm_url.clone()),

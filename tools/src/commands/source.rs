@@ -2,33 +2,32 @@
 
 use super::{Failure, Outcome};
 use crate::cli::SourceArgs;
+use crate::interrupt;
 use linkage_driver::live::host_utime;
 use linkage_driver::{
     Awaited, Gate, PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions,
     SourceStatistics, Timeline,
 };
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Frames that a live camera gives before its exposure has settled.
 const SETTLING: usize = 5;
-/// Status of a program that was interrupted twice.
-const INTERRUPTED: i32 = 130;
 
 /// How often it is told that a live camera is silent.
 const TOLD_EVERY: Duration = Duration::from_secs(5);
 /// Longest wait for a frame without a look whether to stop.
 const POLL: Duration = Duration::from_millis(100);
 
-/// Opens a source. Ctrl-C ends it, as if it were a recording that is over; a second one ends
-/// the program.
+/// Opens a source. A signal ends it, as if it were a recording that is over; what that means is
+/// told by [`interrupt::stopped`].
 pub fn open(name: &str, take: &SourceArgs) -> Outcome<Taken> {
     let camera = take.camera.as_deref().map(PinholeCamera::read_or_explain).transpose()?;
     if take.seconds.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(anyhow::anyhow!("--seconds must be above 0").into());
     }
-    let stop = interrupted();
+    let stop = interrupt::watch();
     let options = SourceOptions { camera, stop: Arc::clone(&stop), ..Default::default() };
     let source = linkage_driver::open_with(name, &options)?;
     // A recording ends by its own stamps, a live camera by the clock too: it may be silent.
@@ -47,25 +46,6 @@ pub fn open(name: &str, take: &SourceArgs) -> Outcome<Taken> {
     })
 }
 
-/// Set by the first Ctrl-C or SIGTERM.
-pub fn interrupted() -> Arc<AtomicBool> {
-    static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
-    let stop = STOP.get_or_init(|| {
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&stop);
-        let handler = move || {
-            if flag.swap(true, Ordering::Relaxed) {
-                std::process::exit(INTERRUPTED);
-            }
-        };
-        if let Err(e) = ctrlc::set_handler(handler) {
-            tracing::warn!("Ctrl-C will end the program at once: {e}");
-        }
-        stop
-    });
-    Arc::clone(stop)
-}
-
 /// The part of a source that is asked for.
 pub struct Taken {
     source: Box<dyn RgbdSource>,
@@ -80,7 +60,8 @@ pub struct Taken {
 }
 
 impl Taken {
-    /// The last frame of a recording; of a live camera, the first one that is well exposed.
+    /// The last frame of a recording; of a live camera, the first one that is well exposed. Where a
+    /// signal cut a recording short, its status is told instead.
     pub fn last_frame(&mut self) -> Outcome<RgbdFrame> {
         if self.source.is_live() && self.take.frames.is_none() && self.take.seconds.is_none() {
             self.take.frames = Some(SETTLING);
@@ -89,6 +70,7 @@ impl Taken {
         while let Some(frame) = self.next_frame()? {
             last = Some(frame);
         }
+        interrupt::stopped(self.name(), self.is_live())?;
         last.ok_or_else(|| Failure::no_answer(format!("{}: no frame", self.name())))
     }
 
@@ -116,7 +98,12 @@ impl Taken {
                     told = Instant::now();
                     let seconds = silent_since.elapsed().as_secs();
                     let source = self.source.name();
-                    tracing::warn!(source, "no frame for {seconds} s: does anything send?");
+                    let damaged = self.source.statistics().damaged;
+                    tracing::warn!(
+                        source,
+                        damaged,
+                        "no frame for {seconds} s: does anything send?"
+                    );
                 }
                 Awaited::Nothing => {}
             }

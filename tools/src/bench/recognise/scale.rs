@@ -2,7 +2,7 @@
 
 use super::Question;
 use crate::commands::Outcome;
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use linkage_skill::appearance::{Appearance, ModelFeature};
 use linkage_skill::geometry::median;
 use linkage_skill::recognise::{Index, Words};
@@ -68,6 +68,9 @@ pub fn run(
     let path = folder.path().join("many.linkage");
     let mut store = Store::open_or_create(&path)?;
     store.put_all(learned)?;
+    // Made-up features lie on parts of any of them.
+    let most_parts = learned.iter().max_by_key(|l| l.model.parts.len());
+    let like = most_parts.ok_or_else(|| anyhow!("nothing was learned"))?;
     let mut words: Vec<Words> = learned.iter().map(|l| Words::of(&l.appearance)).collect();
     let mut rows = Vec::new();
     for objects in SIZES {
@@ -79,7 +82,7 @@ pub fn run(
                 .collect();
             words.par_extend(more.par_iter().map(Words::of));
             if objects <= largest_store {
-                store.put_all(&stored(more, first, &learned[0]))?;
+                store.put_all(&stored(more, first, like))?;
             }
         }
         let (recall, milliseconds, bytes_per_object) =

@@ -1,0 +1,208 @@
+//! Opening a store's file: to read and write, or where that cannot be, to read alone.
+
+use super::error::{StoreError, explain};
+use super::schema::{self, State};
+use rusqlite::backup::{Backup, StepResult};
+use rusqlite::{Connection, ErrorCode, MAIN_DB, OpenFlags};
+use rustix::fs::{Access, access};
+use std::ffi::OsString;
+use std::fs;
+use std::io;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// An open file, its tables made and brought up to date.
+pub struct Opened {
+    pub connection: Connection,
+    /// It can be read alone.
+    pub is_read_only: bool,
+}
+
+/// What is done where there is no store yet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Absent {
+    /// It is an error.
+    Refuse,
+    /// An empty store is made.
+    Create,
+}
+
+/// Opens a store.
+pub fn open(path: &Path, absent: Absent) -> Result<Opened, StoreError> {
+    check_path(path, absent)?;
+    let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    flags.set(OpenFlags::SQLITE_OPEN_CREATE, absent == Absent::Create);
+    match open_to_write(path, flags, absent) {
+        Err(error) if needs_no_writing(&error) => {
+            // What cannot be read either is told as it was met first.
+            let connection = readers(path).find_map(|reader| reader().ok()).ok_or(error)?;
+            Ok(Opened { connection: up_to_date(path, connection)?, is_read_only: true })
+        }
+        opened => opened,
+    }
+}
+
+/// Refuses names that SQLite would take for something else than a file, and what is no file.
+fn check_path(path: &Path, absent: Absent) -> Result<(), StoreError> {
+    let name = path.as_os_str().as_bytes();
+    let refuse =
+        |reason| Err(StoreError::NotAFile { path: path.display().to_string(), reason });
+    if name.is_empty() {
+        return refuse("it is empty");
+    }
+    if name.starts_with(b":") {
+        return refuse("what begins with a colon lies in memory and is lost at once");
+    }
+    if name.starts_with(b"file:") {
+        return refuse("it is a URI");
+    }
+    let unreachable =
+        |source| StoreError::Unreachable { path: path.display().to_string(), source };
+    match fs::metadata(path) {
+        Ok(there) if there.is_dir() => refuse("it is a folder"),
+        Ok(there) if !there.is_file() => refuse("it is a device or a pipe"),
+        // It is not opened to see whether it can be: to close it again would take away the locks
+        // that this process has on it.
+        Ok(_) => access(path, Access::READ_OK).map_err(|e| unreachable(e.into())),
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(unreachable(error)),
+        Err(_) if absent == Absent::Refuse => {
+            Err(StoreError::Missing { path: path.display().to_string() })
+        }
+        Err(_) if folder_of(path).is_dir() => Ok(()),
+        Err(error) => Err(unreachable(error)),
+    }
+}
+
+/// The folder that a file lies in.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// How often, and after how long, a file that is still empty is looked at again: another process
+/// may be about to make it.
+const LOOKS: u32 = 50;
+const LOOK_AGAIN: Duration = Duration::from_millis(10);
+
+fn open_to_write(path: &Path, flags: OpenFlags, absent: Absent) -> Result<Opened, StoreError> {
+    let sql = |e| explain(path, e);
+    let mut connection = Connection::open_with_flags(path, flags).map_err(sql)?;
+    connection.busy_handler(Some(schema::wait_for_turn)).map_err(sql)?;
+    let mut state = schema::state(path, &connection)?;
+    if connection.is_readonly(MAIN_DB).map_err(sql)? {
+        return Ok(Opened { connection: up_to_date(path, connection)?, is_read_only: true });
+    }
+    for _ in 0..LOOKS {
+        if state != State::Empty || absent == Absent::Create {
+            break;
+        }
+        std::thread::sleep(LOOK_AGAIN);
+        state = schema::state(path, &connection)?;
+    }
+    if state == State::Empty && absent == Absent::Refuse {
+        return Err(StoreError::NotAStore { path: path.display().to_string() });
+    }
+    schema::prepare(path, &connection)?;
+    Ok(Opened { connection, is_read_only: false })
+}
+
+/// Errors of a folder or disk to which nothing can be written: SQLite keeps what readers and
+/// writers agree on in files beside the store.
+fn needs_no_writing(error: &StoreError) -> bool {
+    let cannot_write = |source: &rusqlite::Error| {
+        matches!(
+            source.sqlite_error_code(),
+            Some(
+                ErrorCode::CannotOpen
+                    | ErrorCode::ReadOnly
+                    | ErrorCode::DiskFull
+                    | ErrorCode::SystemIoFailure
+                    | ErrorCode::PermissionDenied
+            )
+        )
+    };
+    match error {
+        StoreError::ReadOnly { .. } => true,
+        StoreError::Database { source, .. } => cannot_write(source),
+        _ => false,
+    }
+}
+
+type Reader<'p> = Box<dyn Fn() -> rusqlite::Result<Connection> + 'p>;
+
+/// Ways to read a file without writing beside it, the safest first: beside a process that writes;
+/// with changes that one left in a journal when it was killed; alone.
+fn readers(path: &Path) -> impl Iterator<Item = Reader<'_>> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let checked = |mut connection: Connection| {
+        connection.busy_handler(Some(schema::wait_for_turn))?;
+        connection.query_row("SELECT count(*) FROM sqlite_master", [], |_| Ok(()))?;
+        Ok(connection)
+    };
+    let beside_others: Reader = Box::new(move || {
+        checked(Connection::open_with_flags(path, flags)?)
+    });
+    let with_journal: Reader = Box::new(move || {
+        // Without locks, the journal's index can be kept in memory.
+        let connection = Connection::open_with_flags_and_vfs(path, flags, "unix-none")?;
+        connection.pragma_update(None, "locking_mode", "EXCLUSIVE")?;
+        checked(connection)
+    });
+    let alone: Reader = Box::new(move || {
+        let uri = immutable(path);
+        checked(Connection::open_with_flags(uri, flags | OpenFlags::SQLITE_OPEN_URI)?)
+    });
+    let has_journal = fs::metadata(journal_of(path)).is_ok_and(|journal| journal.len() > 0);
+    [Some(beside_others), Some(if has_journal { with_journal } else { alone })]
+        .into_iter()
+        .flatten()
+}
+
+/// The journal that SQLite keeps beside a file. It lies where the file itself does, not where a
+/// link to it is.
+fn journal_of(path: &Path) -> PathBuf {
+    let mut name: OsString = fs::canonicalize(path).unwrap_or(path.to_owned()).into();
+    name.push("-wal");
+    name.into()
+}
+
+/// The URI of a file that nobody changes.
+fn immutable(path: &Path) -> String {
+    let path = fs::canonicalize(path).unwrap_or(path.to_owned());
+    let mut uri = String::from("file:");
+    for &byte in path.as_os_str().as_bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'.' | b'_' | b'-' => {
+                uri.push(char::from(byte));
+            }
+            _ => uri += &format!("%{byte:02x}"),
+        }
+    }
+    uri + "?immutable=1"
+}
+
+/// Pages that are copied at a time.
+const PAGES_AT_ONCE: i32 = 4_096;
+
+/// A store that cannot be written, or where its schema is an earlier one, a copy of it that is
+/// brought up to date and is gone when it is closed.
+fn up_to_date(path: &Path, connection: Connection) -> Result<Connection, StoreError> {
+    let state = schema::state(path, &connection)?;
+    if state == State::Empty {
+        return Err(StoreError::NotAStore { path: path.display().to_string() });
+    }
+    if state.is_newest() {
+        return Ok(connection);
+    }
+    let copied = || {
+        // SQLite's own name for a temporary file.
+        let mut copy = Connection::open("")?;
+        let backup = Backup::new(&connection, &mut copy)?;
+        while backup.step(PAGES_AT_ONCE)? != StepResult::Done {}
+        drop(backup);
+        Ok(copy)
+    };
+    let copy = copied().map_err(|e| explain(path, e))?;
+    schema::prepare(path, &copy)?;
+    Ok(copy)
+}

@@ -1,0 +1,134 @@
+//! Where `linkage learn` keeps what it learns. All that can stand against it is found before the
+//! long work begins.
+
+use super::{Failure, Outcome};
+use crate::cli::{DEFAULT_STORE, LearnArgs};
+use crate::interrupt;
+use anyhow::anyhow;
+use linkage_skill::model::check_name;
+use linkage_skill::store::{Revision, Store, StoreError, StoredObject};
+use std::path::{Path, PathBuf};
+
+/// A place in a store for one object.
+pub struct Destination {
+    path: PathBuf,
+    object: String,
+    way: Way,
+}
+
+/// What becomes of an object of that name.
+enum Way {
+    /// There is none, and must be none when the new one is stored.
+    New,
+    /// It is replaced.
+    Replace,
+    /// Demonstrations are added to it.
+    Add(Box<StoredObject>),
+}
+
+impl Destination {
+    /// What the command line asks for; `None` where nothing is to be stored.
+    pub fn of(args: &LearnArgs) -> Outcome<Option<Self>> {
+        check_name(&args.object).map_err(|reason| anyhow!("--object: {reason}"))?;
+        if args.no_store {
+            return Ok(None);
+        }
+        let path = args.store.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_STORE));
+        let place = |way| Some(Self { path: path.clone(), object: args.object.clone(), way });
+        let Some(store) = existing(&path)? else { return Ok(place(Way::New)) };
+        let is_known = store.revision(&args.object)?.is_some();
+        match (is_known, args.replace, args.add) {
+            (false, ..) => Ok(place(Way::New)),
+            (true, true, _) => Ok(place(Way::Replace)),
+            (true, _, true) => Ok(place(Way::Add(store.get(&args.object)?.into()))),
+            (true, false, false) if is_for_files(args) => {
+                let (object, path) = (&args.object, path.display());
+                tracing::warn!(
+                    "{path} keeps the {object} that it holds; --replace or --add changes it"
+                );
+                Ok(None)
+            }
+            (true, false, false) => Err(taken(&path, &args.object)),
+        }
+    }
+
+    /// What demonstrations are added to.
+    pub fn known(&self) -> Option<&StoredObject> {
+        match &self.way {
+            Way::Add(known) => Some(known),
+            Way::New | Way::Replace => None,
+        }
+    }
+
+    /// Stores the object, and says where. Where another program changed what it was added to
+    /// meanwhile, `again` adds to that.
+    pub fn keep(
+        self,
+        object: StoredObject,
+        again: impl Fn(Option<&StoredObject>) -> Outcome<StoredObject>,
+        quiet: bool,
+    ) -> Outcome<StoredObject> {
+        let stored = interrupt::uninterrupted(|| self.put(object, again))?;
+        if !quiet {
+            eprintln!("{} is saved in {}", self.object, self.path.display());
+        }
+        Ok(stored)
+    }
+
+    fn put(
+        &self,
+        object: StoredObject,
+        again: impl Fn(Option<&StoredObject>) -> Outcome<StoredObject>,
+    ) -> Outcome<StoredObject> {
+        let mut store = Store::open_or_create(&self.path)?;
+        match &self.way {
+            Way::New => match store.put_unchanged(&[object.clone()], &[None::<Revision>]) {
+                Err(StoreError::Changed { .. }) => return Err(taken(&self.path, &self.object)),
+                result => result?,
+            },
+            Way::Replace => store.put(&object)?,
+            Way::Add(before) => {
+                return store.update(&self.object, |now| match now {
+                    Some(now) if now == &**before => Ok(object.clone()),
+                    now => again(now),
+                });
+            }
+        }
+        Ok(object)
+    }
+}
+
+/// The store of a name, if there is one, and it can be written.
+fn existing(path: &Path) -> Outcome<Option<Store>> {
+    match Store::open(path) {
+        Ok(store) if store.is_read_only() => {
+            Err(StoreError::ReadOnly { path: path.display().to_string() }.into())
+        }
+        Ok(store) => Ok(Some(store)),
+        Err(StoreError::Missing { .. }) => {
+            let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
+            match folder {
+                Some(dir) if !dir.is_dir() => {
+                    Err(anyhow!("{}: there is no folder {}", path.display(), dir.display()).into())
+                }
+                _ => Ok(None),
+            }
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// True where files are asked for, and no store: these are made, whatever a store holds.
+fn is_for_files(args: &LearnArgs) -> bool {
+    let files = [&args.json, &args.poses, &args.report, &args.tag_poses];
+    args.store.is_none() && files.iter().any(|file| file.is_some())
+}
+
+fn taken(path: &Path, object: &str) -> Failure {
+    anyhow!(
+        "{}: there is an object \"{object}\" already; give --replace to put the new one in its \
+         place, --add to add the demonstration to it, or another --object",
+        path.display()
+    )
+    .into()
+}
