@@ -8,8 +8,8 @@ use linkage_driver::{
     Awaited, Gate, PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions,
     SourceStatistics, Timeline,
 };
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Frames that a live camera gives before its exposure has settled.
