@@ -409,8 +409,8 @@ impl<'q> Perception<'q> {
         let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
         let follow = self.config.skill.follow.clone();
         if let Some(follower) = Follower::new(Arc::clone(object), &best, follow) {
-            if let Some(orders) = &self.orders {
-                orders.frame_seen(&best, *at);
+            if let Some(orders) = &mut self.orders {
+                orders.frame_seen(&best, frame.utime, *at);
             }
             let pending = w.pending.take();
             self.state = State::Tracking(Box::new(Tracking {
@@ -445,8 +445,8 @@ impl<'q> Perception<'q> {
                     let message = messages::recognition(&now, |_| Some(model), frame.utime);
                     self.out.send(channel::RECOGNITION, &message);
                 }
-                match &self.orders {
-                    Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.arrived),
+                match &mut self.orders {
+                    Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.utime, t.arrived),
                     Some(orders) => orders.frame_missed_it(),
                     None => {}
                 }

@@ -79,6 +79,7 @@ impl StreamParts {
             shared: &self.shared,
             clock,
             lead: Duration::from_secs_f64(rig.streaming.lead_time).max(2 * period),
+            newest_frame: None,
         };
         Ok((Streamer { cycle, network, socket, clock }, orders))
     }
@@ -194,6 +195,8 @@ pub struct Orders<'q> {
     shared: &'q Shared,
     clock: Clock,
     lead: Duration,
+    /// The capture time of the frame that was seen last.
+    newest_frame: Option<i64>,
 }
 
 impl<'q> Orders<'q> {
@@ -219,9 +222,13 @@ impl<'q> Orders<'q> {
         self.orders.brake(why);
     }
 
-    /// Tells what a frame showed that arrived at an instant: what moves runs on only as long as
-    /// frames show all of its joints.
-    pub fn frame_seen(&self, recognised: &Recognised, arrived: Instant) {
+    /// Tells what a frame showed that was captured at `utime` and arrived at an instant: what moves
+    /// runs on only as long as new frames show all of its joints. A frame that comes again, from a
+    /// camera that is stuck, is none.
+    pub fn frame_seen(&mut self, recognised: &Recognised, utime: i64, arrived: Instant) {
+        if self.newest_frame.replace(utime) == Some(utime) {
+            return;
+        }
         match shows(recognised, self.orders.running()) {
             Ok(()) => self.shared.frame_seen(self.clock.at(arrived)),
             Err(why) => self.shared.frame_doubted(why),
@@ -323,7 +330,7 @@ mod tests {
             let _stop = Stop(&stop);
             let running = scope.spawn(|| streamer.run(&|| stop.load(Ordering::Relaxed)));
             for (stops, reason) in [(false, "no new frame"), (true, "the service ends")] {
-                orders.frame_seen(&recognised, Instant::now());
+                orders.frame_seen(&recognised, host_utime(), Instant::now());
                 orders.run(&plan.motion().unwrap(), plan.start_us).unwrap();
                 if stops {
                     std::thread::sleep(Duration::from_millis(200));
@@ -353,6 +360,23 @@ mod tests {
         assert_eq!(shows(&hidden, None), Ok(()), "nothing moves");
         let other = Recognised { object: "drawer".into(), ..recognised };
         assert_eq!(shows(&other, Some(&motion)), Err(Reason::ObjectLost));
+    }
+
+    #[test]
+    fn a_frame_that_comes_again_is_none() {
+        let (_, recognised) = fridge();
+        let mut parts = StreamParts::default();
+        let (_streamer, mut orders) = parts.open(URL, 200.0, &Rig::default()).unwrap();
+        orders.shared.frame_doubted(Reason::JointLost);
+        let doubt = |orders: &Orders| format!("{:?}", orders.shared);
+        let before = doubt(&orders);
+        orders.frame_seen(&recognised, 7, Instant::now());
+        let seen = doubt(&orders);
+        assert_ne!(seen, before);
+        orders.frame_seen(&recognised, 7, Instant::now() + Duration::from_secs(1));
+        assert_eq!(doubt(&orders), seen);
+        orders.frame_seen(&recognised, 8, Instant::now() + Duration::from_secs(1));
+        assert_ne!(doubt(&orders), seen);
     }
 
     #[test]
