@@ -16,7 +16,15 @@ use std::time::Duration;
 
 const DEFAULT_SCENES: [&str; 3] = ["drawer", "fridge", "microwave"];
 const ALL_SCENES: [&str; 10] = [
-    "drawer", "fridge", "microwave", "laptop", "door", "cabinet", "lid_box", "printer", "scanner",
+    "drawer",
+    "fridge",
+    "microwave",
+    "laptop",
+    "door",
+    "cabinet",
+    "lid_box",
+    "printer",
+    "scanner",
     "rising_door",
 ];
 /// Share of frames, and of tries, that must do.
@@ -51,8 +59,7 @@ fn learned(scene: &str, dir: &Path) -> PathBuf {
 fn told_at_a_look(recording: &Path, store: &Path, dir: &Path) -> Vec<String> {
     let json = dir.join("recognition.json");
     let (recording, store, file) = (text(recording), text(store), text(&json));
-    let output =
-        linkage(&["recognise", &recording, "--quiet", "--store", &store, "--json", &file]);
+    let output = linkage(&["recognise", &recording, "--quiet", "--store", &store, "--json", &file]);
     if !output.status.success() {
         return Vec::new();
     }
@@ -72,8 +79,7 @@ fn watched(listener: &mut Listener, time: Duration) -> (BTreeMap<String, usize>,
         for joint in &seen.joints {
             assert_eq!(joint.configuration_known, joint.reason.is_empty(), "{joint:?}");
             assert!(!joint.configuration_known || joint.configuration_deviation > 0.0, "{joint:?}");
-            *known.entry(joint.name.clone()).or_default() +=
-                usize::from(joint.configuration_known);
+            *known.entry(joint.name.clone()).or_default() += usize::from(joint.configuration_known);
         }
     }
     (known, frames)
@@ -128,7 +134,8 @@ fn what_a_person_moves_is_followed_without_losing_it() {
         let url = format!("udpm://239.255.76.73:{}?ttl=0", 7740 + i);
         let store = learned(scene, dir.path());
         let recording = simulated(scene, false, 1);
-        let service = Service::start(&url, &text(&recording), &store, &["--repeat", "--rate", "0.7"]);
+        let service =
+            Service::start(&url, &text(&recording), &store, &["--repeat", "--rate", "0.7"]);
         let mut listener = Listener::new(&url, "LINKAGE_RECOGNITION");
         service.done(&["recognise", scene]);
         let (known, frames) = watched(&mut listener, Duration::from_secs(15));

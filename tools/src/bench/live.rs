@@ -20,7 +20,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A network of its own.
-const URL: &str = "udpm://239.255.76.67:7697?ttl=0";
+pub const URL: &str = "udpm://239.255.76.67:7697?ttl=0";
 /// What is learned and met again.
 pub const SCENE: &str = "drawer";
 /// Setpoints a second.

@@ -2,6 +2,7 @@
 
 mod ablation;
 mod dir;
+mod disturb;
 mod follow;
 mod live;
 mod logs;

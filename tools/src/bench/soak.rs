@@ -1,14 +1,17 @@
 //! A service that is used for long: a recording is played before it again and again while it is
-//! told to learn, to recognise, to predict and to stream. Its memory must not grow.
+//! told to learn, to recognise, to predict, to stream, and to another target in the middle of that.
+//! Beside it somebody sends what nobody should. Its memory must not grow, no setpoint may jump, and
+//! every command is answered.
 
-use super::live::{Live, SCENE, STREAM_HZ, filmed, new_store, service};
+use super::disturb::Disturbing;
+use super::live::{Live, SCENE, STREAM_HZ, URL, filmed, new_store, service};
 use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, skill_config, write_json};
 use crate::simulate::Take;
 use anyhow::{Context, anyhow};
 use linkage_lcm::messages::linkage::{Command, Status};
-use linkage_planner_bridge::channel;
 use linkage_planner_bridge::service::{Playback, ServiceConfig};
+use linkage_planner_bridge::{Rig, channel};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -33,8 +36,15 @@ struct Row {
     dropped_frames: i64,
     /// Rounds of demonstrating, learning, recognising, predicting.
     rounds: u64,
-    /// Commands that were refused, as when a round ends before the drawer was moved.
+    /// Commands and packets that were refused: hostile ones, or when a round ends before the drawer
+    /// was moved.
     refused: i64,
+    /// Commands that were not answered in time.
+    unanswered: u64,
+    hostile_datagrams: u64,
+    setpoints: u64,
+    /// Setpoints farther from the one before than the joint may go.
+    jumps: u64,
 }
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
@@ -56,15 +66,20 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
 }
 
 fn soak(mut live: Live, time: Duration) -> Outcome<Vec<Row>> {
-    println!("minutes  resident MiB   peak   frames  dropped  rounds  refused");
+    println!(
+        "minutes  resident MiB   peak   frames  dropped  rounds  refused  unanswered  hostile  setpoints  jumps"
+    );
+    let disturbing = Disturbing::start(URL, Rig::default().prismatic.velocity)?;
+    let mut unanswered = 0;
     let start = Instant::now();
     let (mut rows, mut rounds, mut peak) = (Vec::<Row>::new(), 0, 0.0_f64);
     while start.elapsed() < time {
-        let status = round(&mut live, &mut peak)?;
+        let status = round(&mut live, &mut peak, &mut unanswered)?;
         rounds += 1;
         if start.elapsed() < time * (rows.len() as u32) / (ROWS - 1) {
             continue;
         }
+        let [hostile_datagrams, setpoints, jumps] = disturbing.counts();
         let row = Row {
             minutes: start.elapsed().as_secs_f64() / 60.0,
             resident_mib: resident_mib()?,
@@ -73,16 +88,24 @@ fn soak(mut live: Live, time: Duration) -> Outcome<Vec<Row>> {
             dropped_frames: status.dropped_frames,
             rounds,
             refused: status.refused,
+            unanswered,
+            hostile_datagrams,
+            setpoints,
+            jumps,
         };
         println!(
-            "{:>7.1} {:>13.0} {:>6.0} {:>8} {:>8} {:>7} {:>8}",
+            "{:>7.1} {:>13.0} {:>6.0} {:>8} {:>8} {:>7} {:>8} {:>11} {:>8} {:>10} {:>6}",
             row.minutes,
             row.resident_mib,
             row.peak_mib,
             row.frames,
             row.dropped_frames,
             row.rounds,
-            row.refused
+            row.refused,
+            row.unanswered,
+            row.hostile_datagrams,
+            row.setpoints,
+            row.jumps
         );
         rows.push(row);
     }
@@ -91,7 +114,7 @@ fn soak(mut live: Live, time: Duration) -> Outcome<Vec<Row>> {
 }
 
 /// Everything that a service is told to do, once; its last status.
-fn round(live: &mut Live, peak: &mut f64) -> Outcome<Status> {
+fn round(live: &mut Live, peak: &mut f64, unanswered: &mut u64) -> Outcome<Status> {
     live.tell(Command::START_DEMONSTRATION, SCENE, "")?;
     live.receive(channel::STATUS, DEMONSTRATION, |_: &Status| false)?;
     let mut last = None;
@@ -103,7 +126,9 @@ fn round(live: &mut Live, peak: &mut f64) -> Outcome<Status> {
         (Command::CANCEL, ""),
     ] {
         let command = live.tell(action, "", target)?;
-        last = live.done(command, PATIENCE)?;
+        let done = live.done(command, PATIENCE)?;
+        *unanswered += u64::from(done.is_none());
+        last = done.or(last);
         *peak = peak.max(resident_mib()?);
     }
     last.ok_or_else(|| anyhow!("the service answers no more").into())
