@@ -258,14 +258,15 @@ impl<'q> Stream<'q> {
         };
         let (time, last) = (run.time(due_us), run.is_over(due_us));
         let head = Head { utime, sequence: self.sequence, last, reason };
-        let bytes = write_setpoint(out, self.channel, head, &run.motion, time)?;
-        self.sequence = self.sequence.wrapping_add(1);
-        self.last_us = due_us;
+        let written = write_setpoint(out, self.channel, head, &run.motion, time);
         if last {
             self.state = State::Rest;
             self.status.ends = self.status.ends.wrapping_add(1);
             self.status.reason = reason;
         }
+        let bytes = written?;
+        self.sequence = self.sequence.wrapping_add(1);
+        self.last_us = due_us;
         Ok(Tick::Send(bytes))
     }
 
@@ -510,6 +511,19 @@ mod tests {
             it.orders.run(&door(0.5), None).unwrap();
             assert_eq!(it.tick(), None);
             assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::NoFrame)));
+        });
+    }
+
+    #[test]
+    fn a_motion_ends_even_where_no_setpoint_finds_room() {
+        with(WATCH, |it| {
+            it.orders.run(&door(0.005), None).unwrap();
+            for _ in 0..10 {
+                it.now_us += PERIOD_US;
+                it.shared.frame_seen(it.now_us);
+                let _ = it.stream.tick(it.now_us, 0, &mut []);
+            }
+            assert!(it.stream.is_at_rest());
         });
     }
 
