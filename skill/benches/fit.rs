@@ -37,9 +37,9 @@ fn logs_of_known_type() -> Vec<(String, Vec<PoseSample>)> {
             let mut fields = line.split(',');
             let (file, kind) = (fields.next()?, fields.next()?);
             let known = kind == "revolute" || kind == "prismatic";
-            known.then(|| (file.to_owned(), read_pose_log(&dir.join(file)).ok()))
+            known.then(|| (file.to_owned(), read_pose_log(&dir.join(file), None).ok()))
         })
-        .filter_map(|(file, samples)| Some((file, samples?)))
+        .filter_map(|(file, log)| Some((file, log?.samples)))
         .collect()
 }
 

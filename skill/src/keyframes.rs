@@ -18,20 +18,44 @@ impl Keyframes {
         Self { capacity: capacity.max(2), stride: 1, frames: Vec::new() }
     }
 
-    /// Takes a frame if it falls on the stride; thins all out when the room is full.
+    /// Takes a frame if it is a stride behind the last one; thins all out when the room is full.
     pub fn offer(&mut self, index: usize, frame: &RgbdFrame) {
-        if !index.is_multiple_of(self.stride) {
+        if !self.is_due(index) {
             return;
         }
-        if self.frames.len() == self.capacity {
+        if self.frames.len() >= self.capacity {
             self.stride *= 2;
-            let stride = self.stride;
-            self.frames.retain(|(i, _)| i.is_multiple_of(stride));
-            if !index.is_multiple_of(stride) {
+            self.keep_apart();
+            if !self.is_due(index) {
                 return;
             }
         }
         self.frames.push((index, Arc::new(frame.clone())));
+    }
+
+    /// Forgets the frames that are not marked, and gives the others their new numbers.
+    pub fn keep_frames(&mut self, marks: &[bool]) {
+        let before = |index: usize| marks[..index.min(marks.len())].iter().filter(|m| **m).count();
+        self.frames.retain(|(index, _)| marks.get(*index).copied().unwrap_or(true));
+        self.frames.iter_mut().for_each(|(index, _)| *index = before(*index));
+        self.keep_apart();
+    }
+
+    fn is_due(&self, index: usize) -> bool {
+        self.frames.last().is_none_or(|(last, _)| index >= last + self.stride)
+    }
+
+    /// Drops frames that are less than a stride behind the one before.
+    fn keep_apart(&mut self) {
+        let mut before: Option<usize> = None;
+        let stride = self.stride;
+        self.frames.retain(|(index, _)| {
+            let stays = before.is_none_or(|before| *index >= before + stride);
+            if stays {
+                before = Some(*index);
+            }
+            stays
+        });
     }
 
     /// Frame numbers and frames, in time order.
@@ -54,6 +78,27 @@ impl Keyframes {
 mod tests {
     use super::*;
     use linkage_driver::{ColorImage, DepthImage, PinholeCamera};
+
+    #[test]
+    fn frames_that_stay_get_their_new_numbers() {
+        let camera = Arc::new(PinholeCamera {
+            width: 1,
+            height: 1,
+            cx: 0.0,
+            cy: 0.0,
+            ..PinholeCamera::kinect()
+        });
+        let mut keyframes = Keyframes::new(8);
+        for i in 0..6 {
+            let color = ColorImage::new(1, 1, vec![0; 3]).unwrap();
+            let depth = DepthImage::from_metres(1, 1, vec![1.0]).unwrap();
+            let frame = RgbdFrame::new(i as i64, Arc::clone(&camera), color, depth).unwrap();
+            keyframes.offer(i, &frame);
+        }
+        keyframes.keep_frames(&[true, false, true, true, false, true]);
+        let kept: Vec<(usize, i64)> = keyframes.iter().map(|(i, f)| (i, f.utime)).collect();
+        assert_eq!(kept, [(0, 0), (1, 2), (2, 3), (3, 5)]);
+    }
 
     #[test]
     fn a_long_recording_keeps_a_bounded_even_choice() {

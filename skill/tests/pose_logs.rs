@@ -31,7 +31,7 @@ fn every_log_of_known_type_is_told_right() {
             _ => continue,
         };
         typed += 1;
-        let samples = read_pose_log(&logs.join(file)).unwrap();
+        let samples = read_pose_log(&logs.join(file), None).unwrap().samples;
         let fitted = fit_models(&samples, &ArticulateConfig::default()).unwrap();
         for f in &fitted {
             eprintln!(

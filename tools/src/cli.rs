@@ -1,6 +1,8 @@
 //! Options, as DESIGN 4.3 fixes them.
 
+use crate::console::LogFormat;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use linkage_skill::articulate::Columns;
 use std::path::PathBuf;
 
 /// Learns how articulated things move by watching a person move them once; recognises them,
@@ -29,6 +31,9 @@ pub struct Common {
     /// No progress
     #[arg(long, global = true)]
     pub quiet: bool,
+    /// How log events are written to standard error; RUST_LOG says which
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text, value_name = "FORMAT")]
+    pub log_format: LogFormat,
 }
 
 #[derive(Debug, Subcommand)]
@@ -280,9 +285,13 @@ pub struct ReplayArgs {
 
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Pose logs: "x y z", "x y z qx qy qz qw" or "t x y z qx qy qz qw"
+    /// Pose logs: "x y z", "x y z qx qy qz qw" or "t x y z qx qy qz qw", or as a first line names it
     #[arg(required = true)]
     pub logs: Vec<PathBuf>,
+    /// What the columns hold, where neither names nor their number tell it: t,x,y,z,qx,qy,qz,qw, and
+    /// _ for a column that is not used
+    #[arg(long, value_name = "NAMES")]
+    pub columns: Option<Columns>,
     /// Write linkage.model/1, an array for several logs; - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

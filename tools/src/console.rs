@@ -1,13 +1,42 @@
 //! What the user sees while a command runs: progress and logs, on standard error.
 
+use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 
-/// Logs through `tracing`, filtered by `RUST_LOG` (warnings by default).
-pub fn start_logging() {
+/// How log events are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// A line of text an event, in colour on a terminal
+    Text,
+    /// A line of JSON an event
+    Json,
+}
+
+/// Logs through `tracing`, filtered by `RUST_LOG` (warnings by default). There are no colour
+/// codes where nobody sees colours: in a file, in a pipe, in the journal.
+pub fn start_logging(format: LogFormat) {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    match format {
+        LogFormat::Text => builder.with_ansi(shows_colours()).init(),
+        LogFormat::Json => builder.with_ansi(false).json().init(),
+    }
+}
+
+/// On a terminal, unless `NO_COLOR` is set (https://no-color.org).
+fn shows_colours() -> bool {
+    let unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    std::io::stderr().is_terminal() && !unwanted
+}
+
+/// Says why a command failed, as the log's format has it.
+pub fn report_failure(format: LogFormat, cause: &anyhow::Error) {
+    match format {
+        LogFormat::Text => eprintln!("linkage: {cause:#}"),
+        LogFormat::Json => tracing::error!("{cause:#}"),
+    }
 }
 
 /// Progress through a known or unknown number of steps: a bar on a terminal, a plain line at

@@ -5,6 +5,7 @@ use crate::commands::summary;
 use crate::export::{Description, mjcf, sdf, urdf};
 use crate::report::{recognition_page, save_prediction_picture};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
+use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Request, Rig, messages, predict};
 use linkage_skill::ObjectModel;
 use linkage_skill::appearance::{Appearance, Surfel};
@@ -140,6 +141,7 @@ fn recognised(model: &ObjectModel) -> Recognised {
         origin: j.origin,
         pitch: j.pitch,
         configuration: Some(0.5 * (j.range[0] + j.range[1])),
+        deviation: Some(0.01),
         reason: None,
         range: j.range,
     };
@@ -181,8 +183,9 @@ fn use_it(model: ObjectModel, scratch: &Path) {
     let (frame, rig) = (frame(), Rig::default());
     for target in [Target::Open, Target::Closed, Target::Value(0.1)] {
         let Ok(plan) = predict(&model, &found, &Request::to(target), &rig) else { continue };
-        messages::prediction(&plan.prediction, &model, 1);
-        let _ = messages::robot_plan(&plan, 1);
+        let stamps = Stamps { captured: 1, made: 1 };
+        messages::prediction(&plan.prediction, &model, stamps);
+        let _ = messages::robot_plan(&plan, stamps);
         let picture = scratch.join("prediction.png");
         let (prediction, looks) = (&plan.prediction, &object.appearance);
         save_prediction_picture(&frame, &found, prediction, looks, &picture).unwrap();

@@ -27,11 +27,12 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
-    console::start_logging();
+    let log_format = cli.common.log_format;
+    console::start_logging(log_format);
     match commands::run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("linkage: {:#}", failure.cause);
+            console::report_failure(log_format, &failure.cause);
             ExitCode::from(failure.status)
         }
     }

@@ -117,6 +117,7 @@ fn check_what_is_known_and_seen(dir: &Path) {
         dir,
         &linkage::Prediction {
             utime: 3,
+            made_utime: 4,
             schema: 1,
             recognition: recognised,
             trajectories: vec![linkage::JointTrajectory {
@@ -153,6 +154,7 @@ fn check_what_a_service_hears_and_tells(dir: &Path) {
             command_answer: "demonstrating".into(),
             refused: 2,
             last_error: String::new(),
+            session: 11,
         },
     );
     check(

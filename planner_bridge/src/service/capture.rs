@@ -4,6 +4,8 @@ use super::publisher::{Note, Outbox};
 use super::{Playback, SourceOpener};
 use linkage_driver::live::LatestWriter;
 use linkage_driver::{RgbdFrame, RgbdSource};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// A frame, and when it came.
@@ -12,12 +14,30 @@ pub struct Arrived {
     pub at: Instant,
 }
 
+/// How many frames did not arrive, were damaged, or found no room before they were taken.
+#[derive(Debug, Clone, Default)]
+pub struct Lost(Arc<AtomicU64>);
+
+impl Lost {
+    /// So many since the service began.
+    pub fn count(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    fn set(&self, count: u64) {
+        self.0.store(count, Ordering::Relaxed);
+    }
+}
+
 pub struct Capture {
     source: Box<dyn RgbdSource>,
     open: Box<SourceOpener>,
     playback: Playback,
     frames: LatestWriter<Arrived>,
     out: Outbox,
+    lost: Lost,
+    /// Frames that were lost by sources that were closed.
+    lost_before: u64,
     /// Time stamps of a recording that is repeated go on.
     clock: PlayClock,
 }
@@ -35,12 +55,20 @@ impl Capture {
         frames: LatestWriter<Arrived>,
         out: Outbox,
     ) -> Self {
-        Self { source, open, playback, frames, out, clock: PlayClock::default() }
+        let (lost, lost_before, clock) = (Lost::default(), 0, PlayClock::default());
+        Self { source, open, playback, frames, out, lost, lost_before, clock }
+    }
+
+    /// The count of frames that do not arrive.
+    pub fn lost(&self) -> Lost {
+        self.lost.clone()
     }
 
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
         while !is_stopped() {
-            match self.source.next_frame() {
+            let next = self.source.next_frame();
+            self.lost.set(self.lost_before + self.source.statistics().lost());
+            match next {
                 Ok(Some(frame)) => self.take(frame, is_stopped),
                 Ok(None) if is_stopped() => return,
                 Ok(None) if self.playback.repeat => self.reopen(Duration::ZERO, is_stopped),
@@ -75,6 +103,7 @@ impl Capture {
             match (self.open)() {
                 Ok(source) => {
                     self.source = source;
+                    self.lost_before = self.lost.count();
                     self.clock.again();
                     return;
                 }

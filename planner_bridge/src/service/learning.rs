@@ -47,7 +47,14 @@ enum NotStored {
 
 impl Teacher {
     /// Starts to learn.
-    pub fn learn(&self, learner: Learner, object: String) -> std::io::Result<Learning> {
+    ///
+    /// `lost` says how many of its frames were lost, where they were many: so does the answer.
+    pub fn learn(
+        &self,
+        learner: Learner,
+        object: String,
+        lost: Option<String>,
+    ) -> std::io::Result<Learning> {
         let (sender, result) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
         let learning =
@@ -55,7 +62,8 @@ impl Teacher {
         let teacher = self.clone();
         std::thread::Builder::new().name("learn".to_owned()).spawn(move || {
             // Nobody waits for a demonstration that was cancelled.
-            let _ = sender.send(teacher.learned(learner, &object, &cancelled));
+            let learned = teacher.learned(learner, &object, &cancelled);
+            let _ = sender.send(with_losses(learned, lost));
         })?;
         Ok(learning)
     }
@@ -103,6 +111,15 @@ impl Teacher {
         let utime = demonstration.frame_utimes.last().copied().unwrap_or_default();
         self.out.send(on::MODEL, &messages::model(model, utime));
         self.out.send(on::ARTICULATED_OBJECT, &messages::articulated_object(demonstration));
+    }
+}
+
+/// What was learned, or why nothing was, with how much of the demonstration is missing.
+fn with_losses(learned: Result<Learned, String>, lost: Option<String>) -> Result<Learned, String> {
+    let Some(lost) = lost else { return learned };
+    match learned {
+        Ok(learned) => Ok(Learned { summary: format!("{}; {lost}", learned.summary), ..learned }),
+        Err(reason) => Err(format!("{reason}; {lost}")),
     }
 }
 

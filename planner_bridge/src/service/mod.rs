@@ -8,10 +8,12 @@ mod capture;
 mod command;
 mod heartbeat;
 mod learning;
+mod losses;
 mod perception;
 mod publisher;
 mod reacquire;
 mod stream;
+pub mod watchdog;
 
 pub use authority::{CommandKey, KeyError, Unauthorised};
 pub use command::{Action, Command, Fault, Refusal, SCHEMA as COMMAND_SCHEMA};
@@ -28,7 +30,7 @@ use linkage_driver::{RgbdSource, SourceError};
 use linkage_lcm::{Lcm, LcmError};
 use linkage_skill::SkillConfig;
 use linkage_skill::store::StoreError;
-use perception::Perception;
+use perception::{Inbox, Perception};
 use publisher::Publisher;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -98,7 +100,7 @@ pub enum ServiceError {
 pub struct ServiceReport {
     /// Frames that were looked at.
     pub frames: u64,
-    /// Frames that came faster than they were taken.
+    /// Frames that were lost on the way, or came faster than they were taken.
     pub dropped_frames: u64,
     /// Commands and packets that were refused.
     pub refused: u64,
@@ -156,7 +158,8 @@ pub fn serve(
         .as_ref()
         .map(|orders| HeartbeatListener::new(&config.url, orders.pulse(), out.clone()))
         .transpose()?;
-    let perception = Perception::new(config, frames, commands, out, orders)?;
+    let inbox = Inbox { frames, lost: capture.lost(), commands };
+    let perception = Perception::new(config, inbox, out, orders)?;
 
     let is_stopped = || stop.load(Ordering::Relaxed);
     std::thread::scope(|scope| {

@@ -2,12 +2,14 @@
 //! the status tells.
 
 use super::ServiceConfig;
-use super::capture::Arrived;
+use super::capture::{Arrived, Lost};
 use super::command::{Action, Command};
 use super::learning::{Learning, Teacher};
+use super::losses::Losses;
 use super::publisher::{Answer, Note, Outbox, Situation};
 use super::reacquire::Reacquisition;
 use super::stream::Orders;
+use super::watchdog::Watchdog;
 use crate::channel;
 use crate::messages::{self, Stamps};
 use crate::plan::{PlanError, Request, predict};
@@ -18,17 +20,25 @@ use linkage_realtime::{Notice, Reason};
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
 use linkage_skill::store::{Library, Store, StoreError};
-use linkage_skill::{LearnError, Learner, ObjectModel, SkillConfig};
+use linkage_skill::{Learner, ObjectModel, SkillConfig};
 use nalgebra::Point3;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// What comes to the thread that perceives.
+pub struct Inbox {
+    pub frames: LatestReader<Arrived>,
+    pub lost: Lost,
+    pub commands: Receiver<Command>,
+}
+
 pub struct Perception<'q> {
     config: ServiceConfig,
     teacher: Teacher,
-    frames: LatestReader<Arrived>,
-    commands: Receiver<Command>,
+    inbox: Inbox,
+    losses: Losses,
+    watchdog: Watchdog,
     out: Outbox,
     orders: Option<Orders<'q>>,
     library: Library,
@@ -56,6 +66,7 @@ struct Demonstrating {
     learner: Learner,
     so_far: ObjectModel,
     told: Instant,
+    losses: Losses,
 }
 
 struct Watching {
@@ -104,6 +115,8 @@ const TELL_EVERY: Duration = Duration::from_millis(450);
 const PATIENCE: Duration = Duration::from_secs(5);
 /// A prediction whose joint is not known for so long is refused: recognition is asked meanwhile.
 const JOINT_PATIENCE: Duration = Duration::from_secs(2);
+/// Time over which losses of frames are counted.
+const LOSSES_OVER: Duration = Duration::from_secs(3);
 /// Arrivals that the frame rate is taken over, and how old they may be.
 const RATE_FRAMES: usize = 30;
 const RATE_WINDOW: Duration = Duration::from_secs(3);
@@ -111,8 +124,7 @@ const RATE_WINDOW: Duration = Duration::from_secs(3);
 impl<'q> Perception<'q> {
     pub fn new(
         config: &ServiceConfig,
-        frames: LatestReader<Arrived>,
-        commands: Receiver<Command>,
+        inbox: Inbox,
         out: Outbox,
         orders: Option<Orders<'q>>,
     ) -> Result<Self, StoreError> {
@@ -125,8 +137,9 @@ impl<'q> Perception<'q> {
         Ok(Self {
             config: config.clone(),
             teacher: Teacher { config: skill, store, out: out.clone() },
-            frames,
-            commands,
+            losses: Losses::begin(&inbox.lost, 0),
+            inbox,
+            watchdog: Watchdog::from_environment(),
             out,
             orders,
             library,
@@ -139,11 +152,13 @@ impl<'q> Perception<'q> {
 
     /// Perceives until it is stopped; frames that were looked at, and that were dropped.
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) -> (u64, u64) {
+        self.watchdog.ready();
         while !is_stopped() {
-            while let Ok(command) = self.commands.try_recv() {
+            self.watchdog.alive();
+            while let Ok(command) = self.inbox.commands.try_recv() {
                 self.obey(command);
             }
-            match self.frames.pop(POLL) {
+            match self.inbox.frames.pop(POLL) {
                 Ok(arrived) => self.look(arrived),
                 Err(Nothing::Yet) => {}
                 // The source is over, commands are not.
@@ -152,7 +167,12 @@ impl<'q> Perception<'q> {
             self.poll();
             self.tell();
         }
-        (self.looked_at, self.frames.dropped())
+        self.watchdog.stopping();
+        (self.looked_at, self.dropped_frames())
+    }
+
+    fn dropped_frames(&self) -> u64 {
+        self.inbox.frames.dropped() + self.inbox.lost.count()
     }
 
     /// Tells what became of a command.
@@ -229,7 +249,8 @@ impl<'q> Perception<'q> {
         let learner = Learner::live(&self.config.skill);
         let so_far = learner.so_far(&object);
         let answer = format!("watching how {object} is moved");
-        let demonstrating = Demonstrating { object, learner, so_far, told: Instant::now() };
+        let losses = Losses::begin(&self.inbox.lost, 0);
+        let demonstrating = Demonstrating { object, learner, so_far, told: Instant::now(), losses };
         self.state = State::Demonstrating(Box::new(demonstrating));
         Ok(answer)
     }
@@ -237,10 +258,14 @@ impl<'q> Perception<'q> {
     fn finish_demonstration(&mut self, command: Option<i64>) -> Result<String, String> {
         match std::mem::replace(&mut self.state, State::Resting) {
             State::Demonstrating(d) => {
-                let Demonstrating { object, learner, .. } = *d;
+                let Demonstrating { object, learner, losses, .. } = *d;
                 let frames = learner.tracker().frames();
+                let lost = losses.many(&self.inbox.lost, frames as u64);
+                if let Some(lost) = &lost {
+                    self.out.note(Note::Error(lost.clone()));
+                }
                 let learning =
-                    self.teacher.learn(learner, object.clone()).map_err(|e| e.to_string())?;
+                    self.teacher.learn(learner, object.clone(), lost).map_err(|e| e.to_string())?;
                 self.state = State::Learning { learning, command };
                 Ok(format!("learning {object} from {frames} frames"))
             }
@@ -344,7 +369,7 @@ impl<'q> Perception<'q> {
     /// The newest frame that waits: what is there now counts, not what was.
     fn newest(&mut self, oldest: Arrived) -> Arrived {
         let mut newest = oldest;
-        while let Ok(newer) = self.frames.pop(Duration::ZERO) {
+        while let Ok(newer) = self.inbox.frames.pop(Duration::ZERO) {
             self.looked_at += 1;
             newest = newer;
         }
@@ -355,14 +380,6 @@ impl<'q> Perception<'q> {
         let State::Demonstrating(d) = &mut self.state else { return };
         match d.learner.push(frame) {
             Ok(()) => {}
-            Err(e @ LearnError::TooLong { .. }) => {
-                // What was seen is not lost: it is learned from.
-                self.out.note(Note::Error(format!("{}: {e}; it is finished here", d.object)));
-                if let Err(reason) = self.finish_demonstration(None) {
-                    self.out.note(Note::Error(reason));
-                }
-                return;
-            }
             Err(e) => self.out.note(Note::Error(format!("{}: {e}", d.object))),
         }
         if d.told.elapsed() >= TELL_EVERY {
@@ -502,6 +519,12 @@ impl<'q> Perception<'q> {
 
     /// Looks after what does not come with frames.
     fn poll(&mut self) {
+        if self.losses.age() >= LOSSES_OVER {
+            if let Some(lost) = self.losses.many(&self.inbox.lost, self.looked_at) {
+                self.out.note(Note::Error(lost));
+            }
+            self.losses = Losses::begin(&self.inbox.lost, self.looked_at);
+        }
         match self.orders.as_mut().and_then(Orders::poll) {
             Some(Notice::Ended(Some(why))) => {
                 self.out.note(Note::Error(format!("the motion was braked: {why}")));
@@ -604,7 +627,7 @@ impl<'q> Perception<'q> {
             object: object.to_owned(),
             frame_rate: self.frame_rate(),
             frames: self.looked_at,
-            dropped_frames: self.frames.dropped(),
+            dropped_frames: self.dropped_frames(),
             tracks,
             joints,
         }

@@ -362,7 +362,7 @@ pub unsafe extern "C" fn linkage_predict(
         let found = recognition.found(match_index)?;
         let skill = session.lock();
         let known = skill.known(&found.object)?;
-        let request = Request { joint, target, grasp };
+        let request = Request { joint, target, grasp, moving: None };
         let plan = predict(&known.model, found, &request, &skill.rig).map_err(|e| match &e {
             PlanError::Predict(PredictError::Unseen { .. }) => Failure::no_answer(e),
             _ => Failure::bad(e),

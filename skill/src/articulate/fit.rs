@@ -8,6 +8,8 @@
 //! little better by some arc of several metres' radius.
 
 use super::circle::{fit_circle, principal};
+use super::consensus::candidates;
+use super::lost::lost_samples;
 use super::{ArticulateConfig, JointGeometry, JointKind, PoseSample};
 use crate::geometry::{median, orthonormal_basis, rotation_nearest, wrapped};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitQuaternion, UnitVector3, Vector3, Vector6};
@@ -53,6 +55,9 @@ pub struct FittedJoint {
     pub orientation_rmse: f64,
     /// Share of position outliers.
     pub outlier_ratio: f64,
+    /// By sample: whether the joint explains its position; the configuration of others means
+    /// nothing.
+    pub inlier: Vec<bool>,
     /// Independent observations that the samples amount to.
     pub effective_observations: f64,
     /// Covariance of (axis x, y, z, origin x, y, z).
@@ -68,12 +73,15 @@ const OUTLIER_LOG_DENSITY_ORIENTATION: f64 = 0.7;
 /// Share of outliers below which the mixture is not driven.
 const MIN_OUTLIER_RATIO: f64 = 0.01;
 
+/// Samples by which starts are compared.
+const COMPARED_SAMPLES: usize = 100;
+
 /// Parameters of a joint while it is fitted.
 #[derive(Debug, Clone, Copy)]
-struct State {
-    geometry: JointGeometry,
-    rest_position: Point3<f64>,
-    rest_orientation: UnitQuaternion<f64>,
+pub(super) struct State {
+    pub geometry: JointGeometry,
+    pub rest_position: Point3<f64>,
+    pub rest_orientation: UnitQuaternion<f64>,
 }
 
 /// Residual of one sample.
@@ -104,13 +112,20 @@ pub fn fit_models(
     {
         return Err(FitError::NotFinite { sample });
     }
-    let problem = Problem::new(samples, config);
+    let lost = lost_samples(samples, config.position_sigma_m);
+    let kept: Vec<PoseSample> =
+        samples.iter().zip(&lost).filter(|(_, lost)| !**lost).map(|(s, _)| *s).collect();
+    let problem = Problem::new(&kept, config);
     let mut fitted: Vec<FittedJoint> =
         [JointKind::Fixed, JointKind::Prismatic, JointKind::Revolute]
             .into_iter()
             .filter_map(|kind| problem.fit(kind))
             .collect();
     problem.score(&mut fitted);
+    if kept.len() < samples.len() {
+        let all = Problem::new(samples, config);
+        fitted.iter_mut().for_each(|joint| all.tell_of_all(joint, &lost));
+    }
     fitted.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(fitted)
 }
@@ -142,27 +157,52 @@ impl<'s> Problem<'s> {
 
     /// EM: weights from the residuals, parameters from the weights.
     fn fit(&self, kind: JointKind) -> Option<FittedJoint> {
-        let mut best: Option<(f64, State)> = None;
-        for start in self.starts(kind) {
-            let mut state = start;
-            for round in 0..self.config.iterations {
-                // The first rounds take a wider noise, so that a poor start is no trap.
-                let widen = 1.0 + 4.0 * (-(round as f64) / 1.5).exp();
-                let residuals = self.residuals(&state);
-                let (wp, wo) = self.weights(&residuals, widen);
-                let Some(next) = self.maximise(&state, &residuals, &wp, &wo) else { break };
-                let done = self.close(&state, &next) && round > 3;
-                state = next;
-                if done {
-                    break;
-                }
-            }
-            let likelihood = self.log_likelihood(&self.residuals(&state));
-            if best.as_ref().is_none_or(|(l, _)| likelihood > *l) {
-                best = Some((likelihood, state));
-            }
+        let better = |best: Option<(f64, State)>, start: State| {
+            let found = self.refined(start);
+            if best.is_none_or(|(likelihood, _)| found.0 > likelihood) { Some(found) } else { best }
+        };
+        let mut best = self.starts(kind).into_iter().fold(None, better);
+        // Starts from all samples are led astray by far outliers, one by few samples is not.
+        if best.is_none_or(|(_, state)| self.has_outliers(&state)) {
+            best = self.start_by_consensus(kind).into_iter().fold(best, better);
         }
         best.map(|(likelihood, state)| self.finish(&state, likelihood))
+    }
+
+    /// A start after EM, and its likelihood.
+    fn refined(&self, start: State) -> (f64, State) {
+        let mut state = start;
+        for round in 0..self.config.iterations {
+            // The first rounds take a wider noise, so that a poor start is no trap.
+            let widen = 1.0 + 4.0 * (-(round as f64) / 1.5).exp();
+            let residuals = self.residuals(&state);
+            let (wp, wo) = self.weights(&residuals, widen);
+            let Some(next) = self.maximise(&state, &residuals, &wp, &wo) else { break };
+            let done = self.close(&state, &next) && round > 3;
+            state = next;
+            if done {
+                break;
+            }
+        }
+        (self.log_likelihood(&self.residuals(&state)), state)
+    }
+
+    fn has_outliers(&self, state: &State) -> bool {
+        let (wp, wo) = self.weights(&self.residuals(state), 1.0);
+        wp.iter().chain(&wo).any(|w| *w < 0.5)
+    }
+
+    /// The joint through few samples that explains the others best.
+    fn start_by_consensus(&self, kind: JointKind) -> Option<State> {
+        let stride = self.samples.len().div_ceil(COMPARED_SAMPLES);
+        let likelihood = |state: &State| {
+            let some = self.samples.iter().step_by(stride);
+            let residuals: Vec<Residual> = some.map(|s| self.residual(state, s)).collect();
+            // Joints through samples as they are, noise and all.
+            self.log_likelihood_of(&residuals, 2.0)
+        };
+        let scored = candidates(kind, self.samples).into_iter().map(|s| (likelihood(&s), s));
+        scored.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, state)| state)
     }
 
     fn close(&self, a: &State, b: &State) -> bool {
@@ -317,16 +357,21 @@ impl<'s> Problem<'s> {
     }
 
     fn log_likelihood(&self, residuals: &[Residual]) -> f64 {
+        self.log_likelihood_of(residuals, 1.0)
+    }
+
+    /// Log likelihood under `widen` times the noise.
+    fn log_likelihood_of(&self, residuals: &[Residual], widen: f64) -> f64 {
         let position: Vec<f64> = residuals
             .iter()
-            .map(|r| log_normal3(r.position.norm(), self.config.position_sigma_m))
+            .map(|r| log_normal3(r.position.norm(), widen * self.config.position_sigma_m))
             .collect();
         let mut sum = mixture(&position, OUTLIER_LOG_DENSITY_POSITION).1;
         if self.has_orientation {
             let orientation: Vec<f64> = residuals
                 .iter()
                 .filter_map(|r| r.orientation)
-                .map(|o| log_normal3(o.norm(), self.config.orientation_sigma_rad))
+                .map(|o| log_normal3(o.norm(), widen * self.config.orientation_sigma_rad))
                 .collect();
             sum += mixture(&orientation, OUTLIER_LOG_DENSITY_ORIENTATION).1;
         }
@@ -465,6 +510,7 @@ impl<'s> Problem<'s> {
             .iter()
             .zip(&wo)
             .filter_map(|(r, w)| Some((r.orientation?.norm(), *w))));
+        let inlier: Vec<bool> = wp.iter().map(|w| *w > 0.5).collect();
         let mut geometry = state.geometry;
         if geometry.kind == JointKind::Revolute {
             geometry.origin = crate::geometry::nearest_on_line(
@@ -477,15 +523,31 @@ impl<'s> Problem<'s> {
             geometry,
             rest_position: state.rest_position,
             rest_orientation: state.rest_orientation,
-            configuration: unwrapped(residuals.iter().map(|r| r.q)),
+            configuration: unwrapped(&residuals, &inlier),
             log_likelihood,
             bic: f64::INFINITY,
             position_rmse,
             orientation_rmse,
             outlier_ratio: 1.0 - wp.iter().sum::<f64>() / wp.len() as f64,
-            effective_observations: effective_count(&residuals),
+            effective_observations: effective_count(&residuals, &inlier),
+            inlier,
             covariance: DMatrix::zeros(6, 6),
         }
+    }
+
+    /// Adds the lost samples to a joint that was fitted to the others: they are outliers.
+    fn tell_of_all(&self, joint: &mut FittedJoint, lost: &[bool]) {
+        let state = State {
+            geometry: joint.geometry,
+            rest_position: joint.rest_position,
+            rest_orientation: joint.rest_orientation,
+        };
+        let mut of_kept = std::mem::take(&mut joint.inlier).into_iter();
+        joint.inlier = lost.iter().map(|&lost| !lost && of_kept.next().unwrap_or(false)).collect();
+        let n = self.samples.len() as f64;
+        let lost = lost.iter().filter(|l| **l).count() as f64;
+        joint.outlier_ratio = (joint.outlier_ratio * (n - lost) + lost) / n;
+        joint.configuration = unwrapped(&self.residuals(&state), &joint.inlier);
     }
 
     /// BIC over effective observations, with the prior on a hinge's radius.
@@ -536,27 +598,25 @@ impl<'s> Problem<'s> {
             rest_position: f.rest_position,
             rest_orientation: f.rest_orientation,
         };
-        let n = self.samples.len();
         if f.geometry.kind == JointKind::Fixed {
             return DMatrix::zeros(6, 6);
         }
-        let ones = vec![1.0; n];
+        let ones = vec![1.0; self.samples.len()];
         let zero = DVector::zeros(10);
         let base = self.stacked(&state, &ones, &ones);
         const STEP: f64 = 1e-5;
-        let stride = (n / 40).max(1);
+        let told: Vec<usize> = (0..self.samples.len()).filter(|&i| f.inlier[i]).collect();
+        let stride = (told.len() / 40).max(1);
         let mut information = DMatrix::<f64>::identity(10, 10) * 1e-3;
         let columns: Vec<Vec<Vector6<f64>>> = (0..10)
             .map(|k| {
                 let mut delta = zero.clone();
                 delta[k] = STEP;
                 let moved = perturbed(&state, &delta);
-                self.samples
-                    .iter()
-                    .enumerate()
+                told.iter()
                     .step_by(stride)
-                    .map(|(i, s)| {
-                        let r = self.residual(&moved, s);
+                    .map(|&i| {
+                        let r = self.residual(&moved, &self.samples[i]);
                         let p = r.position / self.config.position_sigma_m;
                         let o =
                             r.orientation.unwrap_or_default() / self.config.orientation_sigma_rad;
@@ -565,7 +625,7 @@ impl<'s> Problem<'s> {
                     .collect()
             })
             .collect();
-        let used = columns[0].len() as f64;
+        let used = columns[0].len().max(1) as f64;
         for a in 0..10 {
             for b in 0..10 {
                 let sum: f64 = columns[a].iter().zip(&columns[b]).map(|(x, y)| x.dot(y)).sum();
@@ -616,16 +676,27 @@ fn mixture(log_inlier: &[f64], log_outlier: f64) -> (Vec<f64>, f64) {
         }
         ratio = (1.0 - weights.iter().sum::<f64>() / n).clamp(MIN_OUTLIER_RATIO, 0.9);
     }
-    let likelihood =
-        log_inlier.iter().zip(&odds).map(|(l, odds)| l + ((1.0 - ratio) + ratio * odds).ln()).sum();
+    let of_one = |(l, odds): (&f64, &f64)| {
+        // Where the odds are bounded the outlier component alone counts.
+        let beyond = log_outlier - l > 600.0;
+        if beyond { log_outlier + ratio.ln() } else { l + ((1.0 - ratio) + ratio * odds).ln() }
+    };
+    let likelihood = log_inlier.iter().zip(&odds).map(of_one).sum();
     (weights, likelihood)
 }
 
 /// n / (1 + 2 Σ ρ): independent observations that correlated residuals amount to, the sum
-/// ending where the autocorrelation first falls below zero (Geyer 1992).
-fn effective_count(residuals: &[Residual]) -> f64 {
+/// ending where the autocorrelation first falls below zero (Geyer 1992). Outliers count, but
+/// the distance to them does not.
+fn effective_count(residuals: &[Residual], inlier: &[bool]) -> f64 {
     let n = residuals.len();
-    let mean = residuals.iter().map(|r| r.position).sum::<Vector3<f64>>() / n as f64;
+    let mean_of = |inliers_alone: bool| {
+        let some = residuals.iter().zip(inlier).filter(|(_, is)| **is || !inliers_alone);
+        let (sum, count) =
+            some.fold((Vector3::zeros(), 0.0), |(sum, n), (r, _)| (sum + r.position, n + 1.0));
+        (count > 0.0).then(|| sum / count)
+    };
+    let mean = mean_of(true).or_else(|| mean_of(false)).unwrap_or_default();
     let centred: Vec<Vector3<f64>> = {
         let mut norms: Vec<f64> = residuals.iter().map(|r| (r.position - mean).norm()).collect();
         let limit = 3.0 * median(&mut norms).unwrap_or(0.0).max(1e-9);
@@ -655,16 +726,17 @@ fn effective_count(residuals: &[Residual]) -> f64 {
     n as f64 / (1.0 + 2.0 * sum)
 }
 
-/// Angles without jumps of a full turn.
-fn unwrapped(values: impl Iterator<Item = f64>) -> Vec<f64> {
+/// Angles without jumps of a full turn, from each inlier to the next.
+fn unwrapped(residuals: &[Residual], inlier: &[bool]) -> Vec<f64> {
     let mut previous: Option<f64> = None;
-    values
-        .map(|q| {
-            let q = previous.map_or(q, |before: f64| {
-                q - std::f64::consts::TAU * ((q - before) / std::f64::consts::TAU).round()
-            });
+    let unwrap = |(r, &is_inlier): (&Residual, &bool)| {
+        let q = previous.map_or(r.q, |before: f64| {
+            r.q - std::f64::consts::TAU * ((r.q - before) / std::f64::consts::TAU).round()
+        });
+        if is_inlier || previous.is_none() {
             previous = Some(q);
-            q
-        })
-        .collect()
+        }
+        q
+    };
+    residuals.iter().zip(inlier).map(unwrap).collect()
 }

@@ -5,14 +5,19 @@
 //! ranks them by BIC; [`spanning_tree`] keeps the links of least BIC.
 
 mod circle;
+mod columns;
+mod consensus;
 mod fit;
 mod kinds;
+mod lost;
 mod pose_log;
+mod table;
 mod tree;
 
+pub use columns::{Columns, KNOWN_NAMES, TimeColumn};
 pub use fit::{FitError, FittedJoint, fit_models, type_probabilities};
 pub use kinds::{JointGeometry, JointKind};
-pub use pose_log::{PoseLogError, read_pose_log};
+pub use pose_log::{LostLine, PoseLog, PoseLogError, parse_pose_log, read_pose_log};
 pub use tree::{Link, spanning_tree};
 
 use crate::geometry::Pose;

@@ -166,6 +166,14 @@ impl BaseFinder {
         ransac_rigid(&pairs, &options, Some(guess), &mut self.rng).map(|found| found.motion)
     }
 
+    /// Forgets the frames that are not marked, and tracks without a new number.
+    pub fn keep_frames(&mut self, marks: &[bool], numbers: &[Option<usize>]) {
+        let mut marked = marks.iter();
+        self.camera_from_base.retain(|_| *marked.next().unwrap_or(&true));
+        let mut number = numbers.iter();
+        self.map.retain(|_| number.next().is_some_and(Option::is_some));
+    }
+
     /// The camera's motion so far.
     pub fn camera_from_base(&self) -> &[Pose] {
         &self.camera_from_base

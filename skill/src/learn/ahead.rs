@@ -99,6 +99,14 @@ impl SearchAhead {
         self.running = Some(Running { result, cancelled });
     }
 
+    /// Drops what was found: frames were forgotten, and it counts them as they were.
+    pub fn start_over(&mut self) {
+        if let Some(running) = self.running.take() {
+            running.cancelled.store(true, Ordering::Relaxed);
+        }
+        self.found = Found::default();
+    }
+
     /// Joints that the last finished search believes in.
     pub fn so_far(&self) -> Vec<Joint> {
         self.so_far.lock().unwrap_or_else(PoisonError::into_inner).clone()

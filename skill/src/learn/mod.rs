@@ -14,13 +14,13 @@ use crate::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use crate::planes;
 use crate::structure::{self, LearnedJoint};
 use crate::timing::StageTimes;
-use crate::track::{TrackSet, Tracker, Trajectory};
+use crate::track::{TrackSet, Tracker, Trajectory, telling_frames};
 use ahead::{SearchAhead, Snapshot};
 use linkage_driver::RgbdFrame;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// A demonstration that nothing can be learned from, or not any more.
+/// A demonstration that nothing can be learned from.
 #[derive(Debug, thiserror::Error)]
 pub enum LearnError {
     /// Too few frames.
@@ -30,12 +30,6 @@ pub enum LearnError {
         found: usize,
         /// Frames needed.
         needed: usize,
-    },
-    /// More frames than memory is kept for.
-    #[error("the demonstration is longer than {limit} frames; cut it, or raise track.max_frames")]
-    TooLong {
-        /// Frames allowed.
-        limit: usize,
     },
     /// Time stands still or runs backwards.
     #[error("frame {frame} is not later than the one before it ({before} us, then {now} us)")]
@@ -125,16 +119,14 @@ impl Learner {
     /// Takes the next frame.
     ///
     /// # Errors
-    /// [`LearnError::TimeRunsBackwards`], [`LearnError::TooLong`]; the learner stays usable.
+    /// [`LearnError::TimeRunsBackwards`]; the learner stays usable.
     pub fn push(&mut self, frame: &RgbdFrame) -> Result<(), LearnError> {
+        self.make_room();
         let index = self.tracker.frames();
         if let Some(before) = self.last_utime
             && frame.utime <= before
         {
             return Err(LearnError::TimeRunsBackwards { frame: index, before, now: frame.utime });
-        }
-        if index >= self.config.track.max_frames {
-            return Err(LearnError::TooLong { limit: self.config.track.max_frames });
         }
         if self.last_utime.is_none() {
             self.first_utime = frame.utime;
@@ -151,6 +143,23 @@ impl Learner {
         };
         times.measure("ahead", || ahead.offer(index + 1, config, snapshot));
         Ok(())
+    }
+
+    /// Forgets frames that tell little when there are as many as memory is kept for, so that a
+    /// demonstration may last as long as it likes.
+    fn make_room(&mut self) {
+        let room = self.config.track.max_frames.max(4 * MIN_FRAMES);
+        if self.tracker.frames() < room {
+            return;
+        }
+        let mut marks = telling_frames(self.tracker.seen(), room / 2);
+        // Whole frames that were kept are kept on: their pictures cannot be had again.
+        self.keyframes.iter().for_each(|(index, _)| marks[index] = true);
+        let numbers = self.tracker.keep_frames(&marks);
+        self.base.keep_frames(&marks, &numbers);
+        self.keyframes.keep_frames(&marks);
+        self.ahead.start_over();
+        tracing::debug!(of = marks.len(), kept = self.tracker.frames(), "frames forgotten");
     }
 
     /// The tracker, for drawing what it follows.

@@ -7,6 +7,7 @@ use super::{Track, TrackConfig, TrackSet, detect};
 use crate::vision::Gray;
 use linkage_driver::RgbdFrame;
 use nalgebra::{Point2, Point3};
+use std::collections::HashSet;
 
 /// Pixels at the border in which a feature is given up.
 const BORDER_PX: f32 = 5.0;
@@ -24,12 +25,14 @@ pub struct Tracker {
     previous: Option<Picture>,
     live: Vec<Feature>,
     set: TrackSet,
+    /// Tracks that were ever started.
+    born: usize,
 }
 
 impl Tracker {
     /// A tracker that has seen nothing yet.
     pub fn new(config: TrackConfig) -> Self {
-        Self { config, previous: None, live: Vec::new(), set: TrackSet::default() }
+        Self { config, previous: None, live: Vec::new(), set: TrackSet::default(), born: 0 }
     }
 
     /// Follows all features into `frame` and starts new ones where none are.
@@ -55,6 +58,31 @@ impl Tracker {
     /// Frames seen so far.
     pub fn frames(&self) -> usize {
         self.set.frames()
+    }
+
+    /// What was seen so far.
+    pub fn seen(&self) -> &TrackSet {
+        &self.set
+    }
+
+    /// Forgets the frames that are not marked (the newest must be), and ended tracks that are too
+    /// short to learn from. Gives the new number of each track that stays.
+    pub fn keep_frames(&mut self, marks: &[bool]) -> Vec<Option<usize>> {
+        let is_alive: HashSet<usize> = self.live.iter().map(|f| f.track).collect();
+        for (number, track) in self.set.tracks.iter_mut().enumerate() {
+            if !is_alive.contains(&number) && !track.is_long(self.config.min_length) {
+                track.observations.clear();
+            }
+        }
+        let numbers = self.set.keep_frames(marks);
+        self.live.retain_mut(|feature| match numbers[feature.track] {
+            Some(number) => {
+                feature.track = number;
+                true
+            }
+            None => false,
+        });
+        numbers
     }
 
     /// Places and track numbers of the features alive in the newest frame.
@@ -157,9 +185,12 @@ impl Tracker {
         let descriptions = describe(self.config.descriptor, gray, &corners)?;
         let first_frame = self.set.frames() - 1;
         for (i, pixel) in corners.into_iter().enumerate() {
-            let id = self.set.tracks.len();
-            self.live.push(Feature { track: id, pixel, description: descriptions.get(i).to_vec() });
-            self.set.tracks.push(Track { id, first_frame, observations: Vec::new() });
+            let number = self.set.tracks.len();
+            let description = descriptions.get(i).to_vec();
+            self.live.push(Feature { track: number, pixel, description });
+            let track = Track { id: self.born, first_frame, observations: Vec::new() };
+            self.set.tracks.push(track);
+            self.born += 1;
         }
         Ok(())
     }

@@ -37,7 +37,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         if !matches!(expected, "revolute" | "prismatic") {
             continue;
         }
-        let samples = read_pose_log(&dir.join(log))?;
+        let samples = read_pose_log(&dir.join(log), None)?.samples;
         let begin = Instant::now();
         let fits = fit_models(&samples, &config.articulate).with_context(|| log.to_owned())?;
         let milliseconds = 1e3 * begin.elapsed().as_secs_f64();

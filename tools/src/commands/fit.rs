@@ -4,7 +4,7 @@ use super::{Outcome, skill_config, write_json};
 use crate::cli::{Common, FitArgs};
 use linkage_skill::SkillConfig;
 use linkage_skill::articulate::{
-    FittedJoint, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,
+    FittedJoint, PoseLog, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,
 };
 use linkage_skill::model::{
     Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame, covariance_rows, is_undecided,
@@ -12,27 +12,26 @@ use linkage_skill::model::{
 use linkage_skill::structure::{orient, range_of};
 use std::path::Path;
 
+/// A log and what was fitted to it.
+struct Fitted {
+    log: PoseLog,
+    outliers: usize,
+    model: ObjectModel,
+}
+
 pub fn run(args: &FitArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
-    let models = args
+    let fitted = args
         .logs
         .iter()
-        .map(|log| fit(log, &config))
-        .collect::<Result<Vec<ObjectModel>, PoseLogError>>()?;
+        .map(|log| fit(log, args, &config))
+        .collect::<Result<Vec<Fitted>, PoseLogError>>()?;
     if !common.quiet {
-        for (log, model) in args.logs.iter().zip(&models) {
-            let j = &model.joints[0];
-            eprintln!(
-                "{}: {} {:.3} to {:.3} {}, rmse {:.1} mm",
-                log.display(),
-                j.kind.name(),
-                j.range[0],
-                j.range[1],
-                j.kind.unit(),
-                1000.0 * j.position_rmse
-            );
+        for (path, fitted) in args.logs.iter().zip(&fitted) {
+            eprintln!("{}: {}", path.display(), summary(fitted));
         }
     }
+    let models: Vec<&ObjectModel> = fitted.iter().map(|f| &f.model).collect();
     match (&args.json, models.as_slice()) {
         (Some(path), [one]) => write_json(path, one),
         (Some(path), many) => write_json(path, &many),
@@ -40,15 +39,41 @@ pub fn run(args: &FitArgs, common: &Common) -> Outcome {
     }
 }
 
-fn fit(log: &Path, config: &SkillConfig) -> Result<ObjectModel, PoseLogError> {
-    let samples = read_pose_log(log)?;
-    let fits = fit_models(&samples, &config.articulate)
-        .map_err(|source| PoseLogError::Fit { path: log.display().to_string(), source })?;
-    let name = log.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    Ok(to_model(&name, &samples, &fits, config))
+/// The joint and what was left out, for people.
+fn summary(fitted: &Fitted) -> String {
+    let j = &fitted.model.joints[0];
+    let mut text = format!(
+        "{} {:.3} to {:.3} {}, rmse {:.1} mm",
+        j.kind.name(),
+        j.range[0],
+        j.range[1],
+        j.kind.unit(),
+        1000.0 * j.position_rmse
+    );
+    if fitted.outliers > 0 {
+        let samples = fitted.log.samples.len();
+        text += &format!("; {} of {samples} samples are outliers", fitted.outliers);
+    }
+    if let Some(lost) = fitted.log.describe_lost() {
+        text += &format!("; {lost}");
+    }
+    text
 }
 
-/// One object a log: the log's frame is the object's, the log's thing its only part.
+fn fit(path: &Path, args: &FitArgs, config: &SkillConfig) -> Result<Fitted, PoseLogError> {
+    let log = read_pose_log(path, args.columns.as_ref())?;
+    let fits = fit_models(&log.samples, &config.articulate).map_err(|source| {
+        let lost = log.describe_lost();
+        PoseLogError::Fit { path: path.display().to_string(), source, lost }
+    })?;
+    let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    let outliers = fits[0].inlier.iter().filter(|inlier| !**inlier).count();
+    let model = to_model(&name, &log.samples, &fits, config);
+    Ok(Fitted { log, outliers, model })
+}
+
+/// One object a log: the log's frame is the object's, the log's thing its only part. Outliers
+/// have no configuration.
 fn to_model(
     name: &str,
     samples: &[PoseSample],
@@ -57,18 +82,19 @@ fn to_model(
 ) -> ObjectModel {
     let best = &fits[0];
     let mut geometry = best.geometry;
-    let mut configuration = best.configuration.clone();
+    let told: Vec<usize> = (0..samples.len()).filter(|&i| best.inlier[i]).collect();
+    let mut configuration: Vec<f64> = told.iter().map(|&i| best.configuration[i]).collect();
     orient(&mut geometry, &mut configuration);
     let probabilities = type_probabilities(fits);
     let joint = Joint {
         range: range_of(&configuration),
         covariance: covariance_rows(&best.covariance),
-        observations: samples.len(),
+        observations: told.len(),
         bic: best.bic,
         log_likelihood: best.log_likelihood,
         position_rmse: best.position_rmse,
         orientation_rmse: best.orientation_rmse,
-        configuration: samples.iter().zip(&configuration).map(|(s, &q)| [s.t, q]).collect(),
+        configuration: told.iter().zip(&configuration).map(|(&i, &q)| [samples[i].t, q]).collect(),
         undecided: is_undecided(&probabilities),
         type_probabilities: probabilities,
         ..Joint::of(&geometry)

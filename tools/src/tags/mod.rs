@@ -5,68 +5,18 @@
 
 mod detector;
 mod mask;
+mod places;
 
 pub use detector::bit_pattern;
+pub use places::{FILE, TagPlace, TagPlaces};
 
-use anyhow::Context;
 use detector::{TagDetector, TagSighting};
 use linkage_driver::RgbdFrame;
 use linkage_skill::geometry::Pose;
 use mask::masked;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::Path;
-
-/// A tag of a recording.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TagPlace {
-    /// Its number in the family.
-    pub id: u32,
-    /// Side of its black border, metres.
-    pub size_m: f64,
-    /// The part that it sits on.
-    pub part: String,
-}
-
-/// `tags.toml`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TagPlaces {
-    /// All tags.
-    pub tag: Vec<TagPlace>,
-}
-
-/// Its name.
-pub const FILE: &str = "tags.toml";
-
-impl TagPlaces {
-    /// Reads a recording's.
-    ///
-    /// # Errors
-    /// Names the file, and what belongs into it where there is none.
-    pub fn read(recording: &Path) -> anyhow::Result<Self> {
-        let path = recording.join(FILE);
-        let text = std::fs::read_to_string(&path).with_context(|| {
-            format!(
-                "{}: say there where the tags are, one [[tag]] each with id, size_m and part",
-                path.display()
-            )
-        })?;
-        let places: Self = toml::from_str(&text).with_context(|| path.display().to_string())?;
-        for tag in &places.tag {
-            anyhow::ensure!(
-                tag.size_m.is_finite() && tag.size_m > 0.0,
-                "{}: tag {} has size_m = {}; give metres above 0",
-                path.display(),
-                tag.id,
-                tag.size_m
-            );
-        }
-        Ok(places)
-    }
-}
 
 /// What the tags told, frame by frame.
 pub struct TagLog {
