@@ -380,6 +380,7 @@ impl<'e> Ways<'e> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::limits::Synchronisation;
     use linkage_skill::articulate::{JointGeometry, JointKind};
     use linkage_skill::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame, covariance_rows};
     use nalgebra::Matrix6;
@@ -578,6 +579,29 @@ pub(crate) mod tests {
         let stop = &plan.motions[1];
         assert_eq!(stop.at(0.0), moving.joint("joint1").unwrap());
         assert!(stop.duration() < 1.0 && stop.target() < 1.0);
+    }
+
+    #[test]
+    fn joints_move_together_as_the_rig_has_it() {
+        let (mut model, mut recognised) = fridge();
+        let hinge = model.joints[0].clone();
+        let second = Joint { name: "joint2".into(), child: 2, range: [0.0, 0.5], ..hinge };
+        model.parts.push(Part::new(2, "part2", 9));
+        model.joints.push(second);
+        let state = recognised.joints[0].clone();
+        recognised.joints.push(JointState { name: "joint2".into(), range: [0.0, 0.5], ..state });
+        let durations = |synchronisation: Synchronisation| {
+            let mut rig = Rig::default();
+            rig.streaming.synchronisation = synchronisation;
+            let plan = predict(&model, &recognised, &Request::to(Target::Open), &rig).unwrap();
+            [plan.motions[0].duration(), plan.motions[1].duration()]
+        };
+        let [far, near] = durations(Synchronisation::Independent);
+        assert!(far > 2.0 * near, "{far} s and {near} s");
+        for together in [Synchronisation::Time, Synchronisation::Phase] {
+            let [first, second] = durations(together);
+            assert!((first - second).abs() < 1e-9 && first >= far - 1e-9);
+        }
     }
 
     #[test]

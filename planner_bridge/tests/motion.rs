@@ -6,8 +6,7 @@ use linkage_lcm::decode;
 use linkage_lcm::messages::linkage::Setpoint;
 use linkage_planner_bridge::{MotionLimits, Synchronisation, Task, together};
 use linkage_realtime::{
-    Commanded, DATAGRAM_CAPACITY, Motion, OrderQueue, Orders, Reason, Sample, Shared, Stream, Tick,
-    Watch,
+    DATAGRAM_CAPACITY, Motion, OrderQueue, Orders, Reason, Sample, Shared, Stream, Tick, Watch,
 };
 use proptest::prelude::*;
 
@@ -121,10 +120,7 @@ impl Robot<'_> {
     /// move come to rest.
     fn plan(&self, joints: &[bool; 3], to: &[f64; 3]) -> Option<(Motion, Option<u64>)> {
         let commanded = self.orders.commanded_at(self.now_us + LEAD_US).ok()?;
-        let moving = match &commanded {
-            Commanded::Moving(moving) => Some(moving),
-            Commanded::Rest => None,
-        };
+        let moving = commanded.as_ref();
         let mut tasks = Vec::new();
         for (i, joint) in self.joints.iter().enumerate().filter(|(i, _)| joints[*i]) {
             let now = moving.and_then(|m| m.joint(NAMES[i])).unwrap_or(Sample::rest(self.at[i]));

@@ -3,7 +3,7 @@
 use linkage_lcm::udpm::{DatagramSender, Network};
 use linkage_planner_bridge::{MotionLimits, Synchronisation, Task, together};
 use linkage_realtime::{
-    Commanded, Cycle, Motion, OrderQueue, Orders, Port, Reason, Shared, Stream, StreamReport, Watch,
+    Cycle, Motion, OrderQueue, Orders, Port, Reason, Shared, Stream, StreamReport, Watch,
 };
 use std::num::NonZeroU64;
 
@@ -72,7 +72,7 @@ fn stream_a_minute(retargets: bool) -> (StreamReport, Option<Reason>) {
         if is_told || now_us < MINUTE_US / 2 {
             return;
         }
-        let Ok(Commanded::Moving(moving)) = orders.commanded_at(now_us + 30_000) else { return };
+        let Ok(Some(moving)) = orders.commanded_at(now_us + 30_000) else { return };
         let now = moving.joint("joint1").unwrap();
         let back = Task::within("joint1", now, 0.0, LIMITS, [0.0, 1.3]);
         orders.run(&motion_to(&[back]), Some(moving.at_us())).unwrap();

@@ -31,7 +31,7 @@ pub use motion::{
     Bounds, JointMotion, Limits, MAX_JOINTS, MAX_SEGMENTS, Motion, MotionError, Name, Sample,
     Segment,
 };
-pub use orders::{Commanded, Moving, NotNow, Notice, Orders};
+pub use orders::{Moving, NotNow, Notice, Orders};
 pub use reason::{Reason, Refusal};
 pub use shared::{Phase, Shared, Status};
 pub use stream::{Order, OrderQueue, Stream, Tick, Watch};

@@ -227,9 +227,8 @@ impl JointMotion {
         let numbers = |s: &Segment| [s.start, s.position, s.velocity, s.acceleration, s.jerk];
         let finite = self.segments.iter().flat_map(numbers).all(f64::is_finite);
         let first = self.segments.first().ok_or(MotionError::Order)?;
-        if !(finite && self.duration.is_finite() && self.target.is_finite())
-            || !self.bounds.are_sound()
-        {
+        let ends = self.duration.is_finite() && self.target.is_finite();
+        if !(finite && ends && self.bounds.are_sound()) {
             return Err(MotionError::NotFinite);
         }
         if first.start != 0.0 {

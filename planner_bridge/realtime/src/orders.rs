@@ -32,15 +32,6 @@ impl core::fmt::Display for NotNow {
 
 impl core::error::Error for NotNow {}
 
-/// What is commanded at an instant.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Commanded {
-    /// Nothing moves.
-    Rest,
-    /// A motion runs.
-    Moving(Moving),
-}
-
 /// A motion at an instant, from which another may go on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moving {
@@ -105,11 +96,12 @@ impl<'q> Orders<'q> {
         Self { queue, shared, given, newest, cancelled, ends_told, decided_told }
     }
 
-    /// What will be commanded at an instant, microseconds of the monotonic clock.
+    /// What will be commanded at an instant, microseconds of the monotonic clock; none where
+    /// nothing moves.
     ///
     /// # Errors
     /// [`NotNow`] where that cannot be said.
-    pub fn commanded_at(&self, at_us: u64) -> Result<Commanded, NotNow> {
+    pub fn commanded_at(&self, at_us: u64) -> Result<Option<Moving>, NotNow> {
         let status = self.shared.status().ok_or(NotNow::Silent)?;
         if status.cancelled != self.cancelled || status.phase == Phase::Braking {
             return Err(NotNow::Braking);
@@ -118,14 +110,14 @@ impl<'q> Orders<'q> {
             return Err(NotNow::Deciding);
         }
         if status.phase == Phase::Rest {
-            return Ok(Commanded::Rest);
+            return Ok(None);
         }
         let motion = self.motion(status.order).ok_or(NotNow::Silent)?;
         let time = seconds(at_us.saturating_sub(status.start_us));
         if time >= motion.duration() {
             return Err(NotNow::Arriving);
         }
-        Ok(Commanded::Moving(Moving::new(motion.clone(), time, at_us)))
+        Ok(Some(Moving::new(motion.clone(), time, at_us)))
     }
 
     /// Runs a motion: from an instant on that [`Self::commanded_at`] was asked for, or at once
@@ -211,11 +203,11 @@ mod tests {
         let mut tick = |at_us| stream.tick(at_us, 0, &mut [0; DATAGRAM_CAPACITY]).unwrap();
         shared.frame_seen(1_000_000);
         tick(1_000_000);
-        assert_eq!(orders.commanded_at(1_000_000), Ok(Commanded::Rest));
+        assert_eq!(orders.commanded_at(1_000_000), Ok(None));
         orders.run(&door(), None).unwrap();
         assert_eq!(orders.commanded_at(1_000_000), Err(NotNow::Deciding));
         tick(1_010_000);
-        let Ok(Commanded::Moving(moving)) = orders.commanded_at(1_310_000) else { panic!() };
+        let Ok(Some(moving)) = orders.commanded_at(1_310_000) else { panic!() };
         assert_eq!((moving.object(), moving.at_us()), ("door", 1_310_000));
         assert_eq!(moving.joint("joint1"), Some(there(2.0, 0.5).at(0.3)));
         assert_eq!(moving.joints().count(), 1);
@@ -226,7 +218,7 @@ mod tests {
         assert_eq!(orders.commanded_at(1_310_000), Err(NotNow::Braking));
         assert_eq!(orders.status().map(|s| s.phase), Some(Phase::Braking));
         assert!(orders.running().is_some());
-        tick(1_900_000);
+        (103..190).for_each(|n| _ = tick(n * 10_000));
         assert_eq!(orders.poll(), Some(Notice::Ended(Some(Reason::Cancelled))));
         assert_eq!((orders.poll(), orders.running()), (None, None));
     }

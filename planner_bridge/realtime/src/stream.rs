@@ -258,14 +258,15 @@ impl<'q> Stream<'q> {
         };
         let (time, last) = (run.time(due_us), run.is_over(due_us));
         let head = Head { utime, sequence: self.sequence, last, reason };
-        let bytes = write_setpoint(out, self.channel, head, &run.motion, time)?;
-        self.sequence = self.sequence.wrapping_add(1);
-        self.last_us = due_us;
+        let written = write_setpoint(out, self.channel, head, &run.motion, time);
         if last {
             self.state = State::Rest;
             self.status.ends = self.status.ends.wrapping_add(1);
             self.status.reason = reason;
         }
+        let bytes = written?;
+        self.sequence = self.sequence.wrapping_add(1);
+        self.last_us = due_us;
         Ok(Tick::Send(bytes))
     }
 
@@ -290,7 +291,7 @@ mod tests {
     use crate::DATAGRAM_CAPACITY;
     use crate::motion::JointMotion;
     use crate::motion::tests::there;
-    use crate::orders::{Commanded, Notice, Orders};
+    use crate::orders::{Notice, Orders};
 
     const CHANNEL: &str = "LINKAGE_SETPOINT";
     const WATCH: Watch =
@@ -346,7 +347,7 @@ mod tests {
         }
 
         /// Ticks until the last setpoint, and that.
-        fn to_the_end(&mut self) -> (usize, Said) {
+        fn run_to_end(&mut self) -> (usize, Said) {
             for n in 1..10_000 {
                 match self.tick() {
                     Some(said) if said.last => return (n, said),
@@ -379,7 +380,7 @@ mod tests {
         with(WATCH, |it| {
             assert_eq!(it.tick(), None);
             it.orders.run(&door(0.005), None).unwrap();
-            assert_eq!(it.to_the_end(), (5, ARRIVED), "at 0, 5, 10, 15 and 20 ms");
+            assert_eq!(it.run_to_end(), (5, ARRIVED), "at 0, 5, 10, 15 and 20 ms");
             assert_eq!(it.orders.poll(), Some(Notice::Ended(None)));
             assert_eq!((it.tick(), it.stream.is_at_rest()), (None, true));
         });
@@ -396,7 +397,7 @@ mod tests {
                 it.frames_come = false;
                 doubt.into_iter().for_each(|d| it.shared.frame_doubted(d));
                 (0..100).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
-                let (ticks, said) = it.to_the_end();
+                let (ticks, said) = it.run_to_end();
                 assert_eq!(said, Said { last: true, reason: Some(reason) });
                 assert!(ticks < 100, "{ticks} setpoints");
                 assert_eq!(it.orders.poll(), Some(Notice::Ended(Some(reason))));
@@ -414,7 +415,7 @@ mod tests {
             it.shared.heartbeat(it.now_us);
             it.orders.run(&door(0.5), None).unwrap();
             (0..20).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
-            let (_, said) = it.to_the_end();
+            let (_, said) = it.run_to_end();
             assert_eq!(said.reason, Some(Reason::NoHeartbeat));
         });
     }
@@ -425,12 +426,12 @@ mod tests {
             it.orders.run(&door(0.5), None).unwrap();
             (0..60).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
             let at_us = it.now_us + 30_000;
-            let Ok(Commanded::Moving(moving)) = it.orders.commanded_at(at_us) else { panic!() };
+            let Ok(Some(moving)) = it.orders.commanded_at(at_us) else { panic!() };
             let mut next = Motion::new("door").unwrap();
             moving.joints().for_each(|(j, _)| next.push(j.brake(0.33)).unwrap());
             it.orders.run(&next, Some(at_us)).unwrap();
             it.orders.brake(Reason::Replaced);
-            let (ticks, said) = it.to_the_end();
+            let (ticks, said) = it.run_to_end();
             assert_eq!(said, Said { last: true, reason: Some(Reason::Replaced) });
             assert!(ticks > 10, "it does not stop dead");
             assert_eq!(it.orders.poll(), Some(Notice::Ended(Some(Reason::Replaced))));
@@ -456,7 +457,7 @@ mod tests {
             let before = it.out;
             it.after(1_000_000);
             assert_eq!(before[joints..joints + length], it.out[joints..joints + length]);
-            assert!(it.to_the_end().1.last);
+            assert!(it.run_to_end().1.last);
         });
     }
 
@@ -471,7 +472,7 @@ mod tests {
                 it.network_takes = false;
                 (0..lost).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
             }
-            let (_, said) = it.to_the_end();
+            let (_, said) = it.run_to_end();
             assert_eq!(said, Said { last: true, reason: Some(Reason::NotSent) });
         });
     }
@@ -486,13 +487,13 @@ mod tests {
             assert_eq!(it.tick(), Some(GOES_ON));
             assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::Jump)));
             // The right one, but too late.
-            let Ok(Commanded::Moving(moving)) = it.orders.commanded_at(it.now_us) else { panic!() };
+            let Ok(Some(moving)) = it.orders.commanded_at(it.now_us) else { panic!() };
             let mut next = Motion::new("door").unwrap();
             moving.joints().for_each(|(j, _)| next.push(j.brake(0.3)).unwrap());
             it.orders.run(&next, Some(it.now_us - PERIOD_US)).unwrap();
             assert_eq!(it.tick(), Some(GOES_ON));
             assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::Late)));
-            assert_eq!(it.to_the_end().1, ARRIVED);
+            assert_eq!(it.run_to_end().1, ARRIVED);
         });
     }
 
@@ -514,12 +515,25 @@ mod tests {
     }
 
     #[test]
+    fn a_motion_ends_even_where_no_setpoint_finds_room() {
+        with(WATCH, |it| {
+            it.orders.run(&door(0.005), None).unwrap();
+            for _ in 0..10 {
+                it.now_us += PERIOD_US;
+                it.shared.frame_seen(it.now_us);
+                let _ = it.stream.tick(it.now_us, 0, &mut []);
+            }
+            assert!(it.stream.is_at_rest());
+        });
+    }
+
+    #[test]
     fn what_moves_is_braked_when_the_service_ends() {
         with(WATCH, |it| {
             it.orders.run(&door(0.5), None).unwrap();
             (0..60).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
             it.stream.end();
-            let (_, said) = it.to_the_end();
+            let (_, said) = it.run_to_end();
             assert_eq!(said, Said { last: true, reason: Some(Reason::ServiceEnds) });
             it.orders.run(&door(0.5), None).unwrap();
             assert_eq!(it.tick(), None);

@@ -16,7 +16,7 @@ use crate::plan::{PlanError, Request, predict};
 use crossbeam_channel::Receiver;
 use linkage_driver::RgbdFrame;
 use linkage_driver::live::{LatestReader, Nothing, host_utime};
-use linkage_realtime::{Commanded, Notice, Reason};
+use linkage_realtime::{Notice, Reason};
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
 use linkage_skill::store::{Library, Store, StoreError};
@@ -474,17 +474,14 @@ impl<'q> Perception<'q> {
             return;
         }
         // What moves is braked first, or just about to arrive.
-        let Ok(commanded) = self.orders.as_ref().map(Orders::commanded).transpose() else { return };
-        let moving = match &commanded {
-            Some(Commanded::Moving(moving)) => Some(moving),
-            Some(Commanded::Rest) | None => None,
-        };
+        let commanded = self.orders.as_ref().map_or(Ok(None), Orders::commanded);
+        let Ok(commanded) = commanded else { return };
         let Some(pending) = t.pending.take() else { return };
         let request = Request {
             joint: pending.joint.as_deref(),
             target: pending.target,
             grasp: pending.grasp,
-            moving,
+            moving: commanded.as_ref(),
         };
         let model = &t.object.model;
         let stamps = Stamps { captured: t.utime, made: host_utime() };

@@ -7,7 +7,7 @@ use linkage_driver::live::host_utime;
 use linkage_lcm::LcmError;
 use linkage_lcm::udpm::{DatagramSender, Network, NetworkError};
 use linkage_realtime::{
-    Commanded, Cycle, Motion, NotNow, Notice, OrderQueue, Phase, Port, Reason, Shared, Stream,
+    Cycle, Motion, Moving, NotNow, Notice, OrderQueue, Phase, Port, Reason, Shared, Stream,
     StreamReport, Watch,
 };
 use linkage_skill::recognise::Recognised;
@@ -200,11 +200,11 @@ pub struct Orders<'q> {
 }
 
 impl<'q> Orders<'q> {
-    /// What will be commanded when a plan that is made now takes over.
+    /// What will be commanded when a plan that is made now takes over; none where nothing moves.
     ///
     /// # Errors
     /// [`NotNow`] while that cannot be said: ask again with the next frame.
-    pub fn commanded(&self) -> Result<Commanded, NotNow> {
+    pub fn commanded(&self) -> Result<Option<Moving>, NotNow> {
         self.orders.commanded_at(self.clock.at(Instant::now() + self.lead))
     }
 

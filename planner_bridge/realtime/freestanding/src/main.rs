@@ -15,7 +15,7 @@ use core::fmt::Write;
 use core::hint::black_box;
 use core::num::NonZeroU64;
 use linkage_realtime::{
-    Bounds, Commanded, Cycle, JointMotion, Limits, Motion, MotionError, Moving, NotNow, Notice,
+    Bounds, Cycle, JointMotion, Limits, Motion, MotionError, Moving, NotNow, Notice,
     OrderQueue, Orders, Phase, Port, Reason, Refusal, Sample, Segment, Shared, Stream,
     StreamReport, Watch, stop,
 };
@@ -103,10 +103,7 @@ fn plan(orders: &mut Orders, shared: &Shared) -> Result<(), NotNow> {
     shared.frame_seen(black_box(4));
     shared.frame_doubted(black_box(Reason::JointLost));
     shared.heartbeat(black_box(4));
-    let moving: Option<Moving> = match orders.commanded_at(black_box(9))? {
-        Commanded::Rest => None,
-        Commanded::Moving(moving) => Some(moving),
-    };
+    let moving = orders.commanded_at(black_box(9))?;
     if let Some(moving) = &moving {
         black_box((moving.object(), moving.at_us(), moving.joint(black_box("j"))));
         moving.joints().for_each(|joint| _ = black_box(joint));
