@@ -129,20 +129,13 @@ impl Reception {
 pub struct Lcm {
     url: String,
     backend: Backend,
+    subscriptions: usize,
 }
 
 /// What carries the messages.
 enum Backend {
     Multicast { network: Network, publisher: Publisher, receiver: Option<Receiver> },
     Liblcm(sys::Handle),
-}
-
-/// Whether there is a server at the address of `tcpq://ADDRESS`; other kinds have none.
-fn server_answers(url: &str) -> Result<(), String> {
-    match url.strip_prefix("tcpq://") {
-        Some(rest) => tcpq::greet(rest.split('?').next().unwrap_or_default()),
-        None => Ok(()),
-    }
 }
 
 /// What [`Lcm::subscribe`] gives; packets are read from the connection.
@@ -172,7 +165,7 @@ impl Lcm {
                 return Err(failed(kinds.to_owned()));
             }
         };
-        Ok(Self { url: url.to_owned(), backend })
+        Ok(Self { url: url.to_owned(), backend, subscriptions: 0 })
     }
 
     /// The network's URL.
@@ -249,7 +242,8 @@ impl Lcm {
             }
             Backend::Liblcm(handle) => handle.subscribe(channel, max_bytes).map_err(failed)?,
         }
-        Ok(Subscription(max_bytes))
+        self.subscriptions += 1;
+        Ok(Subscription(self.subscriptions))
     }
 
     /// The next packet of any subscription; `None` when none comes in time.
@@ -303,6 +297,14 @@ impl Lcm {
             }
         }
         Err(LcmError::NoLoopback { url: self.url.clone(), waited: wait })
+    }
+}
+
+/// Whether there is a server at the address of `tcpq://ADDRESS`; other kinds have none.
+fn server_answers(url: &str) -> Result<(), String> {
+    match url.strip_prefix("tcpq://") {
+        Some(rest) => tcpq::greet(rest.split('?').next().unwrap_or_default()),
+        None => Ok(()),
     }
 }
 
