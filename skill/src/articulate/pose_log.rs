@@ -203,7 +203,7 @@ fn by_count(count: usize, data: &[Row]) -> Result<Columns, String> {
     };
     let mut lengths =
         data.iter().filter(|r| !r.is_comment).filter_map(|r| length(r, count.checked_sub(4)?));
-    if count == 9 && lengths.all(|l| is_unit(l)) {
+    if count == 9 && lengths.all(is_unit) {
         return Err(format!(
             "9 columns without names, of which the last four may be qx qy qz qw; {}",
             how_to_name(count)

@@ -57,10 +57,10 @@ impl<'s> Alive<'s> {
         let n = self.set.frames();
         let mut marks = vec![false; n];
         let mut before = 0;
-        for frame in 0..n {
+        for (frame, mark) in marks.iter_mut().enumerate() {
             let waited = self.set.frame_utimes[frame] - self.set.frame_utimes[before];
-            if frame == 0 || waited >= gap || self.motion(before, frame) > step {
-                marks[frame] = true;
+            *mark = frame == 0 || waited >= gap || self.motion(before, frame) > step;
+            if *mark {
                 before = frame;
             }
         }
