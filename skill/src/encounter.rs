@@ -184,7 +184,9 @@ const RIDGE: f64 = 1e-12;
 /// Brings what a newer demonstration says of a joint's line into what is known of it, each
 /// weighed by its covariance.
 fn weigh_in(own: &mut Joint, newer: &Joint, object_from_newer: &Pose) {
-    let (Some(known), Some(seen)) = (own.known_covariance(), newer.known_covariance()) else { return };
+    let (Some(known), Some(seen)) = (own.known_covariance(), newer.known_covariance()) else {
+        return;
+    };
     let (before, line) = (own.geometry(), newer.geometry().transformed(object_from_newer));
     let axis = before.axis.dot(&line.axis).signum() * line.axis.into_inner();
     // The newer origin slides along its line to beside the known one, and the uncertainty of

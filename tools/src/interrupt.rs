@@ -25,11 +25,8 @@ struct Flags {
 fn flags() -> &'static Flags {
     static FLAGS: OnceLock<Flags> = OnceLock::new();
     FLAGS.get_or_init(|| {
-        let flags = Flags {
-            stop: Arc::default(),
-            is_fatal: Arc::default(),
-            signal: Arc::default(),
-        };
+        let flags =
+            Flags { stop: Arc::default(), is_fatal: Arc::default(), signal: Arc::default() };
         if let Err(e) = install(&flags) {
             tracing::warn!("Ctrl-C will end the program at once: {e}");
         }

@@ -90,10 +90,12 @@ impl Skill {
         };
         let mut store = Store::open_or_create(&self.path).map_err(stored)?;
         store.update(&object, |known| {
-            remember(known, &demonstration, provenance.clone(), &self.config).map_err(|e| match &e {
-                CombineError::Vision(_) => Failure::internal(e),
-                _ => Failure::bad(e),
-            })
+            remember(known, &demonstration, provenance.clone(), &self.config).map_err(
+                |e| match &e {
+                    CombineError::Vision(_) => Failure::internal(e),
+                    _ => Failure::bad(e),
+                },
+            )
         })?;
         self.library = store.load().map_err(stored)?;
         Ok(())

@@ -46,8 +46,7 @@ pub fn open(path: &Path, absent: Absent) -> Result<Opened, StoreError> {
 /// Refuses names that SQLite would take for something else than a file, and what is no file.
 fn check_path(path: &Path, absent: Absent) -> Result<(), StoreError> {
     let name = path.as_os_str().as_bytes();
-    let refuse =
-        |reason| Err(StoreError::NotAFile { path: path.display().to_string(), reason });
+    let refuse = |reason| Err(StoreError::NotAFile { path: path.display().to_string(), reason });
     if name.is_empty() {
         return refuse("it is empty");
     }
@@ -57,8 +56,7 @@ fn check_path(path: &Path, absent: Absent) -> Result<(), StoreError> {
     if name.starts_with(b"file:") {
         return refuse("it is a URI");
     }
-    let unreachable =
-        |source| StoreError::Unreachable { path: path.display().to_string(), source };
+    let unreachable = |source| StoreError::Unreachable { path: path.display().to_string(), source };
     match fs::metadata(path) {
         Ok(there) if there.is_dir() => refuse("it is a folder"),
         Ok(there) if !there.is_file() => refuse("it is a device or a pipe"),
@@ -139,9 +137,8 @@ fn readers(path: &Path) -> impl Iterator<Item = Reader<'_>> {
         connection.query_row("SELECT count(*) FROM sqlite_master", [], |_| Ok(()))?;
         Ok(connection)
     };
-    let beside_others: Reader = Box::new(move || {
-        checked(Connection::open_with_flags(path, flags)?)
-    });
+    let beside_others: Reader =
+        Box::new(move || checked(Connection::open_with_flags(path, flags)?));
     let with_journal: Reader = Box::new(move || {
         // Without locks, the journal's index can be kept in memory.
         let connection = Connection::open_with_flags_and_vfs(path, flags, "unix-none")?;

@@ -136,7 +136,9 @@ impl Directory {
             <(Vec<u8>, u32)>::try_from(row)
         });
         match row.optional()? {
-            Some((lists, checksum)) if checksum_of(DIRECTORY, &lists) == checksum => Ok(Self(lists)),
+            Some((lists, checksum)) if checksum_of(DIRECTORY, &lists) == checksum => {
+                Ok(Self(lists))
+            }
             _ => Err(Fault::File("the directory of its index is damaged".to_owned())),
         }
     }

@@ -265,8 +265,7 @@ impl Store {
     pub fn remove(&mut self, name: &str) -> Result<(), StoreError> {
         self.refuse_if_read_only()?;
         let together = self.sql(schema::begin(&self.connection))?;
-        let removed =
-            self.sql(together.execute("DELETE FROM object WHERE name = ?1", [name]))?;
+        let removed = self.sql(together.execute("DELETE FROM object WHERE name = ?1", [name]))?;
         self.sql(together.commit())?;
         if removed == 0 { Err(self.unknown(name)?) } else { Ok(()) }
     }

@@ -114,11 +114,14 @@ CREATE TABLE postings (
 );
 PRAGMA user_version = 6;
 "],
-    &["
+    &[
+        "
 ALTER TABLE words ADD COLUMN content INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE words ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE postings ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
-", TOTALS],
+",
+        TOTALS,
+    ],
 ];
 
 /// A page of a new file: what is kept of an object is long, and words and lists, of which many are
