@@ -21,12 +21,12 @@ pub enum StoreError {
         reason: &'static str,
     },
     /// The system does not let it be opened: no permission, no such folder.
-    #[error("{path}: {source}")]
+    #[error("{path}: {reason}")]
     Unreachable {
         /// The file.
         path: String,
         /// Why.
-        source: std::io::Error,
+        reason: std::io::Error,
     },
     /// It is something else.
     #[error("{path}: not a Linkage store; give another file name")]
@@ -101,12 +101,12 @@ pub enum StoreError {
         reason: String,
     },
     /// SQLite's own errors: disk full, locked.
-    #[error("{path}: {source}")]
+    #[error("{path}: {reason}")]
     Database {
         /// The file.
         path: String,
         /// Why.
-        source: rusqlite::Error,
+        reason: rusqlite::Error,
     },
 }
 
@@ -142,14 +142,14 @@ impl Fault {
 }
 
 /// An error of SQLite with the file's name.
-pub fn explain(path: &Path, source: rusqlite::Error) -> StoreError {
+pub fn explain(path: &Path, reason: rusqlite::Error) -> StoreError {
     let path = path.display().to_string();
-    match source.sqlite_error_code() {
+    match reason.sqlite_error_code() {
         Some(ErrorCode::NotADatabase) => StoreError::NotAStore { path },
         Some(ErrorCode::DatabaseCorrupt) => {
-            StoreError::DamagedFile { path, reason: source.to_string() }
+            StoreError::DamagedFile { path, reason: reason.to_string() }
         }
         Some(ErrorCode::ReadOnly) => StoreError::ReadOnly { path },
-        _ => StoreError::Database { path, source },
+        _ => StoreError::Database { path, reason },
     }
 }

@@ -56,7 +56,7 @@ fn check_path(path: &Path, absent: Absent) -> Result<(), StoreError> {
     if name.starts_with(b"file:") {
         return refuse("it is a URI");
     }
-    let unreachable = |source| StoreError::Unreachable { path: path.display().to_string(), source };
+    let unreachable = |reason| StoreError::Unreachable { path: path.display().to_string(), reason };
     match fs::metadata(path) {
         Ok(there) if there.is_dir() => refuse("it is a folder"),
         Ok(there) if !there.is_file() => refuse("it is a device or a pipe"),
@@ -107,9 +107,9 @@ fn open_to_write(path: &Path, flags: OpenFlags, absent: Absent) -> Result<Opened
 /// Errors of a folder or disk to which nothing can be written: SQLite keeps what readers and
 /// writers agree on in files beside the store.
 fn needs_no_writing(error: &StoreError) -> bool {
-    let cannot_write = |source: &rusqlite::Error| {
+    let cannot_write = |reason: &rusqlite::Error| {
         matches!(
-            source.sqlite_error_code(),
+            reason.sqlite_error_code(),
             Some(
                 ErrorCode::CannotOpen
                     | ErrorCode::ReadOnly
@@ -121,7 +121,7 @@ fn needs_no_writing(error: &StoreError) -> bool {
     };
     match error {
         StoreError::ReadOnly { .. } => true,
-        StoreError::Database { source, .. } => cannot_write(source),
+        StoreError::Database { reason, .. } => cannot_write(reason),
         _ => false,
     }
 }

@@ -4,7 +4,7 @@
 use super::{Failure, Outcome};
 use crate::cli::{DEFAULT_STORE, LearnArgs};
 use crate::interrupt;
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use linkage_skill::model::check_name;
 use linkage_skill::store::{Revision, Store, StoreError, StoredObject};
 use std::path::{Path, PathBuf};
@@ -22,8 +22,8 @@ enum Way {
     New,
     /// It is replaced.
     Replace,
-    /// Demonstrations are added to it.
-    Add(Box<StoredObject>),
+    /// Demonstrations are added to it, if there is one.
+    Add(Option<Box<StoredObject>>),
 }
 
 impl Destination {
@@ -34,28 +34,34 @@ impl Destination {
             return Ok(None);
         }
         let path = args.store.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_STORE));
-        let place = |way| Some(Self { path: path.clone(), object: args.object.clone(), way });
-        let Some(store) = existing(&path)? else { return Ok(place(Way::New)) };
-        let is_known = store.revision(&args.object)?.is_some();
-        match (is_known, args.replace, args.add) {
-            (false, ..) => Ok(place(Way::New)),
-            (true, true, _) => Ok(place(Way::Replace)),
-            (true, _, true) => Ok(place(Way::Add(store.get(&args.object)?.into()))),
-            (true, false, false) if is_for_files(args) => {
-                let (object, path) = (&args.object, path.display());
-                tracing::warn!(
-                    "{path} keeps the {object} that it holds; --replace or --add changes it"
-                );
+        match Self::at(path, args) {
+            // Files that are asked for, and no store, are made whatever becomes of the store.
+            Err(failure) if is_for_files(args) => {
+                tracing::warn!("nothing is stored: {:#}", failure.cause);
                 Ok(None)
             }
-            (true, false, false) => Err(taken(&path, &args.object)),
+            found => found.map(Some),
         }
+    }
+
+    fn at(path: PathBuf, args: &LearnArgs) -> Outcome<Self> {
+        let store = existing(&path)?;
+        let way = match &store {
+            _ if args.replace => Way::Replace,
+            Some(store) if args.add => Way::Add(store.find(&args.object)?.map(Box::new)),
+            None if args.add => Way::Add(None),
+            Some(store) if store.revision(&args.object)?.is_some() => {
+                return Err(taken(&path, &args.object));
+            }
+            _ => Way::New,
+        };
+        Ok(Self { path, object: args.object.clone(), way })
     }
 
     /// What demonstrations are added to.
     pub fn known(&self) -> Option<&StoredObject> {
         match &self.way {
-            Way::Add(known) => Some(known),
+            Way::Add(known) => known.as_deref(),
             Way::New | Way::Replace => None,
         }
     }
@@ -88,9 +94,8 @@ impl Destination {
             },
             Way::Replace => store.put(&object)?,
             Way::Add(before) => {
-                return store.update(&self.object, |now| match now {
-                    Some(now) if now == &**before => Ok(object.clone()),
-                    now => again(now),
+                return store.update(&self.object, |now| {
+                    if now == before.as_deref() { Ok(object.clone()) } else { again(now) }
                 });
             }
         }
@@ -107,21 +112,19 @@ fn existing(path: &Path) -> Outcome<Option<Store>> {
         Ok(store) => Ok(Some(store)),
         Err(StoreError::Missing { .. }) => {
             let folder = path.parent().filter(|dir| !dir.as_os_str().is_empty());
-            match folder {
-                Some(dir) if !dir.is_dir() => {
-                    Err(anyhow!("{}: there is no folder {}", path.display(), dir.display()).into())
-                }
-                _ => Ok(None),
-            }
+            tempfile::tempfile_in(folder.unwrap_or(Path::new(".")))
+                .with_context(|| format!("{}: no store can be made here", path.display()))?;
+            Ok(None)
         }
         Err(error) => Err(error.into()),
     }
 }
 
-/// True where files are asked for, and no store: these are made, whatever a store holds.
+/// True where files are asked for, and neither a store nor what is to become of what it holds.
 fn is_for_files(args: &LearnArgs) -> bool {
     let files = [&args.json, &args.poses, &args.report, &args.tag_poses];
-    args.store.is_none() && files.iter().any(|file| file.is_some())
+    let says_nothing_of_stores = args.store.is_none() && !args.replace && !args.add;
+    says_nothing_of_stores && files.iter().any(|file| file.is_some())
 }
 
 fn taken(path: &Path, object: &str) -> Failure {
