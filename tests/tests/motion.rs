@@ -129,7 +129,7 @@ fn a_motion_is_braked_when_the_camera_dies_and_the_status_says_so() {
         service.done(&["predict", "drawer", "--to", "closed"]);
     });
     let packets = listener.gather(Duration::from_secs(3));
-    let of = |channel: &str| packets.iter().filter(move |p| p.channel == channel);
+    let of = |channel: &'static str| packets.iter().filter(move |p| p.channel == channel);
     let all: Vec<Setpoint> =
         of("LINKAGE_SETPOINT").map(|p| decode(&p.bytes).expect("a setpoint")).collect();
     all.windows(2).for_each(|pair| goes_on(&pair[0], &pair[1]));

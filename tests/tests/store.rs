@@ -413,7 +413,7 @@ fn a_kill_at_any_moment_of_learn_merge_remove_and_serve_loses_nothing_that_was_a
         let names = store.names().unwrap();
         let objects: Vec<StoredObject> = names.iter().map(|n| store.get(n).unwrap()).collect();
         assert!(objects.iter().any(|o| o.model == kept.model), "{work:?} {after:?}: {names:?}");
-        let has_another = objects.iter().any(|o| *o == another);
+        let has_another = objects.contains(&another);
         assert_eq!(has_another, names.contains(&"another".to_owned()));
         match work {
             Work::Merge if done => assert!(has_another),

@@ -51,9 +51,12 @@ pub fn list(connection: &Connection) -> Result<(), Fault> {
     Ok(together.commit()?)
 }
 
+/// Objects that are not in the lists yet, and the words of each by its number.
+type Unlisted = (Vec<Entry>, Vec<(u32, Words)>);
+
 /// Rows whose words are not listed, without these, and the words by the numbers of their objects,
 /// in order.
-fn unlisted(connection: &Connection) -> Result<(Vec<Entry>, Vec<(u32, Words)>), Fault> {
+fn unlisted(connection: &Connection) -> Result<Unlisted, Fault> {
     let split = |mut entry: Entry| {
         let words = Words::from_bytes(entry.words.take()?)?;
         let number = entry.number;

@@ -88,10 +88,12 @@ impl Destination {
     ) -> Outcome<StoredObject> {
         let mut store = Store::open_or_create(&self.path)?;
         match &self.way {
-            Way::New => match store.put_unchanged(&[object.clone()], &[None::<Revision>]) {
-                Err(StoreError::Changed { .. }) => return Err(taken(&self.path, &self.object)),
-                result => result?,
-            },
+            Way::New => {
+                match store.put_unchanged(std::slice::from_ref(&object), &[None::<Revision>]) {
+                    Err(StoreError::Changed { .. }) => return Err(taken(&self.path, &self.object)),
+                    result => result?,
+                }
+            }
             Way::Replace => store.put(&object)?,
             Way::Add(before) => {
                 return store.update(&self.object, |now| {
