@@ -25,7 +25,7 @@ pub fn start_logging(format: LogFormat) {
     }
 }
 
-/// On a terminal, unless `NO_COLOR` is set (https://no-color.org).
+/// On a terminal, unless `NO_COLOR` is set (<https://no-color.org>).
 fn shows_colours() -> bool {
     let unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     std::io::stderr().is_terminal() && !unwanted
