@@ -160,38 +160,55 @@ pub fn serve(
         .transpose()?;
     let inbox = Inbox { frames, lost: capture.lost(), commands };
     let perception = Perception::new(config, inbox, out, orders)?;
+    Threads { capture, listener, publisher, streamer, heartbeat, perception }.run(stop)
+}
 
-    let is_stopped = || stop.load(Ordering::Relaxed);
-    std::thread::scope(|scope| {
-        // The scope waits for those that run already when another cannot be started.
-        let _stop_all = StopAll(stop);
-        let start = |name: &str| std::thread::Builder::new().name(name.to_owned());
-        let capturing =
-            start("capture").spawn_scoped(scope, || guarded(stop, || capture.run(&is_stopped)))?;
-        let listening = start("commands")
-            .spawn_scoped(scope, || guarded(stop, || listener.run(&is_stopped)))?;
-        let publishing = start("publish")
-            .spawn_scoped(scope, || guarded(stop, || publisher.run(&is_stopped)))?;
-        let streaming = streamer
-            .map(|s| start("stream").spawn_scoped(scope, || guarded(stop, || s.run(&is_stopped))))
-            .transpose()?;
-        let hearing = heartbeat
-            .map(|h| start("heart").spawn_scoped(scope, || guarded(stop, || h.run(&is_stopped))))
-            .transpose()?;
-        let perceiving = start("perceive")
-            .spawn_scoped(scope, || guarded(stop, || perception.run(&is_stopped)))?;
+/// What each thread of a service does.
+struct Threads<'q> {
+    capture: Capture,
+    listener: Listener,
+    publisher: Publisher,
+    streamer: Option<Streamer<'q>>,
+    heartbeat: Option<HeartbeatListener<'q>>,
+    perception: Perception<'q>,
+}
 
-        let (frames, dropped_frames) =
-            perceiving.join().map_err(|_| ServiceError::Internal("perception"))?;
-        capturing.join().map_err(|_| ServiceError::Internal("capture"))?;
-        listening.join().map_err(|_| ServiceError::Internal("command"))?;
-        hearing.map_or(Ok(()), |h| h.join().map_err(|_| ServiceError::Internal("heartbeat")))?;
-        let refused = publishing.join().map_err(|_| ServiceError::Internal("publishing"))?;
-        let stream = streaming
-            .map(|s| s.join().map_err(|_| ServiceError::Internal("stream")))
-            .transpose()?;
-        Ok(ServiceReport { frames, dropped_frames, refused, stream })
-    })
+impl Threads<'_> {
+    /// Runs all until `stop` is set, or until one of them fails.
+    fn run(self, stop: &AtomicBool) -> Result<ServiceReport, ServiceError> {
+        let Self { capture, listener, publisher, streamer, heartbeat, perception } = self;
+        let is_stopped = || stop.load(Ordering::Relaxed);
+        std::thread::scope(|scope| {
+            // The scope waits for those that run already when another cannot be started.
+            let _stop_all = StopAll(stop);
+            let start = |name: &str| std::thread::Builder::new().name(name.to_owned());
+            let capturing = start("capture")
+                .spawn_scoped(scope, || guarded(stop, || capture.run(&is_stopped)))?;
+            let listening = start("commands")
+                .spawn_scoped(scope, || guarded(stop, || listener.run(&is_stopped)))?;
+            let publishing = start("publish")
+                .spawn_scoped(scope, || guarded(stop, || publisher.run(&is_stopped)))?;
+            let stream = |s: Streamer| guarded(stop, || s.run(&is_stopped));
+            let streaming = streamer
+                .map(|s| start("stream").spawn_scoped(scope, move || stream(s)))
+                .transpose()?;
+            let hear = |h: HeartbeatListener| guarded(stop, || h.run(&is_stopped));
+            let hearing = heartbeat
+                .map(|h| start("heart").spawn_scoped(scope, move || hear(h)))
+                .transpose()?;
+            let perceiving = start("perceive")
+                .spawn_scoped(scope, || guarded(stop, || perception.run(&is_stopped)))?;
+
+            let failed = ServiceError::Internal;
+            let (frames, dropped_frames) = perceiving.join().map_err(|_| failed("perception"))?;
+            capturing.join().map_err(|_| failed("capture"))?;
+            listening.join().map_err(|_| failed("command"))?;
+            hearing.map_or(Ok(()), |h| h.join().map_err(|_| failed("heartbeat")))?;
+            let refused = publishing.join().map_err(|_| failed("publishing"))?;
+            let stream = streaming.map(|s| s.join().map_err(|_| failed("stream"))).transpose()?;
+            Ok(ServiceReport { frames, dropped_frames, refused, stream })
+        })
+    }
 }
 
 /// Stops all the others when one of the threads fails.
