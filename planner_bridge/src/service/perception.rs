@@ -430,11 +430,7 @@ impl<'q> Perception<'q> {
     /// Follows the object that was found.
     fn follow(&mut self, Arrived { frame, at }: &Arrived) {
         let State::Tracking(t) = &mut self.state else { return };
-        let Tracking { reacquisition, follower, object, recognised, .. } = &mut **t;
-        let skill = &self.config.skill;
-        if let Err(e) = reacquisition.attend(follower, object, recognised, frame, skill) {
-            self.out.note(Note::Error(format!("recognition cannot be asked again: {e}")));
-        }
+        t.reacquisition.answer(&mut t.follower);
         match t.follower.follow(frame) {
             Ok(followed) => {
                 (t.seen, t.utime, t.arrived) = (followed.seen, frame.utime, *at);
@@ -444,6 +440,11 @@ impl<'q> Perception<'q> {
                     let model = &t.object.model;
                     let message = messages::recognition(&now, |_| Some(model), frame.utime);
                     self.out.send(channel::RECOGNITION, &message);
+                }
+                let Tracking { reacquisition, follower, object, recognised, .. } = &mut **t;
+                let skill = &self.config.skill;
+                if let Err(e) = reacquisition.ask(follower, object, recognised, frame, skill) {
+                    self.out.note(Note::Error(format!("recognition cannot be asked again: {e}")));
                 }
                 match &mut self.orders {
                     Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.utime, t.arrived),

@@ -32,26 +32,29 @@ impl Reacquisition {
         Self { inquiry: None, asked_at: Some(Instant::now()) }
     }
 
-    /// Hands the answer to the follower, if it is there, and asks about this frame where another
-    /// answer is needed. `near` is where the object is followed.
+    /// Hands the answer to the follower, if it is there: before it takes the next frame.
+    pub fn answer(&mut self, follower: &mut Follower) {
+        let Some(inquiry) = self.inquiry.take() else { return };
+        match inquiry.answer.try_recv() {
+            Ok(Some(found)) => follower.consider(&inquiry.asked, &found),
+            Ok(None) | Err(TryRecvError::Disconnected) => {}
+            Err(TryRecvError::Empty) => self.inquiry = Some(inquiry),
+        }
+    }
+
+    /// Asks about a frame that was just followed, where another answer is needed; `near` is where
+    /// the object is in it.
     ///
     /// # Errors
     /// The system's word when a thread cannot be started.
-    pub fn attend(
+    pub fn ask(
         &mut self,
-        follower: &mut Follower,
+        follower: &Follower,
         object: &Arc<KnownObject>,
         near: &Recognised,
         frame: &RgbdFrame,
         skill: &SkillConfig,
     ) -> std::io::Result<()> {
-        if let Some(inquiry) = self.inquiry.take() {
-            match inquiry.answer.try_recv() {
-                Ok(Some(found)) => follower.consider(&inquiry.asked, &found),
-                Ok(None) | Err(TryRecvError::Disconnected) => {}
-                Err(TryRecvError::Empty) => self.inquiry = Some(inquiry),
-            }
-        }
         let every = if follower.is_unsure() { UNSURE_EVERY } else { SURE_EVERY };
         if self.inquiry.is_some() || self.asked_at.is_some_and(|at| at.elapsed() < every) {
             return Ok(());
