@@ -61,7 +61,8 @@ pub fn model(model: &ObjectModel, utime: i64) -> linkage::Model {
 }
 
 fn joint(joint: &Joint) -> linkage::Joint {
-    let mut covariance = [0.0; 36];
+    // Nothing is known where it is missing, which is not the same as nothing deviating.
+    let mut covariance = [f64::INFINITY; 36];
     for (slot, value) in covariance.iter_mut().zip(joint.covariance.iter().flatten()) {
         *slot = *value;
     }
