@@ -50,7 +50,7 @@ fn tell(state: &[NotifyState]) {
 mod tests {
     use super::*;
     use std::os::unix::net::UnixDatagram;
-    use std::process::Command;
+    use std::process::{Command, Stdio};
 
     /// Runs in a process of its own, whose environment the other tests set.
     #[test]
@@ -74,20 +74,30 @@ mod tests {
         socket.set_nonblocking(true).unwrap();
         let program = std::env::current_exe().unwrap();
         let test = "service::watchdog::tests::a_service";
-        let output = Command::new(program)
+        let mut child = Command::new(program)
             .args(["--exact", test, "--include-ignored"])
             .env_remove("WATCHDOG_PID")
             .env("NOTIFY_SOCKET", &path)
             .envs(environment.iter().copied())
-            .output()
+            .stdout(Stdio::null())
+            .spawn()
             .unwrap();
-        assert!(output.status.success(), "{output:?}");
-        let mut buffer = [0; 256];
-        let mut messages = Vec::new();
-        while let Ok(length) = socket.recv(&mut buffer) {
-            messages.push(String::from_utf8_lossy(&buffer[..length]).trim().to_owned());
+        // A socket holds few datagrams: they are read while the service speaks.
+        let (mut buffer, mut messages) = ([0; 256], Vec::new());
+        loop {
+            let status = child.try_wait().unwrap();
+            while let Ok(length) = socket.recv(&mut buffer) {
+                messages.push(String::from_utf8_lossy(&buffer[..length]).trim().to_owned());
+            }
+            match status {
+                Some(status) => assert!(status.success(), "{status}"),
+                None => {
+                    std::thread::sleep(Duration::from_millis(5));
+                    continue;
+                }
+            }
+            return messages;
         }
-        messages
     }
 
     #[test]
