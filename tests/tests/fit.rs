@@ -53,7 +53,8 @@ fn assert_door(joint: &Value) {
     assert!(axis[2].as_f64().unwrap().abs() > 0.999, "{joint}");
     let range = joint["range"].as_array().unwrap();
     assert!(range[0].as_f64().unwrap().abs() < 0.02, "{joint}");
-    assert!((range[1].as_f64().unwrap() - 1.0).abs() < 0.03, "{joint}");
+    // The first or the last of 30 poses may be lost.
+    assert!((range[1].as_f64().unwrap() - 1.0).abs() < 0.045, "{joint}");
 }
 
 fn assert_drawer(joint: &Value) {

@@ -79,10 +79,10 @@ pub fn decoded(bytes: &[u8]) -> String {
 /// All rows of a [`decoded`] text.
 pub fn rows(text: &str) -> impl Iterator<Item = Row<'_>> {
     text.lines().enumerate().filter_map(|(i, line)| {
-        let line = line.trim();
+        let line = trimmed(line);
         let behind_mark = ["#", "%", "//"].iter().find_map(|mark| line.strip_prefix(mark));
         let content = behind_mark.unwrap_or_else(|| before_comment(line));
-        let fields = split(content.trim_start_matches(['#', '%', '/']).trim());
+        let fields = split(trimmed(content.trim_start_matches(['#', '%', '/'])));
         let is_comment = behind_mark.is_some();
         (!fields.is_empty()).then_some(Row { line: i + 1, is_comment, fields })
     })
@@ -95,7 +95,14 @@ fn before_comment(line: &str) -> &str {
         .match_indices(['#', '%'])
         .find(|(at, _)| line[..*at].ends_with(is_break))
         .map_or(line.len(), |(at, _)| at);
-    line[..mark].trim()
+    trimmed(&line[..mark])
+}
+
+/// A line without the white space around it. Tabs at its end stay where something stands before
+/// them: they separate fields that are empty.
+fn trimmed(line: &str) -> &str {
+    let is_padding = |c: char| c.is_whitespace() && c != '\t';
+    if line.trim().is_empty() { "" } else { line.trim_start().trim_end_matches(is_padding) }
 }
 
 /// Splits at the separator that the line uses. Decimal commas are told by a separator beside
@@ -185,7 +192,9 @@ mod tests {
 
     #[test]
     fn a_separator_at_the_end_of_the_line_is_no_field_where_none_is_due() {
-        for (line, count) in [("1,2,", 2), ("1,2,", 3), ("1;2", 2), ("1,,", 3)] {
+        for (line, count) in
+            [("1,2,", 2), ("1,2,", 3), ("1;2", 2), ("1,,", 3), ("1\t\t", 3), ("1\t2\t", 2)]
+        {
             let row = rows(line).next().unwrap();
             assert!(row.has(count), "{line} {count}");
         }
