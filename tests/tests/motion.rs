@@ -9,14 +9,16 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// A rig that is slow enough for a motion to be met half-way. Metres, seconds.
-const RIG: &str = "[prismatic]\nvelocity = 0.04\nacceleration = 0.5\njerk = 2.0\n";
-const VELOCITY: f64 = 0.04;
+const RIG: &str = "[prismatic]\nvelocity = 0.02\nacceleration = 0.5\njerk = 2.0\n";
+const VELOCITY: f64 = 0.02;
 const ACCELERATION: f64 = 0.5;
 const JERK: f64 = 2.0;
 /// Longest pause that the default rig catches up with, seconds.
 const LONGEST_GAP: f64 = 0.05;
 /// How well a solver meets its target.
 const ROUNDING: f64 = 2e-6;
+/// The host's clock is read so long after the monotonic one, where the machine is busy, seconds.
+const JITTER: f64 = 1e-3;
 
 /// A network a test: they run side by side.
 fn network(port: u16) -> String {
@@ -69,16 +71,15 @@ fn goes_on(before: &Setpoint, next: &Setpoint) {
     // After a longer pause the motion goes on from where it was.
     let t = if gap > LONGEST_GAP { 0.0 } else { gap };
     let (p, v, a) = (before.position[0], before.velocity[0], before.acceleration[0]);
-    // The host's clock is read a moment after the monotonic one.
-    let noise = ROUNDING + 2e-3 * t;
     let off = [
-        (next.position[0] - (p + t * (v + t * a / 2.0))).abs() - JERK * t.powi(3) / 6.0,
-        (next.velocity[0] - (v + t * a)).abs() - JERK * t.powi(2) / 2.0,
-        (next.acceleration[0] - a).abs() - JERK * t,
+        (next.position[0] - (p + t * (v + t * a / 2.0))).abs()
+            - (JERK * t.powi(3) / 6.0 + JITTER * VELOCITY),
+        (next.velocity[0] - (v + t * a)).abs() - (JERK * t.powi(2) / 2.0 + JITTER * ACCELERATION),
+        (next.acceleration[0] - a).abs() - JERK * (t + JITTER),
         next.velocity[0].abs() - VELOCITY,
         next.acceleration[0].abs() - ACCELERATION,
     ];
-    assert!(off.iter().all(|o| *o <= noise), "{off:?}\n{before:?}\n{next:?}");
+    assert!(off.iter().all(|o| *o <= ROUNDING), "{off:?}\n{before:?}\n{next:?}");
 }
 
 #[test]
@@ -97,7 +98,7 @@ fn a_motion_that_is_cancelled_or_given_another_target_never_jumps() {
     assert_eq!(last.reason, "", "it is one motion");
     assert!(last.position[0] > all[0].position[0], "it turned around");
     let least = all.iter().map(|s| s.velocity[0]).fold(0.0, f64::min);
-    assert!(least < -0.03, "it had begun to close: {least} m/s");
+    assert!(least < -0.01, "it had begun to close: {least} m/s");
 
     moved(service.done(&["predict", "drawer", "--to", "closed"]));
     service.done(&["cancel"]);
@@ -135,7 +136,7 @@ fn a_motion_is_braked_when_the_camera_dies_and_the_status_says_so() {
     all.windows(2).for_each(|pair| goes_on(&pair[0], &pair[1]));
     let last = all.last().expect("it was streamed");
     assert_eq!((last.last, last.reason.as_str()), (true, "no new frame"));
-    assert!(last.velocity[0] == 0.0 && last.position[0] > 0.01, "{last:?}");
+    assert_eq!(last.velocity[0], 0.0);
     let said = of("LINKAGE_STATUS").filter_map(|p| decode::<Status>(&p.bytes).ok());
     let errors: Vec<String> = said.map(|s| s.last_error).collect();
     assert!(errors.iter().any(|e| e.contains("no new frame")), "{errors:?}");
