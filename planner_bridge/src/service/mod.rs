@@ -29,10 +29,10 @@ use linkage_driver::live::{host_utime, latest};
 use linkage_driver::{RgbdSource, SourceError};
 use linkage_lcm::{Lcm, LcmError};
 use linkage_skill::SkillConfig;
-use linkage_skill::store::StoreError;
+use linkage_skill::store::{Library, Store, StoreError};
 use perception::{Inbox, Perception};
 use publisher::Publisher;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -130,6 +130,7 @@ pub fn serve(
     config: &ServiceConfig,
     stop: &Arc<AtomicBool>,
 ) -> Result<ServiceReport, ServiceError> {
+    let library = known(&config.store)?;
     let lcm = Lcm::new(&config.url)?;
     if config.url.starts_with("udpm") {
         lcm.self_test(SELF_TEST)?;
@@ -159,8 +160,17 @@ pub fn serve(
         .map(|orders| HeartbeatListener::new(&config.url, orders.pulse(), out.clone()))
         .transpose()?;
     let inbox = Inbox { frames, lost: capture.lost(), commands };
-    let perception = Perception::new(config, inbox, out, orders)?;
+    let perception = Perception::new(config, library, inbox, out, orders);
     Threads { capture, listener, publisher, streamer, heartbeat, perception }.run(stop)
+}
+
+/// What a store knows; nothing, where there is none yet.
+fn known(store: &Path) -> Result<Library, StoreError> {
+    match Store::open(store) {
+        Ok(store) => store.load(),
+        Err(StoreError::Missing { .. }) => Ok(Library::new(Vec::new())),
+        Err(e) => Err(e),
+    }
 }
 
 /// What each thread of a service does.

@@ -19,7 +19,7 @@ use linkage_driver::live::{LatestReader, Nothing, host_utime};
 use linkage_realtime::{Notice, Reason};
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
-use linkage_skill::store::{Library, Store, StoreError};
+use linkage_skill::store::Library;
 use linkage_skill::{Learner, ObjectModel, SkillConfig};
 use nalgebra::Point3;
 use std::collections::VecDeque;
@@ -124,17 +124,13 @@ const RATE_WINDOW: Duration = Duration::from_secs(3);
 impl<'q> Perception<'q> {
     pub fn new(
         config: &ServiceConfig,
+        library: Library,
         inbox: Inbox,
         out: Outbox,
         orders: Option<Orders<'q>>,
-    ) -> Result<Self, StoreError> {
-        let library = match Store::open(&config.store) {
-            Ok(store) => store.load()?,
-            Err(StoreError::Missing { .. }) => Library::new(Vec::new()),
-            Err(e) => return Err(e),
-        };
+    ) -> Self {
         let (skill, store) = (config.skill.clone(), config.store.clone());
-        Ok(Self {
+        Self {
             config: config.clone(),
             teacher: Teacher { config: skill, store, out: out.clone() },
             losses: Losses::begin(&inbox.lost, 0),
@@ -147,7 +143,7 @@ impl<'q> Perception<'q> {
             looked_at: 0,
             arrivals: VecDeque::new(),
             told: None,
-        })
+        }
     }
 
     /// Perceives until it is stopped; frames that were looked at, and that were dropped.
