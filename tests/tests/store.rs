@@ -189,7 +189,7 @@ fn what_is_no_name_of_a_file_is_refused_with_words() {
     let cases: [(&str, &str); 7] = [
         (":memory:", "lies in memory"),
         ("file:objects.linkage?mode=memory", "a URI"),
-        ("", "it is empty"),
+        ("", "a value is required"),
         (".", "a folder"),
         ("fifo", "a device or a pipe"),
         ("/dev/null", "a device or a pipe"),
