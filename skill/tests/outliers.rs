@@ -174,8 +174,8 @@ fn assert_alike(log: &Log) -> Result<(), TestCaseError> {
 
 /// Logs that are tried, the same each time.
 const LOGS: usize = 1000;
-/// Share of them that may be misjudged (4 of 10 000 are): now and then a few scattered poses lie on an arc through
-/// the place of a thing that rests.
+/// Share of them that may be misjudged (4 of 10 000 are): now and then a few scattered poses lie on
+/// an arc through the place of a thing that rests.
 const MISJUDGED: f64 = 0.002;
 
 #[test]
