@@ -90,6 +90,8 @@ pub struct Publisher {
     answer: Answer,
     refused: u64,
     last_error: String,
+    /// When an error was logged last.
+    logged: Option<Instant>,
     told: Option<Instant>,
     changed: bool,
 }
@@ -104,6 +106,8 @@ const POLL: Duration = Duration::from_millis(5);
 const STATUS_EVERY: Duration = Duration::from_millis(400);
 /// Shortest time between two statuses, however often things change.
 const STATUS_AT_MOST: Duration = Duration::from_millis(10);
+/// Shortest time between two errors in the log: a flood of refusals does not fill a disk.
+const LOG_AT_MOST: Duration = Duration::from_millis(200);
 /// Characters of a text of the status at most: a text may quote what somebody sent.
 const TEXT_LENGTH: usize = 400;
 
@@ -125,6 +129,7 @@ impl Publisher {
             answer: Answer::default(),
             refused: 0,
             last_error: String::new(),
+            logged: None,
             told: None,
             changed: false,
         }
@@ -208,7 +213,10 @@ impl Publisher {
     fn error(&mut self, reason: String) {
         let reason = harmless(&reason);
         if self.last_error != reason {
-            tracing::warn!("{reason}");
+            if self.logged.is_none_or(|at| at.elapsed() >= LOG_AT_MOST) {
+                tracing::warn!("{reason}");
+                self.logged = Some(Instant::now());
+            }
             self.last_error = reason;
             self.changed = true;
         }
