@@ -3,9 +3,9 @@
 
 use linkage_lcm::decode;
 use linkage_lcm::messages::linkage::{Setpoint, Status};
-use linkage_tests::service::{Listener, Service};
-use linkage_tests::{failure, linkage, simulated};
-use std::path::{Path, PathBuf};
+use linkage_tests::service::{Listener, Service, known_drawer};
+use linkage_tests::{linkage, simulated};
+use std::path::Path;
 use std::time::Duration;
 
 /// A rig that is slow enough for a motion to be met half-way. Metres, seconds.
@@ -27,16 +27,6 @@ fn network(port: u16) -> String {
 
 fn text(path: &Path) -> String {
     path.display().to_string()
-}
-
-/// A drawer that is known, learned from its recording.
-fn known_drawer(dir: &Path) -> PathBuf {
-    let store = dir.join("objects.linkage");
-    let recording = simulated("drawer", false, 1);
-    let arguments = ["learn", &text(&recording), "--object", "drawer", "--quiet", "--store"];
-    let output = linkage(&[&arguments[..], &[&text(&store)]].concat());
-    assert!(output.status.success(), "{}", failure(&output).1);
-    store
 }
 
 /// A service that knows the drawer and is slow, before a camera.

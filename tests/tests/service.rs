@@ -6,7 +6,7 @@ use linkage_lcm::messages::linkage::{
 };
 use linkage_lcm::{Lcm, decode, encode};
 use linkage_planner_bridge::client::addressed;
-use linkage_tests::service::{Listener, Service};
+use linkage_tests::service::{Listener, Service, known_drawer};
 use linkage_tests::{failure, linkage, python_with, simulated};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -33,16 +33,6 @@ fn replay(recording: &Path, url: &str, rate: &str) {
         "--quiet",
     ]);
     assert!(output.status.success(), "{}", failure(&output).1);
-}
-
-/// A drawer that is known, learned from its recording.
-fn known_drawer(dir: &Path) -> PathBuf {
-    let store = dir.join("objects.linkage");
-    let recording = simulated("drawer", false, 1);
-    let arguments = ["learn", &text(&recording), "--object", "drawer", "--quiet", "--store"];
-    let output = linkage(&[&arguments[..], &[&text(&store)]].concat());
-    assert!(output.status.success(), "{}", failure(&output).1);
-    store
 }
 
 /// LCM's own logger, beside a service.
