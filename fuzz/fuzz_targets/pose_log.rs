@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linkage_skill::articulate::{ArticulateConfig, fit_models, parse_pose_log};
+use linkage_skill::articulation::{ArticulateConfig, fit_models, parse_pose_log};
 
 /// Samples beyond which a fit takes too long for a fuzzer.
 const MAX_SAMPLES: usize = 40;

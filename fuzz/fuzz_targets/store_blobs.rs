@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linkage_skill::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use linkage_skill::object::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use linkage_skill::recognise::KnownObject;
 use linkage_skill::store::Record;
 

@@ -4,9 +4,9 @@
 use crate::limits::{Rig, Safety};
 use crate::trajectory::{Knot, Task, TrajectoryError, knots, together};
 use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
-use linkage_skill::articulate::JointKind;
-use linkage_skill::geometry::{Pose, pose_to_array};
-use linkage_skill::model::{Joint, ObjectModel};
+use linkage_skill::math::rigid::{Pose, pose_to_array};
+use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::model::{Joint, ObjectModel};
 use linkage_skill::predict::{Encountered, PredictError, Target};
 use linkage_skill::recognise::{self, JointState, Recognised};
 use nalgebra::{Matrix3, Point3, Translation3, Vector3};
@@ -381,8 +381,10 @@ impl<'e> Ways<'e> {
 pub(crate) mod tests {
     use super::*;
     use crate::limits::Synchronisation;
-    use linkage_skill::articulate::{JointGeometry, JointKind};
-    use linkage_skill::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame, covariance_rows};
+    use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
+    use linkage_skill::object::model::{
+        Joint, MODEL_SCHEMA, Part, ReferenceFrame, covariance_rows,
+    };
     use nalgebra::Matrix6;
 
     pub fn fridge() -> (ObjectModel, Recognised) {

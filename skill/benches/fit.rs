@@ -4,7 +4,7 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use linkage_skill::articulate::{ArticulateConfig, PoseSample, fit_models, read_pose_log};
+use linkage_skill::articulation::{ArticulateConfig, PoseSample, fit_models, read_pose_log};
 use nalgebra::Point3;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};

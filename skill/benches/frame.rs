@@ -7,10 +7,10 @@
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
-use linkage_skill::appearance::{FeatureDensity, Keypoints};
+use linkage_skill::features::{FeatureDensity, Keypoints};
+use linkage_skill::image::gray::Gray;
+use linkage_skill::learn::tracking::{FlowMethod, Picture, Tracker};
 use linkage_skill::recognise::Scene;
-use linkage_skill::track::{FlowMethod, Picture, Tracker};
-use linkage_skill::vision::Gray;
 use nalgebra::Point2;
 use opencv::core::{KeyPoint, Mat, Point2f, Size, TermCriteria, Vector, no_array};
 use opencv::features2d::SIFT;

@@ -1,17 +1,17 @@
 //! The configuration of the whole skill: one struct a stage, nested here. Files hold only
 //! what differs from the profile that they extend.
 
-use crate::appearance::AppearanceConfig;
-use crate::articulate::ArticulateConfig;
-use crate::base::BaseConfig;
-use crate::joints::JointsConfig;
-use crate::katz::KatzConfig;
-use crate::planes::PlanesConfig;
-use crate::pose::PoseConfig;
+use crate::articulation::ArticulateConfig;
+use crate::learn::ego_motion::BaseConfig;
+use crate::learn::joint_search::config::JointsConfig;
+use crate::learn::katz::config::KatzConfig;
+use crate::learn::paper::config::StructureConfig;
+use crate::learn::paper::pose_optimisation::PoseConfig;
+use crate::learn::paper::segmentation::SegmentConfig;
+use crate::learn::plane_hinges::config::PlanesConfig;
+use crate::learn::tracking::TrackConfig;
+use crate::object::appearance::AppearanceConfig;
 use crate::recognise::{FollowConfig, RecogniseConfig};
-use crate::segment::SegmentConfig;
-use crate::structure::StructureConfig;
-use crate::track::TrackConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

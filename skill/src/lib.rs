@@ -2,33 +2,21 @@
 //! their motion. Frames and configuration in, values out; no camera, socket or clock.
 #![forbid(unsafe_code)]
 
-pub mod appearance;
-pub mod articulate;
-pub mod base;
+pub mod articulation;
 pub mod config;
-pub mod encounter;
-mod extremes;
-pub mod geometry;
-pub mod grasp;
-pub mod joints;
-pub mod katz;
-pub mod keyframes;
-mod lab;
+pub mod features;
+pub mod image;
 pub mod learn;
-pub mod model;
-pub mod planes;
-pub mod pose;
+pub mod math;
+pub mod object;
 pub mod predict;
 pub mod recognise;
-pub mod segment;
-#[cfg(test)]
-mod specimen;
+pub mod remember;
 pub mod store;
-pub mod structure;
-pub mod timing;
-pub mod track;
-pub mod vision;
+#[cfg(test)]
+mod test_data;
 
 pub use config::SkillConfig;
-pub use learn::{Demonstration, LearnError, Learner};
-pub use model::{Joint, ObjectModel, Part};
+pub use learn::demonstration::Demonstration;
+pub use learn::{LearnError, Learner};
+pub use object::model::{Joint, ObjectModel, Part};

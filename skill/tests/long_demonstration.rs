@@ -2,7 +2,7 @@
 //! nothing moves are forgotten, and what moved is learned all the same.
 
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
-use linkage_skill::articulate::JointKind;
+use linkage_skill::object::joint_geometry::JointKind;
 use linkage_skill::{Learner, SkillConfig};
 use std::sync::Arc;
 

@@ -1,9 +1,8 @@
 //! Poses that a tracker lost do not change what is fitted: however far away, however many up to
 //! 30 %, each elsewhere or all at one place.
 
-use linkage_skill::articulate::{
-    ArticulateConfig, FittedJoint, JointGeometry, JointKind, PoseSample, fit_models,
-};
+use linkage_skill::articulation::{ArticulateConfig, FittedJoint, PoseSample, fit_models};
+use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point3, Quaternion, UnitQuaternion, UnitVector3, Vector3};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;

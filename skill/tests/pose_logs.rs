@@ -1,7 +1,8 @@
 //! Real pose logs of doors, drawers, dishwashers, cabinets (`$LINKAGE_DATA/pose_logs`): the
 //! right joint type in every log whose type is known.
 
-use linkage_skill::articulate::{ArticulateConfig, JointKind, fit_models, read_pose_log};
+use linkage_skill::articulation::{ArticulateConfig, fit_models, read_pose_log};
+use linkage_skill::object::joint_geometry::JointKind;
 use std::path::{Path, PathBuf};
 
 fn pose_logs() -> Option<PathBuf> {

@@ -1,7 +1,7 @@
 //! The store among processes: many that write at once, and some that are killed.
 
-use linkage_skill::appearance::Appearance;
-use linkage_skill::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use linkage_skill::store::{Provenance, Store, StoreError, StoredObject};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};

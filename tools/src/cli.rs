@@ -2,7 +2,7 @@
 
 use crate::console::LogFormat;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use linkage_skill::articulate::Columns;
+use linkage_skill::articulation::Columns;
 use std::path::PathBuf;
 
 /// Learns how articulated things move by watching a person move them once; recognises them,

@@ -5,7 +5,7 @@ use crate::channel as on;
 use crate::messages;
 use crate::service::publisher::Outbox;
 use linkage_driver::live::host_utime;
-use linkage_skill::encounter::{CombineError, remember};
+use linkage_skill::remember::{CombineError, remember};
 use linkage_skill::store::{Library, Provenance, Store, StoreError};
 use linkage_skill::{Demonstration, Learner, ObjectModel, SkillConfig};
 use std::path::PathBuf;

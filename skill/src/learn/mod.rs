@@ -1,24 +1,31 @@
 //! Learning from a demonstration: the paper's training phase (its Fig. 3), as one type that
 //! takes frames as they come and one function that finishes.
 
-mod ahead;
+pub mod appearance;
+mod background_search;
+pub mod demonstration;
+pub mod ego_motion;
+pub mod free_space;
+pub mod grasp_point;
+pub mod joint_search;
+pub mod katz;
+pub mod keyframes;
+pub mod learned_joint;
+pub mod paper;
+pub mod plane_hinges;
+pub mod stage_times;
+pub mod tracking;
 
-use crate::articulate::JointKind;
-use crate::base::{BaseFinder, BaseMotion};
 use crate::config::{LearningWay, SkillConfig};
-use crate::geometry::Pose;
-use crate::grasp::Held;
-use crate::joints::Watched;
-use crate::keyframes::Keyframes;
-use crate::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
-use crate::planes;
-use crate::structure::{self, LearnedJoint};
-use crate::timing::StageTimes;
-use crate::track::{TrackSet, Tracker, Trajectory, telling_frames};
-use ahead::{SearchAhead, Snapshot};
+use crate::learn::demonstration::{Demonstration, assemble};
+use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use background_search::{SearchAhead, Snapshot};
+use ego_motion::BaseFinder;
+use joint_search::Watched;
+use keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
-use nalgebra::Point3;
-use rayon::prelude::*;
+use stage_times::StageTimes;
+use tracking::{Tracker, telling_frames};
 
 /// A demonstration that nothing can be learned from.
 #[derive(Debug, thiserror::Error)]
@@ -53,27 +60,6 @@ pub enum LearnError {
 
 /// Fewest frames of a demonstration.
 const MIN_FRAMES: usize = 10;
-
-/// All that was learned from one demonstration.
-pub struct Demonstration {
-    /// Parts and joints.
-    pub model: ObjectModel,
-    /// `camera_from_part`, a trajectory a part; part axes are the object frame's at the
-    /// reference frame, so that the base's is `camera_from_object`.
-    pub camera_from_part: Vec<Trajectory>,
-    /// Time of each frame, microseconds.
-    pub frame_utimes: Vec<i64>,
-    /// Tracks, for pictures.
-    pub tracks: TrackSet,
-    /// The part of each track; `None`: not known.
-    pub track_parts: Vec<Option<usize>>,
-    /// By part: places on a plain one, which no track tells of, in its coordinates.
-    pub plain_surface: Vec<Vec<Point3<f64>>>,
-    /// Frames kept for appearance.
-    pub keyframes: Keyframes,
-    /// Where the time went.
-    pub times: StageTimes,
-}
 
 /// Takes the frames of a demonstration, one after the other.
 pub struct Learner {
@@ -205,10 +191,10 @@ impl Learner {
         let base = times.measure("base", || earlier.base.extended(&set, poses, &config.base));
         let joints = match config.learn.way {
             LearningWay::Clusters => {
-                structure::from_clusters(&set, &base, &keyframes, &config, &mut times)
+                paper::from_clusters(&set, &base, &keyframes, &config, &mut times)
             }
             LearningWay::Katz => {
-                times.measure("katz", || crate::katz::learn(&set, &base, &config.katz))
+                times.measure("katz", || crate::learn::katz::learn(&set, &base, &config.katz))
             }
             LearningWay::Joints => {
                 let watched =
@@ -216,7 +202,7 @@ impl Learner {
                 let joints = times.measure("joints", || watched.joints(&earlier.memory));
                 if config.planes.enabled {
                     times.measure("planes", || {
-                        planes::complete(joints, &set, &base, &keyframes, &config)
+                        plane_hinges::complete(joints, &set, &base, &keyframes, &config)
                     })
                 } else {
                     joints
@@ -225,88 +211,4 @@ impl Learner {
         };
         Ok(assemble(object, &config, set, &base, joints, keyframes, times))
     }
-}
-
-fn assemble(
-    object: &str,
-    config: &SkillConfig,
-    set: TrackSet,
-    base: &BaseMotion,
-    joints: Vec<LearnedJoint>,
-    keyframes: Keyframes,
-    mut times: StageTimes,
-) -> Demonstration {
-    let mut track_parts: Vec<Option<usize>> =
-        base.tracks.iter().map(|t| (!t.moves).then_some(0)).collect();
-    let mut parts = vec![Part::new(0, "base", base.static_count)];
-    let mut camera_from_part: Vec<Trajectory> =
-        vec![base.camera_from_base.iter().copied().map(Some).collect()];
-    for learned in &joints {
-        let id = parts.len();
-        parts.push(Part::new(id, format!("part{id}"), learned.tracks.len()));
-        for &track in &learned.tracks {
-            track_parts[track] = Some(id);
-        }
-        let poses = learned
-            .base_from_part
-            .iter()
-            .zip(&base.camera_from_base)
-            .map(|(part, camera)| part.map(|p: Pose| camera * p))
-            .collect();
-        camera_from_part.push(poses);
-    }
-    times.measure("grasp", || {
-        let grasp = |learned: &LearnedJoint| {
-            let (parent, child) = (learned.joint.parent, learned.joint.child);
-            let held = Held {
-                camera_from_part: &camera_from_part[child],
-                camera_from_parent: &camera_from_part[parent],
-                surface: surface_of(&set, learned, &camera_from_part[child]),
-            };
-            (child, held.grasp(&keyframes))
-        };
-        let grasps: Vec<_> = joints.par_iter().map(grasp).collect();
-        for (child, held) in grasps {
-            parts[child].grasp = held.map(Into::into);
-        }
-    });
-    let surfaces = joints.iter().map(|learned| learned.plain_surface.clone());
-    let plain_surface = std::iter::once(Vec::new()).chain(surfaces).collect();
-    let model = ObjectModel {
-        schema: MODEL_SCHEMA.to_owned(),
-        object: object.to_owned(),
-        reference_frame: ReferenceFrame::at_camera(set.frame_utimes[0] as f64 * 1e-6),
-        parts,
-        joints: joints.into_iter().map(|j| j.joint).collect(),
-        demonstrations: 1,
-        profile: config.profile.clone(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-    };
-    debug_assert!(model.joints.iter().all(|j| j.kind != JointKind::Fixed));
-    Demonstration {
-        model,
-        camera_from_part,
-        frame_utimes: set.frame_utimes.clone(),
-        tracks: set,
-        track_parts,
-        plain_surface,
-        keyframes,
-        times,
-    }
-}
-
-/// Places of tracks on their part, in its coordinates: where each was first seen while the part's
-/// pose is known. Of a plain part, places on its plane.
-fn surface_of(
-    set: &TrackSet,
-    learned: &LearnedJoint,
-    camera_from_part: &Trajectory,
-) -> Vec<Point3<f64>> {
-    let place = |&track: &usize| {
-        set.tracks[track]
-            .lifted()
-            .find_map(|(f, p)| Some(camera_from_part[f]?.inverse_transform_point(&p)))
-    };
-    let tracked = learned.tracks.iter().filter_map(place);
-    tracked.chain(learned.plain_surface.iter().copied()).collect()
 }

@@ -5,8 +5,8 @@ mod surface;
 
 pub use surface::moved_surface;
 
-use crate::geometry::{Pose, pose_from_array};
-use crate::model::{Joint, ObjectModel};
+use crate::math::rigid::{Pose, pose_from_array};
+use crate::object::model::{Joint, ObjectModel};
 use crate::recognise::Recognised;
 
 /// Where a joint is to go.

@@ -2,10 +2,10 @@
 //! never showed, gives no evidence of its own; but wherever else it stood it would hide what
 //! is seen behind it. Where that leaves only a narrow interval, the configuration is known.
 
-use super::articulated::{Articulated, State};
+use super::kinematics::{Articulated, State};
 use super::scene::Scene;
 use super::verify::{Cloud, verify};
-use crate::articulate::JointKind;
+use crate::object::joint_geometry::JointKind;
 use linkage_driver::depth::depth_tolerance;
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -129,11 +129,11 @@ impl Trial {
 
 #[cfg(test)]
 mod tests {
-    use super::super::articulated::ChainJoint;
-    use super::super::verify::CloudPoint;
     use super::*;
-    use crate::articulate::JointGeometry;
-    use crate::geometry::Pose;
+    use crate::math::rigid::Pose;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::kinematics::ChainJoint;
+    use crate::recognise::verify::CloudPoint;
     use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
     use nalgebra::{Point3, Vector3};
     use std::sync::Arc;

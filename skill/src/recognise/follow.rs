@@ -11,18 +11,18 @@
 //! asked for rivals, as in recognition. A base that the moving part hides is where it was as long
 //! as the camera stands still ([`EdgeView`]).
 
-use super::articulated::{Articulated, State};
 use super::elimination::told_within;
+use super::kinematics::{Articulated, State};
+use super::normal_equations::{System, add_surface};
 use super::scene::Scene;
 use super::stillness::EdgeView;
-use super::system::{System, add_surface};
 use super::verify::{Cloud, Verdict, verify, visible};
 use super::{
     Found, KnownObject, RecogniseConfig, Recognised, Refiner, configuration_deviations,
     doubt_rivalled, evident_joints, report,
 };
-use crate::articulate::JointKind;
-use crate::geometry::{Pose, pose_from_array};
+use crate::math::rigid::{Pose, pose_from_array};
+use crate::object::joint_geometry::JointKind;
 use linkage_driver::RgbdFrame;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -502,13 +502,13 @@ fn light(samples: &[&Sample]) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::matching::FeatureTable;
-    use super::super::specimen::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use super::*;
-    use crate::appearance::Appearance;
-    use crate::articulate::JointGeometry;
-    use crate::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
-    use crate::specimen::seen;
+    use crate::object::appearance::Appearance;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+    use crate::recognise::matching::FeatureTable;
+    use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
+    use crate::test_data::seen;
     use linkage_driver::ColorImage;
     use nalgebra::{Point3, Vector3};
 
@@ -560,7 +560,7 @@ mod tests {
         let object = slider();
         let articulated = Articulated::new(&object.model);
         let found = Found {
-            state: State { camera_from_object: crate::geometry::Pose::identity(), q: vec![0.0] },
+            state: State { camera_from_object: crate::math::rigid::Pose::identity(), q: vec![0.0] },
             score: 1.0,
             inliers: 0,
             verdict: Verdict::default(),

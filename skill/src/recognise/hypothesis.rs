@@ -1,10 +1,11 @@
 //! Hypotheses: poses of one part from matches that agree in space; the other parts follow
 //! through the joints, whose configurations the other parts' matches vote for.
 
-use super::articulated::{Articulated, State};
+use super::kinematics::{Articulated, State};
 use super::matching::Match;
-use crate::articulate::JointKind;
-use crate::geometry::{Pose, matrix_pose, median, rigid_fit};
+use crate::math::rigid::{Pose, matrix_pose, rigid_fit};
+use crate::math::robust::median;
+use crate::object::joint_geometry::JointKind;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -401,7 +402,7 @@ fn vote(
 /// Configuration that takes `from` closest to `to`, how far it misses, and the lever arm.
 fn vote_of(
     kind: JointKind,
-    line: &crate::articulate::JointGeometry,
+    line: &crate::object::joint_geometry::JointGeometry,
     from: &Point3<f64>,
     to: &Point3<f64>,
 ) -> (f64, f64, f64) {

@@ -2,11 +2,10 @@
 //! right metric size, distinctly nearer than the best one at another place.
 
 use super::RecogniseConfig;
-use crate::appearance::{
-    Appearance, DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind, ModelFeature, bytes_of, quantise,
-    similarity,
-};
-use crate::extremes::larger;
+use crate::features::quantised::{bytes_of, quantise, similarity};
+use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};
+use crate::math::extremes::larger;
+use crate::object::appearance::{Appearance, ModelFeature};
 use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -291,7 +290,7 @@ pub fn tolerance(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appearance::product;
+    use crate::features::quantised::product;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 

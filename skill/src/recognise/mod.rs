@@ -6,23 +6,24 @@
 //! the result is verified against the picture: geometry alone cannot tell look-alikes apart,
 //! inliers alone cannot either.
 
-mod articulated;
+mod ambiguity;
+mod edge_test;
+mod kinematics;
+mod normal_equations;
+mod occupied_space;
+mod surface_cache;
+#[cfg(test)]
+mod test_data;
+
 mod elimination;
-mod ends;
 mod follow;
 mod hypothesis;
 mod matching;
 mod pnp;
 mod refine;
 mod retrieval;
-mod rivals;
 mod scene;
-#[cfg(test)]
-mod specimen;
 mod stillness;
-mod surfaces;
-mod system;
-mod taken;
 mod verify;
 
 pub use follow::{Asked, FollowConfig, Followed, Follower, Lost};
@@ -30,20 +31,20 @@ pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub(crate) use retrieval::{Posting, Postings};
 pub use scene::Scene;
 
-use crate::appearance::Appearance;
-pub use crate::appearance::Descriptor;
-use crate::articulate::{JointGeometry, JointKind};
-use crate::geometry::{Pose, pose_to_array};
-use crate::model::ObjectModel;
-use articulated::{Articulated, ChainJoint, State};
+use crate::object::appearance::Appearance;
+
+use crate::math::rigid::{Pose, pose_to_array};
+use crate::object::joint_geometry::{JointGeometry, JointKind};
+use crate::object::model::ObjectModel;
+use kinematics::{Articulated, ChainJoint, State};
 use matching::{Compared, FeatureTable, Match};
 use nalgebra::UnitVector3;
+use normal_equations::System;
+use occupied_space::Taken;
 use rayon::prelude::*;
 use refine::Refiner;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use system::System;
-use taken::Taken;
 use verify::{Cloud, Verdict};
 
 /// Name and version of the JSON form.
@@ -356,7 +357,7 @@ impl<'l> Look<'l> {
             if recognised.score < config.min_score {
                 return (all, recognised.score);
             }
-            let places = taken::places_of(&object.cloud, &articulated, &found.state);
+            let places = occupied_space::places_of(&object.cloud, &articulated, &found.state);
             let is_further = found.evident.contains(&true) && taken.share(&places) <= MAX_SHARED;
             if !all.is_empty() && !is_further {
                 break;
@@ -555,7 +556,7 @@ fn evident_joints(articulated: &Articulated, placed: &[bool]) -> Vec<bool> {
 fn doubt_rivalled(refiner: &Refiner, found: &mut Found, joints: impl IntoIterator<Item = usize>) {
     for joint in joints {
         if found.evident[joint] {
-            for part in rivals::adrift(refiner, &found.state, joint) {
+            for part in ambiguity::adrift(refiner, &found.state, joint) {
                 found.placed[part] = false;
             }
         }

@@ -1,14 +1,14 @@
 //! Where depth is missing: a part's pose from its matches' pixels alone (PnP), then each joint's
 //! configuration from the pixels of the parts beyond it.
 
-use super::articulated::{Articulated, State};
 use super::hypothesis::places;
+use super::kinematics::{Articulated, State};
 use super::matching::Match;
+use super::normal_equations::System;
 use super::scene::Scene;
-use super::system::System;
 use super::verify::{Cloud, verify_looks};
 use super::{Found, evident_joints};
-use crate::geometry::Pose;
+use crate::math::rigid::Pose;
 use linkage_driver::PinholeCamera;
 use nalgebra::{Matrix2x3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use opencv::calib3d;
@@ -219,10 +219,10 @@ fn solve(camera: &PinholeCamera, matches: &[&Match]) -> opencv::Result<Option<Po
 
 #[cfg(test)]
 mod tests {
-    use super::super::articulated::ChainJoint;
     use super::*;
-    use crate::articulate::JointGeometry;
-    use crate::geometry::rotation_about;
+    use crate::math::rigid::rotation_about;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::kinematics::ChainJoint;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 

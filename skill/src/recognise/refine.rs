@@ -2,13 +2,13 @@
 //! and surface are brought to agreement in one articulated least-squares problem.
 
 use super::RecogniseConfig;
-use super::articulated::{Articulated, State};
 use super::hypothesis::{Hypothesis, agrees, unique_inliers};
+use super::kinematics::{Articulated, State};
 use super::matching::Match;
+use super::normal_equations::{System, add_surface};
 use super::scene::Scene;
-use super::system::{System, add_surface};
 use super::verify::{Cloud, Verdict, verify};
-use crate::geometry::matrix_pose;
+use crate::math::rigid::matrix_pose;
 use rayon::prelude::*;
 
 /// Inliers on either side of a joint below which its configuration is scanned.

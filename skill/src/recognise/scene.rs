@@ -1,9 +1,9 @@
 //! An encounter's frame, prepared once for all objects.
 
 use super::matching::Queries;
-use super::surfaces::Surfaces;
-use crate::appearance::{DescribedFeature, FeatureDensity, Keypoints};
-use crate::lab::LabPicture;
+use super::surface_cache::Surfaces;
+use crate::features::{DescribedFeature, FeatureDensity, Keypoints};
+use crate::image::cielab::LabPicture;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, SurfacePatch};
 use nalgebra::Vector3;

@@ -52,7 +52,7 @@ impl EdgeView {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::specimen::seen;
+    use crate::test_data::seen;
     use linkage_driver::{ColorImage, RgbdFrame};
 
     /// A room of tiles, seen by a camera that is turned by some pixels, with a grey person before

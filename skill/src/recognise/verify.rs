@@ -1,12 +1,12 @@
 //! Verification: what of the object's surface should be visible is compared with what is, in
 //! depth, in orientation and in appearance.
 
-use super::articulated::{Articulated, State};
-use super::ends::{Ends, KnownEdge, edges_of, ends};
+use super::edge_test::{Ends, KnownEdge, edges_of, ends};
+use super::kinematics::{Articulated, State};
 use super::scene::Scene;
-use crate::appearance::Appearance;
-use crate::extremes::smaller;
-use crate::geometry::{Pose, matrix_pose};
+use crate::math::extremes::smaller;
+use crate::math::rigid::{Pose, matrix_pose};
+use crate::object::appearance::Appearance;
 use linkage_driver::depth::depth_tolerance;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
@@ -550,10 +550,10 @@ fn texture(patches: &[Looks]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::articulated::ChainJoint;
     use super::*;
-    use crate::articulate::JointGeometry;
-    use crate::specimen::{board, seen};
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::kinematics::ChainJoint;
+    use crate::test_data::{board, seen};
 
     fn part(agree: usize, through: usize) -> PartVerdict {
         PartVerdict { agree, through, correlation: Some(0.9), ..PartVerdict::default() }

@@ -3,7 +3,7 @@
 
 use super::tests::object;
 use super::*;
-use crate::specimen::{features, features_seen};
+use crate::test_data::{features, features_seen};
 use std::fs;
 
 /// All that a store can be asked.

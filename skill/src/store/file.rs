@@ -1,7 +1,8 @@
 //! Opening a store's file: to read and write, or where that cannot be, to read alone.
 
 use super::error::{StoreError, explain};
-use super::schema::{self, State};
+use super::schema;
+use super::schema::State;
 use rusqlite::backup::{Backup, StepResult};
 use rusqlite::{Connection, ErrorCode, MAIN_DB, OpenFlags};
 use rustix::fs::{Access, access};

@@ -2,7 +2,7 @@
 
 use super::lists::Lists;
 use super::{Store, StoreError, StoredObject};
-use crate::appearance::DescribedFeature;
+use crate::features::DescribedFeature;
 use crate::recognise::{Index, KnownObject, RecogniseConfig, Recognition, Scene, Words, recognise};
 use lru::LruCache;
 use std::num::NonZeroUsize;
@@ -207,9 +207,9 @@ fn outstanding(votes: &[f64], most: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::object;
     use super::*;
-    use crate::specimen::{board, seen};
+    use crate::store::tests::object;
+    use crate::test_data::{board, seen};
 
     #[test]
     fn of_a_large_store_only_the_most_recently_used_stay_in_memory() {

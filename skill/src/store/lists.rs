@@ -1,7 +1,8 @@
 //! What the inverted index needs of each object, as the store keeps it: its words, until those of
 //! many have come together; then their postings by lists, of which a picture asks for a few.
 
-use super::contents::{self, Entry};
+use super::contents;
+use super::contents::Entry;
 use super::error::Fault;
 use super::record::Checksum;
 use super::schema::begin;
@@ -255,10 +256,10 @@ fn read(connection: &Connection, lists: &[usize]) -> Result<Vec<Arc<[Posting]>>,
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::object;
     use super::super::{Library, StoredObject};
     use super::*;
-    use crate::specimen::{features, features_seen};
+    use crate::store::tests::object;
+    use crate::test_data::{features, features_seen};
     use tempfile::TempDir;
 
     fn thing(name: &str, seed: u64) -> StoredObject {

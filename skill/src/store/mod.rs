@@ -12,8 +12,8 @@ mod lists;
 mod record;
 mod schema;
 
-use crate::appearance::Appearance;
-use crate::model::ObjectModel;
+use crate::object::appearance::Appearance;
+use crate::object::model::ObjectModel;
 use crate::recognise::{Index, Words};
 use contents::Entry;
 use error::{Fault, explain};
@@ -373,9 +373,9 @@ fn some_of(mut names: Vec<String>, asked: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appearance::Edge;
-    use crate::model::{MODEL_SCHEMA, Part, ReferenceFrame};
-    use crate::specimen::{features, features_seen};
+    use crate::object::appearance::Edge;
+    use crate::object::model::{MODEL_SCHEMA, Part, ReferenceFrame};
+    use crate::test_data::{features, features_seen};
     use rusqlite::OptionalExtension;
 
     pub fn object(name: &str) -> StoredObject {

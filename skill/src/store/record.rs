@@ -1,8 +1,10 @@
 //! An object as the store's columns hold it, and the checksum over them.
 
 use super::{Provenance, StoredObject};
-use crate::appearance::{Appearance, DESCRIPTOR_LENGTH, Edge};
-use crate::model::{LARGEST_CONFIGURATION, ObjectModel};
+use crate::features::DESCRIPTOR_LENGTH;
+use crate::object::appearance::{Appearance, Edge};
+use crate::object::check::LARGEST_CONFIGURATION;
+use crate::object::model::ObjectModel;
 
 /// Largest coordinate of a place on an object, and largest feature, metres.
 const LARGEST_PLACE: f32 = 1e4;
@@ -125,13 +127,13 @@ fn check_appearance(appearance: &Appearance, parts: usize) -> Result<(), String>
 #[cfg(test)]
 mod tests {
     use super::super::Library;
-    use super::super::tests::object;
     use super::*;
-    use crate::appearance::{Edge, Surfel};
-    use crate::articulate::JointGeometry;
-    use crate::model::{Joint, Part};
+    use crate::object::appearance::{Edge, Surfel};
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::object::model::{Joint, Part};
     use crate::recognise::{RecogniseConfig, Scene};
-    use crate::specimen::{board, features, seen};
+    use crate::store::tests::object;
+    use crate::test_data::{board, features, seen};
     use nalgebra::{Point3, Vector3};
     use proptest::prelude::*;
     use std::sync::OnceLock;

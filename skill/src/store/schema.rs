@@ -1,6 +1,7 @@
 //! The store's tables and their versions.
 
-use super::contents::{self, Entry};
+use super::contents;
+use super::contents::Entry;
 use super::error::{Fault, StoreError, explain};
 use super::lists;
 use super::record::Record;
@@ -211,7 +212,7 @@ pub fn read_record(connection: &Connection, name: &str) -> rusqlite::Result<Opti
         "SELECT source, learned_utime FROM demonstration WHERE object = ?1 ORDER BY id",
     )?;
     let provenance = statement.query_map([name], |row| {
-        Ok(super::Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
+        Ok(crate::store::Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
     })?;
     let provenance = provenance.collect::<rusqlite::Result<_>>()?;
     Ok(Some(Record { model, appearance, edges, provenance }))

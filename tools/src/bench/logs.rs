@@ -3,7 +3,7 @@
 use crate::cli::{BenchArgs, Common};
 use crate::commands::{Outcome, skill_config, write_json};
 use anyhow::{Context, anyhow};
-use linkage_skill::articulate::{fit_models, read_pose_log, type_probabilities};
+use linkage_skill::articulation::{fit_models, read_pose_log, type_probabilities};
 use serde::Serialize;
 use std::time::Instant;
 

@@ -4,11 +4,11 @@
 use super::score::LearnScore;
 use super::truth::{TrueJoint, TruePart, Truth};
 use linkage_driver::image_file;
-use linkage_skill::articulate::JointKind;
-use linkage_skill::geometry::{Pose, pose_from_array};
-use linkage_skill::learn::Demonstration;
-use linkage_skill::model::Joint;
-use linkage_skill::track::Trajectory;
+use linkage_skill::learn::demonstration::Demonstration;
+use linkage_skill::learn::tracking::Trajectory;
+use linkage_skill::math::rigid::{Pose, pose_from_array};
+use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::model::Joint;
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use std::path::Path;

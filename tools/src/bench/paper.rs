@@ -14,7 +14,7 @@ use crate::commands::{Outcome, film, skill_config, write_json};
 use crate::simulate::{Take, instances};
 use crate::tags::TagLog;
 use linkage_skill::SkillConfig;
-use linkage_skill::geometry::median;
+use linkage_skill::math::robust::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -314,6 +314,6 @@ fn print_rest(rows: &[Row]) {
 }
 
 fn hinge_position(joint: &super::score::JointScore) -> Option<f64> {
-    use linkage_skill::articulate::JointKind;
+    use linkage_skill::object::joint_geometry::JointKind;
     joint.position_cm.filter(|_| joint.true_kind != JointKind::Prismatic)
 }

@@ -3,8 +3,8 @@
 use super::truth::{PoseArray, TrueJoint, Truth};
 use crate::commands::{Outcome, demonstrate_past};
 use crate::tags::TagLog;
-use linkage_skill::articulate::{ArticulateConfig, PoseSample, fit_models};
-use linkage_skill::geometry::{Pose, pose_from_array, pose_to_array, rotation_nearest};
+use linkage_skill::articulation::{ArticulateConfig, PoseSample, fit_models};
+use linkage_skill::math::rigid::{Pose, pose_from_array, pose_to_array, rotation_nearest};
 use linkage_skill::{Demonstration, SkillConfig};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
@@ -156,8 +156,8 @@ fn is_near(a: &Pose, b: &Pose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::articulate::JointKind;
-    use linkage_skill::geometry::{distance_to_line, line_angle, rotation_about};
+    use linkage_skill::math::rigid::{distance_to_line, line_angle, rotation_about};
+    use linkage_skill::object::joint_geometry::JointKind;
     use nalgebra::UnitVector3;
 
     /// A turn by some degrees about some direction, another one each frame.

@@ -6,7 +6,7 @@ use crate::commands::{Outcome, write_json};
 use anyhow::{Context, anyhow};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
-use linkage_skill::track::{DescriptorKind, TrackConfig, Tracker};
+use linkage_skill::learn::tracking::{DescriptorKind, TrackConfig, Tracker};
 use nalgebra::Point2;
 use serde::Serialize;
 use std::collections::BTreeMap;

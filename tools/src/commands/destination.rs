@@ -5,7 +5,7 @@ use super::{Failure, Outcome};
 use crate::cli::{DEFAULT_STORE, LearnArgs};
 use crate::interrupt;
 use anyhow::{Context, anyhow};
-use linkage_skill::model::check_name;
+use linkage_skill::object::check::check_name;
 use linkage_skill::store::{Revision, Store, StoreError, StoredObject};
 use std::path::{Path, PathBuf};
 

@@ -3,13 +3,13 @@
 use super::{Outcome, skill_config, write_json};
 use crate::cli::{Common, FitArgs};
 use linkage_skill::SkillConfig;
-use linkage_skill::articulate::{
+use linkage_skill::articulation::{
     FittedJoint, PoseLog, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,
 };
-use linkage_skill::model::{
+use linkage_skill::learn::learned_joint::{orient, range_of};
+use linkage_skill::object::model::{
     Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame, covariance_rows, is_undecided,
 };
-use linkage_skill::structure::{orient, range_of};
 use std::path::Path;
 
 /// A log and what was fitted to it.

@@ -10,8 +10,8 @@ use crate::tags::TagLog;
 use anyhow::Context;
 use linkage_driver::RgbdSource;
 use linkage_driver::live::host_utime;
-use linkage_skill::encounter;
-use linkage_skill::geometry::pose_to_array;
+use linkage_skill::math::rigid::pose_to_array;
+use linkage_skill::remember;
 use linkage_skill::store::{Provenance, StoredObject};
 use linkage_skill::{Demonstration, LearnError, Learner, ObjectModel, SkillConfig};
 use std::fmt::Write;
@@ -103,7 +103,7 @@ pub fn remember(
     config: &SkillConfig,
 ) -> Outcome<StoredObject> {
     let provenance = Provenance { source: source.to_owned(), learned_utime: host_utime() };
-    Ok(encounter::remember(known, demonstration, provenance, config)?)
+    Ok(remember::remember(known, demonstration, provenance, config)?)
 }
 
 /// The directory that a source's name stands for.

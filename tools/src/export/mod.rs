@@ -13,9 +13,9 @@ pub use sdf::sdf;
 pub use urdf::urdf;
 
 use anyhow::bail;
-use linkage_skill::appearance::Appearance;
-use linkage_skill::articulate::JointKind;
-use linkage_skill::model::{Joint, ObjectModel};
+use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::model::{Joint, ObjectModel};
 use linkage_skill::store::StoredObject;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use quick_xml::Writer;

@@ -2,8 +2,8 @@
 
 use linkage_driver::image_file;
 use linkage_driver::{ColorImage, PinholeCamera, RgbdFrame};
-use linkage_skill::articulate::{JointGeometry, JointKind};
-use linkage_skill::geometry::Pose;
+use linkage_skill::math::rigid::Pose;
+use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point2, Point3};
 use opencv::core::{Mat, Point, Scalar, Vec3b, Vector};
 use opencv::imgproc;

@@ -5,7 +5,7 @@ use super::scenes::{
     there_and_back,
 };
 use super::world::{Scene, SceneJoint, Solid};
-use linkage_skill::articulate::JointKind;
+use linkage_skill::object::joint_geometry::JointKind;
 use nalgebra::Point3;
 
 /// Height of the desk, metres.

@@ -7,7 +7,7 @@ use super::scenes::{
 };
 use super::texture::Richness;
 use super::world::Scene;
-use linkage_skill::articulate::JointKind;
+use linkage_skill::object::joint_geometry::JointKind;
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -10,7 +10,7 @@ use super::world::{Scene, Solid};
 use crate::bench::truth::{TrueJoint, TruePart, Truth};
 use anyhow::Context;
 use linkage_driver::{ColorImage, PinholeCamera, image_file};
-use linkage_skill::geometry::{Pose, pose_to_array};
+use linkage_skill::math::rigid::{Pose, pose_to_array};
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

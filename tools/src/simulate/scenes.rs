@@ -3,7 +3,7 @@
 use super::texture::{Richness, Texture};
 use super::world::{Action, Material, Part, Scene, SceneJoint, Solid};
 use super::{devices, instances};
-use linkage_skill::articulate::JointKind;
+use linkage_skill::object::joint_geometry::JointKind;
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -10,7 +10,8 @@ pub(crate) use postings::{Posting, Postings};
 pub use vocabulary::{NotAVocabulary, Vocabulary};
 pub use words::Words;
 
-use crate::appearance::{DescribedFeature, FeatureKind, quantise};
+use crate::features::quantised::quantise;
+use crate::features::{DescribedFeature, FeatureKind};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -243,7 +244,7 @@ fn most_in_a_region(mut votes: Vec<(Cell, f64)>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::specimen::{features, features_seen};
+    use crate::test_data::{features, features_seen};
     use nalgebra::Point3;
 
     fn twenty_objects() -> Index {

@@ -4,7 +4,8 @@
 //!
 //! One vocabulary serves all stores: words of what is learned tomorrow are the words of today.
 
-use crate::appearance::{DESCRIPTOR_LENGTH, Descriptor, product, products, quantise};
+use crate::features::DESCRIPTOR_LENGTH;
+use crate::features::quantised::{Descriptor, product, products, quantise};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

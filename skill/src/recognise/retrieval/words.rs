@@ -2,7 +2,9 @@
 //! with its kind and metric size, and a code of how it differs from others of that word.
 
 use super::vocabulary::{Coded, Vocabulary, WORDS};
-use crate::appearance::{Appearance, FeatureKind, ModelFeature, bytes_of};
+use crate::features::FeatureKind;
+use crate::features::quantised::bytes_of;
+use crate::object::appearance::{Appearance, ModelFeature};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
@@ -96,7 +98,7 @@ pub fn size_step(size_m: f32) -> i8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::appearance::DESCRIPTOR_LENGTH;
+    use crate::features::DESCRIPTOR_LENGTH;
 
     fn feature(kind: FeatureKind) -> ModelFeature {
         let descriptor = vec![20; DESCRIPTOR_LENGTH];

@@ -14,11 +14,12 @@ use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, 
 use anyhow::anyhow;
 use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
-use linkage_skill::appearance::DescribedFeature;
-use linkage_skill::geometry::{distance_to_line, median, pose_from_array};
+use linkage_skill::features::DescribedFeature;
+use linkage_skill::learn::stage_times::StageTimes;
+use linkage_skill::math::rigid::{distance_to_line, pose_from_array};
+use linkage_skill::math::robust::median;
 use linkage_skill::recognise::{Recognised, Scene, find};
 use linkage_skill::store::{Library, Store, StoreError, StoredObject};
-use linkage_skill::timing::StageTimes;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 pub use scale::made_up;
@@ -307,7 +308,7 @@ fn precision(found: &Recognised, truth: &Truth, demonstrated: &Truth) -> Option<
     let axis_cm = found
         .joints
         .iter()
-        .filter(|j| j.kind == linkage_skill::articulate::JointKind::Revolute)
+        .filter(|j| j.kind == linkage_skill::object::joint_geometry::JointKind::Revolute)
         .filter_map(|j| {
             let place = Point3::from(j.origin);
             truth

@@ -3,8 +3,8 @@
 use super::Question;
 use crate::commands::Outcome;
 use anyhow::{Context, anyhow};
-use linkage_skill::appearance::{Appearance, ModelFeature};
-use linkage_skill::geometry::median;
+use linkage_skill::math::robust::median;
+use linkage_skill::object::appearance::{Appearance, ModelFeature};
 use linkage_skill::recognise::{Index, Words};
 use linkage_skill::store::{Store, StoredObject};
 use rand::{Rng, SeedableRng};

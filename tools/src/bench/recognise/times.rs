@@ -3,11 +3,11 @@
 use super::{Learned, Question, made_up};
 use crate::commands::Outcome;
 use linkage_skill::SkillConfig;
-use linkage_skill::appearance::{Appearance, ModelFeature};
-use linkage_skill::geometry::median;
+use linkage_skill::learn::stage_times::StageTimes;
+use linkage_skill::math::robust::median;
+use linkage_skill::object::appearance::{Appearance, ModelFeature};
 use linkage_skill::recognise::Scene;
 use linkage_skill::store::{Library, StoredObject};
-use linkage_skill::timing::StageTimes;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -1,0 +1,180 @@
+//! Where the learned surface is known to end: the demonstration's pictures see through places
+//! just beyond it. What goes on there is another thing, however much it looks like this one.
+
+use super::part_labels::PosedFrame;
+use crate::math::rigid::orthonormal_basis;
+use crate::object::appearance::Edge;
+use crate::object::appearance::Surfel;
+use crate::object::model::{Joint, ObjectModel};
+use linkage_driver::RgbdFrame;
+use linkage_driver::depth::depth_tolerance;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// How far beyond a piece of surface a place lies, metres,
+const BEYOND_M: f64 = 0.04;
+/// and how far from the surface all is seen through too: depth frays at edges.
+const FRAYED_M: f64 = 0.03;
+/// Directions in the tangent plane that are tried.
+const DIRECTIONS: usize = 8;
+/// Frames that must see through a place.
+const LEAST_THROUGH: usize = 3;
+/// Share of the frames in which something may be at a place beside the base: what moves.
+const MAX_PASSING: f64 = 0.1;
+/// A surface seen at less than this cosine tells nothing.
+const LEAST_COSINE: f64 = 0.3;
+
+/// At most `per_part` edges of each part's surface, whose order stands for none of it.
+pub fn edges(
+    posed: &[PosedFrame],
+    surface: &[Surfel],
+    model: &ObjectModel,
+    per_part: usize,
+) -> Vec<Edge> {
+    let mut edges = Vec::new();
+    for part in 0..model.parts.len() {
+        let joint = model.joints.iter().find(|j| j.child == part);
+        let views: Vec<View> = posed.iter().filter_map(|frame| View::of(frame, joint)).collect();
+        let own: Vec<&Surfel> = surface.iter().filter(|s| usize::from(s.part) == part).collect();
+        let mut found: Vec<Edge> = Vec::new();
+        for some in own.chunks(AT_ONCE) {
+            if found.len() < per_part {
+                found.par_extend(some.par_iter().flat_map_iter(|s| edges_beside(s, &views)));
+            }
+        }
+        edges.extend(found.into_iter().take(per_part));
+    }
+    edges
+}
+
+/// Pieces of surface looked at before it is asked whether there are edges enough.
+const AT_ONCE: usize = 500;
+
+/// A keyframe and the configuration of the joint that carries a part.
+struct View<'p> {
+    posed: &'p PosedFrame<'p>,
+    configuration: f64,
+}
+
+impl<'p> View<'p> {
+    /// `None` where the configuration is not known.
+    fn of(posed: &'p PosedFrame, joint: Option<&Joint>) -> Option<Self> {
+        let time = posed.frame.utime as f64 * 1e-6;
+        let configuration = match joint {
+            None => 0.0,
+            Some(j) => j.configuration.iter().find(|c| (c[0] - time).abs() < 1e-4)?[1],
+        };
+        Some(Self { posed, configuration })
+    }
+
+    /// Whether nothing is at a place of a part; `None` where that is not known.
+    fn sees_through(&self, part: u16, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<bool> {
+        let camera_from_part = self.posed.camera_from_part[usize::from(part)].as_ref()?;
+        is_empty(self.posed.frame, &(camera_from_part * place), &(camera_from_part * normal))
+    }
+}
+
+/// Whether nothing is at a place where a surface of that normal might be, both in the camera
+/// frame; `None` where something hides the place or it is not seen.
+pub fn is_empty(frame: &RgbdFrame, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<bool> {
+    let cosine = normal.dot(&place.coords).abs() / place.coords.norm();
+    if cosine < LEAST_COSINE {
+        return None;
+    }
+    let pixel = frame.camera.project(place)?;
+    let behind = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?) - place.z;
+    let tolerance = depth_tolerance(place.z, cosine);
+    match behind > 2.0 * tolerance {
+        true => Some(true),
+        false => (behind.abs() < tolerance).then_some(false),
+    }
+}
+
+fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
+    let wide = |a: [f32; 3]| Vector3::from(a).map(f64::from);
+    let (surface, normal) = (Point3::from(wide(s.point)), wide(s.normal));
+    let (u, v) = orthonormal_basis(&normal);
+    let directions = (0..DIRECTIONS).map(|i| TAU * i as f64 / DIRECTIONS as f64);
+    let edge = |angle: f64| {
+        let towards = u * angle.cos() + v * angle.sin();
+        let free = |distance: f64| free(views, s.part, &(surface + towards * distance), &normal);
+        let (low, high) = free(BEYOND_M)?;
+        let (nearer_low, nearer_high) = free(FRAYED_M)?;
+        let (low, high) = (low.max(nearer_low), high.min(nearer_high));
+        (low <= high).then(|| Edge {
+            part: s.part,
+            surface: s.point,
+            normal: s.normal,
+            beyond: (surface + towards * BEYOND_M).coords.map(|x| x as f32).into(),
+            configurations: [low as f32, high as f32],
+        })
+    };
+    directions.filter_map(edge).collect()
+}
+
+/// Configurations between which a place is seen through, and never otherwise; `None` where it is
+/// not. What is beside the base is there or not whatever the configuration.
+fn free(
+    views: &[View],
+    part: u16,
+    place: &Point3<f64>,
+    normal: &Vector3<f64>,
+) -> Option<(f64, f64)> {
+    let told = |v: &View| Some((v.configuration, v.sees_through(part, place, normal)?));
+    let mut told: Vec<(f64, bool)> = views.iter().filter_map(told).collect();
+    if part == 0 {
+        let through = told.iter().filter(|t| t.1).count();
+        let passing = (told.len() - through) as f64 / told.len().max(1) as f64;
+        return (through >= LEAST_THROUGH && passing <= MAX_PASSING).then_some((0.0, 0.0));
+    }
+    told.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let runs = told.chunk_by(|a, b| a.1 == b.1).filter(|run| run[0].1);
+    let longest = runs.max_by_key(|run| run.len()).filter(|run| run.len() >= LEAST_THROUGH)?;
+    Some((longest[0].0, longest[longest.len() - 1].0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::test_data::{board, seen};
+
+    const HALF_M: f64 = 0.2;
+
+    /// A drawer flush in a wall slides 30 cm towards the camera.
+    fn pulled() -> Vec<(RgbdFrame, f64)> {
+        let at = |i: i64| 0.02 * i as f64;
+        (0..16).map(|i| (seen(i + 1, board(HALF_M, 1.5 - at(i), 1.5)), at(i))).collect()
+    }
+
+    fn edges_at(x: f64) -> Vec<Edge> {
+        let frames = pulled();
+        let posed: Vec<(PosedFrame, f64)> = frames
+            .iter()
+            .map(|(frame, slid)| {
+                let front = Pose::translation(0.0, 0.0, -slid);
+                (PosedFrame { frame, camera_from_part: vec![None, Some(front)] }, *slid)
+            })
+            .collect();
+        let views: Vec<View> =
+            posed.iter().map(|(posed, q)| View { posed, configuration: *q }).collect();
+        let (point, normal) = ([x as f32, 0.0, 1.5], [0.0, 0.0, -1.0]);
+        edges_beside(&Surfel { part: 1, point, normal, lab: [50.0, 0.0, 0.0] }, &views)
+    }
+
+    #[test]
+    fn a_drawer_is_known_to_end_once_it_stands_out() {
+        let edges = edges_at(HALF_M - 0.01);
+        let outwards = edges.iter().max_by(|a, b| a.beyond[0].total_cmp(&b.beyond[0])).unwrap();
+        assert!(f64::from(outwards.beyond[0]) > HALF_M + 0.02);
+        let [low, high] = outwards.configurations;
+        assert!(low > 0.01 && low < 0.1 && high > 0.29, "{low} to {high}");
+        assert!(edges.iter().all(|e| f64::from(e.beyond[0]) > HALF_M));
+    }
+
+    #[test]
+    fn the_middle_of_a_drawer_is_no_edge() {
+        assert!(edges_at(0.0).is_empty());
+    }
+}

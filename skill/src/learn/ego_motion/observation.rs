@@ -1,0 +1,130 @@
+//! Where a point was seen, and how well that is known. A demonstration has millions of these:
+//! they take little room.
+
+use super::{across_sigma, coarse_sigma, ray_sigma};
+use crate::math::rigid::Pose;
+use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
+
+/// Share of the coarse noise of a lifted feature that a track's has.
+const TRACKED_SHARE: f64 = 0.7;
+/// Least way of what has moved, metres,
+const MOVED_M: f64 = 0.012;
+/// and standard deviations.
+const MOVED_SIGMAS: f64 = 3.0;
+
+/// One observation of a track in the frame of the base, or of a part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Place, metres.
+    pub point: Point3<f64>,
+    /// Inverse covariance there.
+    pub precision: Precision,
+    sigma: f32,
+}
+
+impl Seen {
+    /// An observation with one figure for its noise, metres.
+    pub fn new(point: Point3<f64>, precision: Precision, sigma: f64) -> Self {
+        Self { point, precision, sigma: sigma as f32 }
+    }
+
+    /// What a camera sees there, from the base.
+    pub fn by_camera(in_camera: &Point3<f64>, camera_from_base: &Pose) -> Self {
+        let base_from_camera = camera_from_base.inverse();
+        let ray = base_from_camera * in_camera.coords.normalize();
+        let precision = Precision::new(&ray, across_sigma(in_camera.z), ray_sigma(in_camera.z));
+        let sigma = TRACKED_SHARE * coarse_sigma(in_camera.z);
+        Self::new(base_from_camera * in_camera, precision, sigma)
+    }
+
+    /// The same in another frame.
+    pub fn moved(&self, other_from_this: &IsometryMatrix3<f64>) -> Self {
+        let precision = self.precision.rotated(other_from_this.rotation.matrix());
+        Self { point: other_from_this * self.point, precision, ..*self }
+    }
+
+    /// One figure for its noise in all directions, metres.
+    pub fn sigma(&self) -> f64 {
+        f64::from(self.sigma)
+    }
+
+    /// It is farther from a place than noise explains.
+    pub fn is_away_from(&self, place: &Point3<f64>) -> bool {
+        (self.point - place).norm() > (MOVED_SIGMAS * self.sigma()).max(MOVED_M)
+    }
+
+    /// Squared Mahalanobis distance from a place.
+    pub fn distance_sq(&self, place: &Point3<f64>) -> f64 {
+        self.precision.norm_sq(&(place - self.point))
+    }
+}
+
+/// Inverse covariance of what a camera saw: tight across the viewing ray, loose along it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Precision {
+    /// Unit direction of the ray.
+    pub(crate) ray: Vector3<f32>,
+    /// Inverse variance across the ray,
+    pub(crate) across: f32,
+    /// and how much more it is along the ray: less than nothing.
+    pub(crate) excess: f32,
+}
+
+impl Precision {
+    /// From a unit direction and standard deviations, metres.
+    pub fn new(ray: &Vector3<f64>, across_sigma: f64, ray_sigma: f64) -> Self {
+        let (across, along) = (across_sigma.powi(-2), ray_sigma.powi(-2));
+        Self { ray: ray.cast(), across: across as f32, excess: (along - across) as f32 }
+    }
+
+    /// The same in another frame.
+    fn rotated(&self, rotation: &Matrix3<f64>) -> Self {
+        Self { ray: (rotation * self.ray.cast::<f64>()).cast(), ..*self }
+    }
+
+    /// It times a vector.
+    pub fn times(&self, vector: &Vector3<f64>) -> Vector3<f64> {
+        let ray = self.ray.cast::<f64>();
+        vector * f64::from(self.across) + ray * (f64::from(self.excess) * ray.dot(vector))
+    }
+
+    /// Squared Mahalanobis norm.
+    pub fn norm_sq(&self, vector: &Vector3<f64>) -> f64 {
+        let along = self.ray.cast::<f64>().dot(vector);
+        f64::from(self.across) * vector.norm_squared() + f64::from(self.excess) * along * along
+    }
+
+    /// As a matrix.
+    pub fn matrix(&self) -> Matrix3<f64> {
+        let ray = self.ray.cast::<f64>();
+        Matrix3::from_diagonal_element(f64::from(self.across))
+            + ray * ray.transpose() * f64::from(self.excess)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_was_seen_is_told_across_the_ray_and_less_along_it(
+            turn in prop::array::uniform3(-2.0..2.0_f64),
+            vector in prop::array::uniform3(-0.1..0.1_f64),
+            z in 0.4..4.0_f64,
+        ) {
+            let (rotation, vector) = (Rotation3::new(turn.into()), Vector3::from(vector));
+            let of_camera = Precision::new(&Vector3::z(), across_sigma(z), ray_sigma(z));
+            let across = across_sigma(z).powi(-2);
+            let expected = Matrix3::from_diagonal(&[across, across, ray_sigma(z).powi(-2)].into());
+            let turned = rotation.matrix() * expected * rotation.matrix().transpose();
+            let precision = of_camera.rotated(rotation.matrix());
+            let near = |a: f64, b: f64| (a - b).abs() < 1e-5 * across;
+            prop_assert!((precision.matrix() - turned).iter().all(|d| near(*d, 0.0)));
+            prop_assert!((precision.times(&vector) - turned * vector).iter().all(|d| near(*d, 0.0)));
+            prop_assert!(near(precision.norm_sq(&vector), vector.dot(&(turned * vector))));
+        }
+    }
+}

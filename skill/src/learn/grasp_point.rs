@@ -1,0 +1,302 @@
+//! Where the demonstrator's hand held a part: what moved with the part while it moved, and was
+//! not there while it rested. A planner may hold it in the same place.
+
+use super::keyframes::Keyframes;
+use super::tracking::Trajectory;
+use crate::math::rigid::Pose;
+use crate::math::robust::{median_point, without_strays};
+use linkage_driver::RgbdFrame;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use std::collections::{HashMap, HashSet};
+
+/// Side of the cells of space that are asked about, metres; at twice this distance twice as large.
+const CELL_M: f64 = 0.015;
+/// Pixels between those that are looked at.
+const PIXEL_STRIDE: usize = 3;
+/// Frames over which a part is seen to move or to rest,
+const SPAN: usize = 4;
+/// and how far its middle then moves, metres.
+const MOVES_M: f64 = 0.008;
+const RESTS_M: f64 = 0.002;
+/// Keyframes of either sort: at least, and at most.
+const KEYFRAMES: [usize; 2] = [4, 14];
+/// Share of the moving keyframes in which a held place is filled, and of the resting ones that agree
+/// on what is there then.
+const FILLED: f64 = 0.6;
+const TELLING: f64 = 0.7;
+/// Depth in front of and behind a place that is the place itself, metres.
+const THICKNESS_M: f64 = 0.02;
+/// How far from the part's tracks its surface and the hand are looked for, how far from its surface
+/// the hand is, and how much farther than its nearest place what belongs to the grip, metres.
+const REACH_M: f64 = 0.15;
+const HAND_M: f64 = 0.1;
+const GRIP_M: f64 = 0.02;
+/// A hand is where it moves the part with little force: where things go at least this share of the
+/// farthest way of the part's tracks, strays among them. What is near a hinge hardly moves, whatever
+/// it is.
+const LEVER: f64 = 0.5;
+/// Cells so many sides apart hang together; so many make a hand.
+const LINKED: f64 = 2.0;
+const LEAST_CELLS: usize = 12;
+
+/// A part with what is known of its motion.
+pub struct Held<'h> {
+    /// Its pose in each frame; part axes are the camera's at the first frame.
+    pub camera_from_part: &'h Trajectory,
+    /// That of what carries it.
+    pub camera_from_parent: &'h Trajectory,
+    /// Places on it, in its own coordinates.
+    pub surface: Vec<Point3<f64>>,
+}
+
+impl Held<'_> {
+    /// The point that was held, in the part's coordinates; `None` where no hand was seen to hold
+    /// it.
+    pub fn grasp(&self, keyframes: &Keyframes) -> Option<Point3<f64>> {
+        let middle = median_point(&self.surface)?;
+        let frames = |wanted: fn(f64) -> bool| -> Vec<(Pose, &RgbdFrame)> {
+            let of = |(f, frame)| {
+                Some((wanted(self.travel(f, &middle)?), self.camera_from_part[f]?, frame))
+            };
+            let all: Vec<_> =
+                keyframes.iter().filter_map(of).filter(|k| k.0).map(|k| (k.1, k.2)).collect();
+            let stride = all.len().div_ceil(KEYFRAMES[1]).max(1);
+            all.into_iter().step_by(stride).collect()
+        };
+        let (moving, resting) = (frames(|m| m > MOVES_M), frames(|m| m < RESTS_M));
+        if moving.len() < KEYFRAMES[0] || resting.len() < KEYFRAMES[0] {
+            return None;
+        }
+        let cell = CELL_M * (moving[0].0 * middle).z.max(1.0);
+        let surface = without_strays(&self.surface, STRAY_M, STRAY_NEIGHBOURS);
+        let near = Cells::around(&surface, REACH_M, REACH_M / 2.0);
+        let far = self.surface.iter().map(|p| way(&moving, p)).fold(0.0, f64::max);
+        let (mut hand, mut own) = (Vec::new(), Vec::new());
+        for place in filled(&moving, &near, cell) {
+            if way(&moving, &place) < LEVER * far {
+                continue;
+            }
+            match when_resting(&resting, &place) {
+                Some(Resting::Free) => hand.push(place),
+                Some(Resting::There) => own.push(place),
+                None => {}
+            }
+        }
+        grip(&largest_piece(&hand, LINKED * cell), &own)
+    }
+
+    /// How far the part's middle moves round a frame, against what carries it.
+    fn travel(&self, frame: usize, middle: &Point3<f64>) -> Option<f64> {
+        let at = |f: usize| {
+            let parent_from_camera = (*self.camera_from_parent.get(f)?)?.inverse();
+            Some(parent_from_camera * (*self.camera_from_part.get(f)?)? * middle)
+        };
+        let before = at(frame.saturating_sub(SPAN)).or_else(|| at(frame))?;
+        let after = at(frame + SPAN).or_else(|| at(frame))?;
+        Some((after - before).norm())
+    }
+}
+
+/// A place that so few others are so near to is no part of the surface, metres.
+const STRAY_M: f64 = 0.1;
+const STRAY_NEIGHBOURS: usize = 4;
+
+/// Cells of space.
+struct Cells {
+    side: f64,
+    cells: HashSet<[i32; 3]>,
+}
+
+fn cell_of(p: &Point3<f64>, side: f64) -> [i32; 3] {
+    std::array::from_fn(|i| (p[i] / side).floor() as i32)
+}
+
+impl Cells {
+    /// All within about `reach` of the points.
+    fn around(points: &[Point3<f64>], reach: f64, side: f64) -> Self {
+        let far = (reach / side).ceil() as i32;
+        let mut cells = HashSet::new();
+        let seeds: HashSet<[i32; 3]> = points.iter().map(|p| cell_of(p, side)).collect();
+        for [x, y, z] in seeds {
+            for dx in -far..=far {
+                for dy in -far..=far {
+                    for dz in -far..=far {
+                        cells.insert([x + dx, y + dy, z + dz]);
+                    }
+                }
+            }
+        }
+        Self { side, cells }
+    }
+
+    fn hold(&self, p: &Point3<f64>) -> bool {
+        self.cells.contains(&cell_of(p, self.side))
+    }
+}
+
+/// Places, in the part's coordinates, that are filled in most of the keyframes.
+fn filled(frames: &[(Pose, &RgbdFrame)], near: &Cells, side: f64) -> Vec<Point3<f64>> {
+    let here: Vec<_> =
+        frames.par_iter().map(|(pose, frame)| filled_in(pose, frame, near, side)).collect();
+    let mut counts: HashMap<[i32; 3], (usize, Vector3<f64>, f64)> = HashMap::new();
+    for (cell, (sum, n)) in here.into_iter().flatten() {
+        let count = counts.entry(cell).or_default();
+        *count = (count.0 + 1, count.1 + sum, count.2 + n);
+    }
+    let often = FILLED * frames.len() as f64;
+    let mut places: Vec<([i32; 3], Point3<f64>)> = counts
+        .into_iter()
+        .filter(|(_, (frames, _, _))| *frames as f64 >= often)
+        .map(|(cell, (_, sum, n))| (cell, Point3::from(sum / n)))
+        .collect();
+    // The map's order is anybody's.
+    places.sort_by_key(|p| p.0);
+    places.into_iter().map(|p| p.1).collect()
+}
+
+/// Cells that are filled in one keyframe: the sum of the places seen there, and their number.
+fn filled_in(
+    camera_from_part: &Pose,
+    frame: &RgbdFrame,
+    near: &Cells,
+    side: f64,
+) -> HashMap<[i32; 3], (Vector3<f64>, f64)> {
+    let mut here: HashMap<[i32; 3], (Vector3<f64>, f64)> = HashMap::new();
+    for v in (0..frame.camera.height).step_by(PIXEL_STRIDE) {
+        for u in (0..frame.camera.width).step_by(PIXEL_STRIDE) {
+            let Some(seen) = frame.point_at(u, v) else { continue };
+            let place = camera_from_part.inverse_transform_point(&seen);
+            if near.hold(&place) {
+                let sum = here.entry(cell_of(&place, side)).or_default();
+                *sum = (sum.0 + place.coords, sum.1 + 1.0);
+            }
+        }
+    }
+    here
+}
+
+/// How far a place comes from where it is first.
+fn way(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> f64 {
+    let first = frames.first().map_or(*place, |(pose, _)| pose * place);
+    frames.iter().map(|(pose, _)| (pose * place - first).norm()).fold(0.0, f64::max)
+}
+
+/// What is at a place while the part rests.
+enum Resting {
+    Free,
+    There,
+}
+
+/// What the resting keyframes tell of a place; `None` where they disagree or do not see it.
+fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Resting> {
+    let (mut free, mut there) = (0, 0);
+    for (camera_from_part, frame) in frames {
+        let expected = camera_from_part * place;
+        let seen = frame
+            .camera
+            .project(&expected)
+            .and_then(|pixel| frame.depth.at_nearest(pixel.x, pixel.y));
+        let Some(z) = seen.map(f64::from) else { continue };
+        if z > expected.z + THICKNESS_M {
+            free += 1;
+        } else if z > expected.z - THICKNESS_M {
+            there += 1;
+        }
+    }
+    let most = TELLING * f64::from(free + there);
+    match (f64::from(free) >= most, f64::from(there) >= most) {
+        _ if free + there < 2 => None,
+        (true, _) => Some(Resting::Free),
+        (_, true) => Some(Resting::There),
+        _ => None,
+    }
+}
+
+/// The most places that hang together: a hand, not the rim of the part.
+fn largest_piece(places: &[Point3<f64>], linked: f64) -> Vec<Point3<f64>> {
+    let mut left: Vec<usize> = (0..places.len()).collect();
+    let mut largest: Vec<Point3<f64>> = Vec::new();
+    while let Some(first) = left.pop() {
+        let mut piece = vec![first];
+        let mut reached = 0;
+        while let Some(&at) = piece.get(reached) {
+            let touches = |i: &mut usize| (places[*i] - places[at]).norm() < linked;
+            piece.extend(left.extract_if(.., touches));
+            reached += 1;
+        }
+        if piece.len() > largest.len() {
+            largest = piece.into_iter().map(|i| places[i]).collect();
+        }
+    }
+    largest
+}
+
+/// The middle of what is nearest to the part.
+fn grip(hand: &[Point3<f64>], surface: &[Point3<f64>]) -> Option<Point3<f64>> {
+    let distance = |p: &Point3<f64>| {
+        surface.iter().map(|s| (p - s).norm_squared()).fold(f64::INFINITY, f64::min).sqrt()
+    };
+    let distances: Vec<f64> = hand.iter().map(distance).collect();
+    let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
+    let held: Vec<Point3<f64>> = hand
+        .iter()
+        .zip(&distances)
+        .filter(|(_, d)| **d <= nearest + GRIP_M)
+        .map(|(p, _)| *p)
+        .collect();
+    if hand.len() < LEAST_CELLS || nearest > HAND_M {
+        return None;
+    }
+    tracing::debug!(hand = hand.len(), own = surface.len(), held = held.len(), nearest, "grasp");
+    median_point(&held)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{board, seen};
+    use nalgebra::Translation3;
+
+    /// A board that slides towards the camera, from 1.5 m, with or without a fist before its
+    /// middle.
+    fn frame(index: usize, slid: f64, fist: bool) -> RgbdFrame {
+        let front = 1.5 - slid;
+        let drawer = board(0.2, front, 2.5);
+        seen(index as i64 + 1, |x, y| {
+            let held = |c: f64, centre: f64| (c * (front - 0.05) - centre).abs() < 0.04;
+            if fist && held(x, 0.1) && held(y, 0.05) { front - 0.05 } else { drawer(x, y) }
+        })
+    }
+
+    fn grasp(fist: bool) -> Option<Point3<f64>> {
+        let mut keyframes = Keyframes::new(60);
+        // It rests, slides for 30 frames with the fist, and rests without it.
+        let slid = |f: usize| 0.01 * (f.clamp(10, 40) - 10) as f64;
+        (0..50).for_each(|f| keyframes.offer(f, &frame(f, slid(f), fist && (10..40).contains(&f))));
+        let poses = |slides: bool| -> Trajectory {
+            let z = |f: usize| if slides { -slid(f) } else { 0.0 };
+            (0..50).map(|f| Some(Pose::from(Translation3::new(0.0, 0.0, z(f))))).collect()
+        };
+        let grid =
+            |i: i32| Point3::new(0.03 * f64::from(i % 11 - 5), 0.03 * f64::from(i / 11 - 5), 1.5);
+        let (camera_from_part, camera_from_parent) = (poses(true), poses(false));
+        let held = Held {
+            camera_from_part: &camera_from_part,
+            camera_from_parent: &camera_from_parent,
+            surface: (0..121).map(grid).collect(),
+        };
+        held.grasp(&keyframes)
+    }
+
+    #[test]
+    fn a_fist_that_moves_a_drawer_is_where_it_is_held() {
+        let held = grasp(true).unwrap();
+        assert!((held - Point3::new(0.1, 0.05, 1.45)).norm() < 0.015, "{held}");
+    }
+
+    #[test]
+    fn what_moves_by_itself_is_held_nowhere() {
+        assert_eq!(grasp(false), None);
+    }
+}

@@ -1,0 +1,442 @@
+//! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every
+//! frame and the part points, which are eliminated by Schur complement. A screw's pitch stays.
+
+use super::estimate::Grown;
+use super::screw_joint::Moved;
+use super::tracks_in_part_frame::View;
+use crate::learn::ego_motion::Seen;
+use crate::math::rigid::orthonormal_basis;
+use crate::math::robust::median_point;
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, SVector, Vector3};
+use rayon::prelude::*;
+
+/// Parameters of a line: two of its direction, two of its place.
+const LINE: usize = 4;
+
+/// Redescending weight of a squared distance: 1 at none, 0 from the cut on.
+pub fn weight(distance_sq: f64, cut: f64) -> f64 {
+    if distance_sq < cut { (1.0 - distance_sq / cut).powi(2) } else { 0.0 }
+}
+
+/// Observations of a track that tell roughly where its point is.
+const SKETCH: usize = 24;
+
+/// Part points of tracks given joint and configurations: robust means of where each
+/// observation says the point is, from the component-wise median of some of them.
+pub fn locate_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
+    let motions = joint.motions();
+    place(joint, tracks, |joint, t| {
+        let known: Vec<(usize, &Seen)> = view.life(t).filter(|(f, _)| joint.known[*f]).collect();
+        let stride = known.len().div_ceil(SKETCH).max(1);
+        let sketch = || known.iter().copied().step_by(stride);
+        let carried: Vec<Point3<f64>> = sketch().map(|(f, s)| motions[f].back(&s.point)).collect();
+        let middle = median_point(&carried)?;
+        let nearer = settled(&motions, sketch(), middle, cut);
+        Some(settled(&motions, known.iter().copied(), nearer, cut))
+    });
+}
+
+/// The same from where the points are, which is nearly right.
+fn follow_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
+    let motions = joint.motions();
+    place(joint, tracks, |joint, t| {
+        let known = view.life(t).filter(|(f, _)| joint.known[*f]);
+        Some(settled(&motions, known, joint.points[t], cut))
+    });
+}
+
+fn place(
+    joint: &mut Grown,
+    tracks: &[usize],
+    located: impl Fn(&Grown, usize) -> Option<Point3<f64>> + Sync,
+) {
+    let points: Vec<Option<Point3<f64>>> = tracks.par_iter().map(|&t| located(joint, t)).collect();
+    for (&t, p) in tracks.iter().zip(points) {
+        if let Some(p) = p {
+            joint.points[t] = p;
+        }
+    }
+}
+
+/// Mean of where observations in frames say a point is, each weighed by how near it is to `point`.
+fn settled<'s>(
+    motions: &[Moved],
+    observations: impl Iterator<Item = (usize, &'s Seen)>,
+    point: Point3<f64>,
+    cut: f64,
+) -> Point3<f64> {
+    let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+    for (f, s) in observations {
+        let w = weight(s.distance_sq(&motions[f].forth(&point)), cut);
+        if w > 0.0 {
+            sum += w * motions[f].back(&s.point).coords;
+            total += w;
+        }
+    }
+    if total > 1e-6 { Point3::from(sum / total) } else { point }
+}
+
+/// One track's contributions to the normal equations of line and configurations, its own point
+/// eliminated: its share of the configurations' block is `own` on the diagonal less
+/// `couplings' * inverse * couplings`.
+struct Reduced {
+    /// Hessian over (axis, origin).
+    hessian: SMatrix<f64, LINE, LINE>,
+    gradient: SVector<f64, LINE>,
+    frames: Vec<usize>,
+    /// (axis, origin) against each frame's configuration.
+    cross: Vec<SVector<f64, LINE>>,
+    own: Vec<f64>,
+    couplings: Vec<Vector3<f64>>,
+    inverse: Matrix3<f64>,
+    configuration_gradient: Vec<f64>,
+}
+
+/// A joint's turn at one configuration.
+struct Turn {
+    sin: f64,
+    cos: f64,
+    rotation: Matrix3<f64>,
+}
+
+fn turns(joint: &Grown) -> Vec<Turn> {
+    joint
+        .q
+        .iter()
+        .map(|&q| {
+            let (sin, cos) = q.sin_cos();
+            let unit = [Vector3::x(), Vector3::y(), Vector3::z()];
+            let rotation = match joint.dof.hinge {
+                true => Matrix3::from_columns(&unit.map(|e| joint.dof.turn(q, &e))),
+                false => Matrix3::identity(),
+            };
+            Turn { sin, cos, rotation }
+        })
+        .collect()
+}
+
+fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) -> Option<Reduced> {
+    let dof = &joint.dof;
+    let (u, v) = orthonormal_basis(&dof.axis);
+    let point = joint.points[track];
+    let arm = point - dof.origin;
+    let mut point_hessian = Matrix3::zeros();
+    let mut point_gradient = Vector3::zeros();
+    let mut hessian = SMatrix::<f64, LINE, LINE>::zeros();
+    let mut gradient = SVector::<f64, LINE>::zeros();
+    let mut line = SMatrix::<f64, 3, LINE>::zeros();
+    let (mut frames, mut cross, mut own) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut couplings, mut configuration_gradient) = (Vec::new(), Vec::new());
+    for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
+        let (q, turn) = (joint.q[f], &turns[f]);
+        let moved = match dof.hinge {
+            true => dof.origin + turn.rotation * arm + dof.advance(q),
+            false => point + dof.axis * q,
+        };
+        let w = weight(s.distance_sq(&moved), cut);
+        if w <= 0.0 {
+            continue;
+        }
+        let mut jacobian = SMatrix::<f64, 3, LINE>::zeros();
+        if dof.hinge {
+            let advance = dof.pitch.unwrap_or(0.0) * q;
+            for (k, side) in [u, v].into_iter().enumerate() {
+                let turned = side.cross(&arm) * turn.sin
+                    + (side * dof.axis.dot(&arm) + dof.axis * side.dot(&arm)) * (1.0 - turn.cos);
+                jacobian.set_column(k, &(turned + side * advance));
+                jacobian.set_column(2 + k, &(side - turn.rotation * side));
+            }
+        } else {
+            jacobian.set_column(0, &(u * q));
+            jacobian.set_column(1, &(v * q));
+        }
+        let velocity = dof.velocity(&moved);
+        let information = s.precision.matrix() * w;
+        let pull = information * (moved - s.point);
+        let (weighed, weighed_velocity) = (information * jacobian, information * velocity);
+        let back = turn.rotation.transpose();
+        point_hessian += back * information * turn.rotation;
+        point_gradient += back * pull;
+        gradient += jacobian.transpose() * pull;
+        hessian += jacobian.transpose() * weighed;
+        line += back * weighed;
+        couplings.push(back * weighed_velocity);
+        frames.push(f);
+        own.push(velocity.dot(&weighed_velocity));
+        cross.push(jacobian.transpose() * weighed_velocity);
+        configuration_gradient.push(velocity.dot(&pull));
+    }
+    if frames.len() < 2 {
+        return None;
+    }
+    point_hessian += Matrix3::identity() * (1e-9 * point_hessian.trace() + 1e-6);
+    let inverse = point_hessian.try_inverse()?;
+    let inverse_line = inverse * line;
+    let inverse_gradient = inverse * point_gradient;
+    for ((coupling, cross), gradient) in
+        couplings.iter().zip(&mut cross).zip(&mut configuration_gradient)
+    {
+        *cross -= inverse_line.transpose() * coupling;
+        *gradient -= coupling.dot(&inverse_gradient);
+    }
+    Some(Reduced {
+        hessian: hessian - line.transpose() * inverse_line,
+        gradient: gradient - line.transpose() * inverse_gradient,
+        frames,
+        cross,
+        own,
+        couplings,
+        inverse,
+        configuration_gradient,
+    })
+}
+
+/// Normal equations over (axis, origin, configurations of the known frames); of the symmetric
+/// matrix the lower triangle alone.
+struct System {
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+    /// Row of each frame's configuration; meaningful for known frames.
+    rows: Vec<usize>,
+}
+
+/// Tracks that are summed in one piece: sums do not depend on how work is shared out.
+const PIECE: usize = 24;
+
+impl System {
+    fn of(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> Self {
+        let turns = turns(joint);
+        let mut system = Self::empty(joint);
+        let pieces: Vec<Self> = tracks
+            .par_chunks(PIECE)
+            .map(|piece| {
+                let mut part = Self::empty(joint);
+                for r in piece.iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)) {
+                    part.add(&r);
+                }
+                part
+            })
+            .collect();
+        for part in pieces {
+            system.hessian += part.hessian;
+            system.gradient += part.gradient;
+        }
+        system
+    }
+
+    fn empty(joint: &Grown) -> Self {
+        let mut size = LINE;
+        let rows = joint
+            .known
+            .iter()
+            .map(|known| {
+                size += usize::from(*known);
+                size.saturating_sub(1)
+            })
+            .collect();
+        Self { hessian: DMatrix::zeros(size, size), gradient: DVector::zeros(size), rows }
+    }
+
+    fn add(&mut self, r: &Reduced) {
+        for a in 0..LINE {
+            self.gradient[a] += r.gradient[a];
+            for b in 0..LINE {
+                self.hessian[(a, b)] += r.hessian[(a, b)];
+            }
+        }
+        for (i, &f) in r.frames.iter().enumerate() {
+            let column = self.rows[f];
+            self.gradient[column] += r.configuration_gradient[i];
+            for a in 0..LINE {
+                self.hessian[(column, a)] += r.cross[i][a];
+            }
+            self.hessian[(column, column)] += r.own[i];
+            let pulled = r.inverse * r.couplings[i];
+            let mut below = self.hessian.column_mut(column);
+            for (coupling, &g) in r.couplings[i..].iter().zip(&r.frames[i..]) {
+                below[self.rows[g]] -= coupling.dot(&pulled);
+            }
+        }
+    }
+
+    /// The configuration at the anchor stays: q has no zero of its own.
+    fn pin(&mut self, joint: &Grown) {
+        if joint.known[joint.anchor] {
+            let row = self.rows[joint.anchor];
+            self.hessian[(row, row)] += 1e9;
+        }
+    }
+}
+
+/// One damped step; `None` when the system cannot be solved.
+fn step(joint: &Grown, view: &View, tracks: &[usize], cut: f64, damping: f64) -> Option<Grown> {
+    let mut system = System::of(joint, view, tracks, cut);
+    for k in 0..system.hessian.nrows() {
+        system.hessian[(k, k)] += damping * system.hessian[(k, k)] + 1e-6;
+    }
+    system.pin(joint);
+    let delta = system.hessian.cholesky()?.solve(&(-system.gradient));
+    if !delta.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let (u, v) = orthonormal_basis(&joint.dof.axis);
+    let mut next = joint.clone();
+    next.dof.axis = (joint.dof.axis + u * delta[0] + v * delta[1]).normalize();
+    if joint.dof.hinge {
+        let shift = u * delta[2] + v * delta[3];
+        next.dof.origin += if shift.norm() > 1.0 { shift.normalize() } else { shift };
+    }
+    for f in 0..view.frames {
+        if joint.known[f] {
+            next.q[f] += delta[system.rows[f]];
+            if next.q[f].abs() > 20.0 {
+                return None;
+            }
+        }
+    }
+    Some(next)
+}
+
+/// Share of the cost before from which a step has changed nothing that counts.
+const SETTLED: f64 = 0.999;
+
+/// Refines a joint on the given tracks by at most `steps` steps, the first half with a wide
+/// cut. Part points of the tracks follow.
+pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps: usize) {
+    if tracks.len() < 3 || joint.known.iter().filter(|k| **k).count() < 3 {
+        return;
+    }
+    if !joint.known[joint.anchor] {
+        joint.anchor = joint.known.iter().position(|k| *k).unwrap_or(0);
+    }
+    locate_points(joint, view, tracks, 4.0 * cut);
+    let mut damping = 1e-4;
+    for i in 0..steps {
+        let cut = if i < steps / 2 { 4.0 * cut } else { cut };
+        let total = |j: &Grown| -> f64 {
+            let motions = j.motions();
+            tracks.par_iter().map(|&t| j.cost_of(&motions, view, t, cut).sum).sum()
+        };
+        let before = total(joint);
+        let Some(mut next) = step(joint, view, tracks, cut, damping) else { break };
+        if i < steps / 2 {
+            locate_points(&mut next, view, tracks, cut);
+        } else {
+            follow_points(&mut next, view, tracks, cut);
+        }
+        let after = total(&next);
+        if after > 1.0001 * before {
+            damping = f64::max(damping, 1e-3) * 30.0;
+            if damping > 1e3 {
+                break;
+            }
+        } else {
+            *joint = next;
+            damping = f64::max(damping / 10.0, 1e-6);
+            if i >= steps / 2 && after > SETTLED * before {
+                break;
+            }
+        }
+    }
+    if joint.dof.hinge {
+        let mean = tracks.iter().map(|&t| joint.points[t].coords).sum::<Vector3<f64>>()
+            / tracks.len() as f64;
+        joint.dof.origin =
+            crate::math::rigid::nearest_on_line(&joint.dof.origin, &joint.dof.axis, &mean.into());
+    }
+}
+
+/// Covariance of (axis, origin) in the view's frame, configurations and points marginalised.
+///
+/// A track's errors are one draw, however long it lives: a feature that slides along an edge
+/// is off in all of its frames. So the spread is taken between tracks (the sandwich estimator
+/// of Liang & Zeger 1986, one cluster a track), not from the noise of observations.
+pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMatrix<f64> {
+    let zero = DMatrix::zeros(6, 6);
+    let turns = turns(joint);
+    let reduced: Vec<Reduced> =
+        tracks.par_iter().filter_map(|&t| reduce(joint, &turns, view, t, cut)).collect();
+    if reduced.len() <= LINE {
+        return zero;
+    }
+    let mut system = System::empty(joint);
+    for r in &reduced {
+        system.add(r);
+    }
+    let size = system.hessian.nrows();
+    for k in 0..size {
+        system.hessian[(k, k)] += 1e-6;
+    }
+    system.pin(joint);
+    let Some(cholesky) = system.hessian.cholesky() else { return zero };
+    let line_of_gradient = cholesky.solve(&DMatrix::identity(size, LINE)).transpose();
+    let mut between = DMatrix::zeros(LINE, LINE);
+    for r in &reduced {
+        let mut pull = line_of_gradient.columns(0, LINE) * r.gradient;
+        for (&f, g) in r.frames.iter().zip(&r.configuration_gradient) {
+            pull += line_of_gradient.column(system.rows[f]) * *g;
+        }
+        between += &pull * pull.transpose();
+    }
+    let n = reduced.len() as f64;
+    let marginal = between * (n / (n - LINE as f64));
+    let (u, v) = orthonormal_basis(&joint.dof.axis);
+    let mut to_space = DMatrix::zeros(6, LINE);
+    for r in 0..3 {
+        to_space[(r, 0)] = u[r];
+        to_space[(r, 1)] = v[r];
+        if joint.dof.hinge {
+            to_space[(r + 3, 2)] = u[r];
+            to_space[(r + 3, 3)] = v[r];
+        }
+    }
+    &to_space * marginal * to_space.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use crate::math::rigid::line_angle;
+
+    /// A door of 12 points turning by 60 degrees in 30 frames, with 2 mm of noise.
+    fn door(hinge: &Dof) -> (View, Vec<f64>) {
+        let q: Vec<f64> = (0..30).map(|f| f64::from(f) * 0.035).collect();
+        let places: Vec<Point3<f64>> = (0..12)
+            .map(f64::from)
+            .map(|i| Point3::new(0.1 + 0.03 * i, 0.1 * (i * 1.3).sin(), 1.2 + 0.02 * i))
+            .collect();
+        (seen_moving(hinge, &places, &q), q)
+    }
+
+    #[test]
+    fn a_rough_hinge_is_refined_to_the_true_one() {
+        let truth = Dof::hinge(Vector3::y(), Point3::new(0.05, 0.0, 1.15));
+        let (view, q) = door(&truth);
+        let rough = Dof {
+            axis: Vector3::new(0.1, 1.0, -0.08).normalize(),
+            origin: Point3::new(0.02, 0.0, 1.18),
+            ..truth
+        };
+        let mut joint = Grown::new(rough, &view, 0);
+        joint.q = q.iter().map(|q| 0.9 * q).collect();
+        joint.known = vec![true; 30];
+        let all: Vec<usize> = (0..12).collect();
+        joint.members.clone_from(&all);
+        refine(&mut joint, &view, &all, 16.0, 12);
+        assert!(line_angle(&joint.dof.axis, &truth.axis).to_degrees() < 0.5);
+        let offset =
+            crate::math::rigid::distance_to_line(&joint.dof.origin, &truth.axis, &truth.origin);
+        assert!(offset < 0.003, "{offset}");
+        assert!((joint.q[29] - joint.q[0] - q[29]).abs() < 0.01);
+        assert_eq!(joint.unruly_share(&view), 0.0);
+        // What goes on where the joint explains nothing is a hand.
+        joint.known[15..].fill(false);
+        assert_eq!(joint.unruly_share(&view), 0.5);
+        joint.known.fill(true);
+        let covariance = covariance(&joint, &view, &all, 16.0);
+        let sd = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt().to_degrees();
+        assert!(sd > 0.01 && sd < 0.5, "{sd}");
+    }
+}

@@ -1,0 +1,216 @@
+//! The configuration of one frame: each track proposes one, most agree on the answer.
+
+use super::bundle_adjustment::weight;
+use super::estimate::Grown;
+use super::screw_joint::Moved;
+use super::tracks_in_part_frame::View;
+use crate::learn::ego_motion::Seen;
+use nalgebra::Point3;
+
+/// A configuration and how it was agreed on.
+#[derive(Debug, Clone, Copy)]
+pub struct Agreement {
+    /// The configuration.
+    pub q: f64,
+    /// Tracks within the cut.
+    pub agreeing: usize,
+}
+
+/// Share of all support from which a guess needs no rivals.
+const SETTLED: f64 = 0.6;
+/// Proposals that are tried, at the most.
+const MAX_PROPOSALS: usize = 60;
+
+/// The configuration of `frame` that most weight of `tracks` agrees on; `guess` is tried
+/// first.
+pub fn agree(
+    joint: &Grown,
+    view: &View,
+    tracks: &[usize],
+    weights: &[f64],
+    frame: usize,
+    guess: Option<f64>,
+    cut: f64,
+) -> Agreement {
+    let voters: Vec<(&Point3<f64>, &Seen, f64)> = tracks
+        .iter()
+        .zip(weights)
+        .filter_map(|(&t, &w)| Some((&joint.points[t], view.at(t, frame)?, w)))
+        .collect();
+    let benches: Vec<Bench> = voters.chunks(SEATS).map(Bench::of).collect();
+    let support = |q: f64| {
+        let (score, agreeing) = support(&benches, &joint.dof.at(q), cut);
+        (score, Agreement { q, agreeing })
+    };
+    let mut best = support(guess.unwrap_or(0.0));
+    let total: f64 = voters.iter().map(|(_, _, w)| w).sum();
+    if guess.is_none() || best.0 < SETTLED * total {
+        let stride = (voters.len() / MAX_PROPOSALS).max(1);
+        for (p, s, _) in voters.iter().step_by(stride) {
+            let proposal = support(joint.dof.configuration(p, &s.point));
+            if proposal.0 > best.0 {
+                best = proposal;
+            }
+        }
+    }
+    let mut agreement = best.1;
+    for _ in 0..3 {
+        let (mut numerator, mut denominator) = (0.0, 0.0);
+        let at = joint.dof.at(agreement.q);
+        for (p, s, w) in &voters {
+            let moved = at.forth(p);
+            let w = w * weight(s.distance_sq(&moved), cut);
+            if w > 0.0 {
+                let direction = s.precision.times(&joint.dof.velocity(&moved));
+                numerator -= w * direction.dot(&(moved - s.point));
+                denominator += w * direction.dot(&joint.dof.velocity(&moved));
+            }
+        }
+        if denominator > 0.0 {
+            agreement.q += numerator / (denominator + 1e-9);
+        }
+    }
+    agreement
+}
+
+/// Voters whose sums are taken side by side.
+const SEATS: usize = 8;
+/// One figure of each.
+type Row = [f64; SEATS];
+
+/// A few tracks in one frame, figure by figure. An empty seat has no place and agrees with nothing.
+struct Bench {
+    /// Part points.
+    point: [Row; 3],
+    /// Where they are seen.
+    place: [Row; 3],
+    /// Rays that they are seen along,
+    ray: [Row; 3],
+    /// inverse variances across these, and how much more they are along them.
+    across: Row,
+    excess: Row,
+    weight: Row,
+}
+
+impl Bench {
+    fn of(voters: &[(&Point3<f64>, &Seen, f64)]) -> Self {
+        let zeros = [0.0; SEATS];
+        let mut bench = Self {
+            point: [zeros; 3],
+            place: [[f64::NAN; SEATS]; 3],
+            ray: [zeros; 3],
+            across: zeros,
+            excess: zeros,
+            weight: zeros,
+        };
+        for (i, (point, seen, weight)) in voters.iter().enumerate() {
+            for r in 0..3 {
+                bench.point[r][i] = point[r];
+                bench.place[r][i] = seen.point[r];
+                bench.ray[r][i] = f64::from(seen.precision.ray[r]);
+            }
+            bench.across[i] = f64::from(seen.precision.across);
+            bench.excess[i] = f64::from(seen.precision.excess);
+            bench.weight[i] = *weight;
+        }
+        bench
+    }
+
+    /// Where a joint's motion puts the points.
+    #[inline(always)]
+    fn moved(&self, motion: &Moved) -> [Row; 3] {
+        let [x, y, z] = motion.rotation.data.0;
+        let shift = motion.shift.data.0[0];
+        let mut moved = [[0.0; SEATS]; 3];
+        for (r, row) in moved.iter_mut().enumerate() {
+            for (i, m) in row.iter_mut().enumerate() {
+                let [px, py, pz] = [self.point[0][i], self.point[1][i], self.point[2][i]];
+                *m = x[r] * px + y[r] * py + z[r] * pz + shift[r];
+            }
+        }
+        moved
+    }
+}
+
+/// Weight of the voters that agree with a joint's motion, and how many they are.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
+fn support(benches: &[Bench], motion: &Moved, cut: f64) -> (f64, usize) {
+    let (mut score, mut agreeing) = (0.0, 0);
+    for bench in benches {
+        let error = difference(&bench.moved(motion), &bench.place);
+        let (norm_sq, along) = (dot(&error, &error), dot(&bench.ray, &error));
+        let mut distance_sq = [0.0; SEATS];
+        for i in 0..SEATS {
+            distance_sq[i] = bench.across[i] * norm_sq[i] + bench.excess[i] * along[i] * along[i];
+        }
+        let mut scores = [0.0; SEATS];
+        for i in 0..SEATS {
+            let agrees = bench.weight[i] * (1.0 - distance_sq[i] / cut);
+            scores[i] = if distance_sq[i] < cut { agrees } else { 0.0 };
+        }
+        for i in 0..SEATS {
+            score += scores[i];
+            agreeing += usize::from(distance_sq[i] < cut);
+        }
+    }
+    (score, agreeing)
+}
+
+#[inline(always)]
+fn difference(a: &[Row; 3], b: &[Row; 3]) -> [Row; 3] {
+    let mut difference = [[0.0; SEATS]; 3];
+    for r in 0..3 {
+        for i in 0..SEATS {
+            difference[r][i] = a[r][i] - b[r][i];
+        }
+    }
+    difference
+}
+
+#[inline(always)]
+fn dot(a: &[Row; 3], b: &[Row; 3]) -> Row {
+    let mut dot = [0.0; SEATS];
+    for i in 0..SEATS {
+        dot[i] = a[0][i] * b[0][i] + a[1][i] * b[1][i] + a[2][i] * b[2][i];
+    }
+    dot
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn most_agree_whatever_the_others_say(
+            hinge: bool,
+            pitch in prop::option::of(0.02..0.1_f64),
+            q in -1.0..1.0_f64,
+            guess in prop::option::of(-1.0..1.0_f64),
+            strays in 0..6_usize,
+        ) {
+            let axis = Vector3::new(0.1, 1.0, -0.2).normalize();
+            let origin = Point3::new(0.05, 0.0, 1.3);
+            let dof = Dof { hinge, axis, origin, pitch: pitch.filter(|_| hinge) };
+            let places: Vec<Point3<f64>> = (0..21)
+                .map(f64::from)
+                .map(|i| Point3::new(0.2 + 0.02 * i, 0.3 * (i * 1.3).sin(), 1.2 + 0.02 * i))
+                .collect();
+            let view = seen_moving(&dof, &places, &[0.0, q]);
+            let mut joint = Grown::new(dof, &view, 0);
+            joint.points = places;
+            for (i, stray) in joint.points.iter_mut().enumerate().take(strays) {
+                *stray += Vector3::new(0.3, 0.1 * i as f64, -0.2);
+            }
+            let tracks: Vec<usize> = (0..21).collect();
+            let agreement = agree(&joint, &view, &tracks, &[1.0; 21], 1, guess, 16.0);
+            prop_assert!((agreement.q - q).abs() < 0.01, "{} instead of {q}", agreement.q);
+            prop_assert!((21 - strays..=21).contains(&agreement.agreeing));
+        }
+    }
+}

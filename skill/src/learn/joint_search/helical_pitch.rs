@@ -1,0 +1,144 @@
+//! Does a hinge advance as it turns? Each track says by how much; what most of them say is
+//! believed. Fitted together with the axis the pitch would follow tracks that slip along edges,
+//! which a tilted axis explains as well.
+
+use super::estimate::Grown;
+use super::tracks_in_part_frame::View;
+use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
+use crate::math::rigid::distance_to_line;
+use crate::math::robust::median;
+use nalgebra::Vector3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+/// Least turn that can tell a pitch, radians.
+const MIN_TURN: f64 = 0.5;
+/// Least advance over what is seen of a joint, metres: what advances less is a hinge.
+const MIN_ADVANCE_M: f64 = 0.01;
+/// Standard errors by which the advance must differ from none. True hinges are within 3, screws
+/// beyond 12.
+const MIN_SIGNIFICANCE: f64 = 8.0;
+/// Pairs of frames, far apart in configuration, whose motion shows the axis.
+const PAIRS: usize = 8;
+/// Tracks that must tell,
+const MIN_TRACKS: usize = 10;
+/// each from this many observations,
+const MIN_OBSERVATIONS: usize = 15;
+/// with configurations that spread this much, radians,
+const MIN_SPREAD: f64 = 0.15;
+/// while their distances from the axis do not, metres.
+const MAX_DRIFT_M: f64 = 0.03;
+
+/// It turned far enough to tell whether it advances.
+pub fn can_be_told(joint: &Grown) -> bool {
+    joint.dof.hinge && joint.span() >= MIN_TURN
+}
+
+/// The direction that a joint's tracks turn about, whatever they advance: a hinge's axis leans so
+/// as to explain that, too.
+pub fn turning_axis(joint: &Grown, view: &View, tracks: &[usize]) -> Option<Vector3<f64>> {
+    let mut by_q = joint.known_frames();
+    by_q.sort_by(|&a, &b| joint.q[a].total_cmp(&joint.q[b]));
+    let turns: Vec<Vector3<f64>> = (0..PAIRS)
+        .into_par_iter()
+        .filter_map(|i| {
+            let inward = i * by_q.len() / (4 * PAIRS);
+            let (from, to) = (*by_q.get(inward)?, *by_q.get(by_q.len() - 1 - inward)?);
+            turn_between(view, tracks, from, to)
+        })
+        .map(|turn| turn * turn.dot(&joint.dof.axis).signum())
+        .collect();
+    turns.iter().sum::<Vector3<f64>>().try_normalize(MIN_TURN)
+}
+
+/// Axis times angle of the rigid motion of tracks between two frames.
+fn turn_between(view: &View, tracks: &[usize], from: usize, to: usize) -> Option<Vector3<f64>> {
+    let pairs: Vec<Correspondence> = tracks
+        .iter()
+        .filter_map(|&t| {
+            let (a, b) = (view.at(t, from)?, view.at(t, to)?);
+            Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma(), weight: 1.0 })
+        })
+        .collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(from as u64);
+    let options = RansacOptions { cut: 3.0, iterations: 100, locality: None };
+    let motion = ransac_rigid(&pairs, &options, None, &mut rng)?;
+    (motion.inliers.len() >= MIN_TRACKS).then(|| motion.motion.rotation.scaled_axis())
+}
+
+/// What a joint advances, metres a radian; `None`: it is a hinge.
+pub fn pitch_of(joint: &Grown, view: &View, tracks: &[usize]) -> Option<f64> {
+    let mut told: Vec<f64> =
+        tracks.par_iter().filter_map(|&t| advance_of(joint, view, t)).collect();
+    if told.len() < MIN_TRACKS {
+        return None;
+    }
+    let pitch = median(&mut told)?;
+    let mut off: Vec<f64> = told.iter().map(|p| (p - pitch).abs()).collect();
+    // Standard error of a median, the deviation from that of the median of a normal distribution.
+    let error = 1.253 * 1.483 * median(&mut off)? / (told.len() as f64).sqrt();
+    let advances = (pitch * joint.span()).abs() >= MIN_ADVANCE_M;
+    (advances && pitch.abs() >= MIN_SIGNIFICANCE * error).then_some(pitch)
+}
+
+/// Slope of a track's place along the axis over the configuration, metres a radian.
+fn advance_of(joint: &Grown, view: &View, track: usize) -> Option<f64> {
+    let dof = &joint.dof;
+    let (mut near, mut far) = (f64::INFINITY, 0.0_f64);
+    let seen: Vec<(f64, f64)> = view
+        .life(track)
+        .filter(|(f, _)| joint.known[*f])
+        .map(|(f, s)| {
+            let radius = distance_to_line(&dof.origin, &dof.axis, &s.point);
+            (near, far) = (near.min(radius), far.max(radius));
+            (joint.q[f], dof.axis.dot(&(s.point - dof.origin)))
+        })
+        .collect();
+    let n = seen.len() as f64;
+    let q_mean = seen.iter().map(|s| s.0).sum::<f64>() / n;
+    let spread: f64 = seen.iter().map(|s| (s.0 - q_mean).powi(2)).sum();
+    let slope = seen.iter().map(|s| (s.0 - q_mean) * s.1).sum::<f64>() / spread;
+    let tells = seen.len() >= MIN_OBSERVATIONS
+        && (spread / n).sqrt() >= MIN_SPREAD
+        && far - near <= MAX_DRIFT_M;
+    tells.then_some(slope)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::Point3;
+
+    /// What is told of twenty points that turn by `angle` in thirty frames.
+    fn told(pitch: f64, angle: f64) -> Option<f64> {
+        let line =
+            Dof { pitch: Some(pitch), ..Dof::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5)) };
+        let q: Vec<f64> = (0..30).map(|f| angle * f64::from(f) / 29.0).collect();
+        let places: Vec<Point3<f64>> = (0..20)
+            .map(f64::from)
+            .map(|i| Point3::new(0.1 + 0.03 * i, 0.2 * (1.3 * i).sin(), 1.5))
+            .collect();
+        let view = seen_moving(&line, &places, &q);
+        let mut joint = Grown::new(Dof { pitch: None, ..line }, &view, 0);
+        joint.q = q;
+        joint.known = vec![true; 30];
+        joint.summarise();
+        let all: Vec<usize> = (0..20).collect();
+        can_be_told(&joint).then(|| pitch_of(&joint, &view, &all)).flatten()
+    }
+
+    #[test]
+    fn what_advances_as_it_turns_is_told_from_a_hinge() {
+        assert!((told(-0.02, 1.2).unwrap() + 0.02).abs() < 0.001);
+        assert_eq!(told(0.0, 1.2), None);
+    }
+
+    #[test]
+    fn a_short_turn_or_advance_tells_nothing() {
+        assert_eq!(told(0.05, 0.4), None);
+        assert_eq!(told(0.004, 1.2), None);
+    }
+}

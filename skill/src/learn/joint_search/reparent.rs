@@ -1,0 +1,248 @@
+//! What hangs on what? A part that goes along with another hangs on it, even where it was found
+//! while the other rested, when nothing told that from hanging on the base.
+
+use super::estimate::Grown;
+use super::estimate::base_from_part;
+use super::grow;
+use super::search::Search;
+use super::verification;
+
+/// Frames for which a part must be lost on the base while another moves.
+const LEAST_LOST: usize = 10;
+
+impl Search<'_> {
+    /// Hangs joints of the base on those whose parts they go along with.
+    pub fn rehang(&mut self) {
+        let mut i = 0;
+        while i < self.joints.len() {
+            match self.hung_on_another(i) {
+                Some(hung) => self.hang(i, hung),
+                None => i += 1,
+            }
+        }
+    }
+
+    /// A joint of the base as one of the part that it goes along with; `None` where there is none.
+    fn hung_on_another(&self, joint: usize) -> Option<Grown> {
+        let carries = |j: &Grown| j.parent == Some(joint);
+        if self.joints[joint].parent.is_some() || self.joints.iter().any(carries) {
+            return None;
+        }
+        (0..self.joints.len())
+            .filter(|&p| p != joint)
+            .filter_map(|p| self.hung(joint, p))
+            .max_by_key(|hung| hung.known_frames().len())
+    }
+
+    fn hung(&self, joint: usize, parent: usize) -> Option<Grown> {
+        let alone = &self.joints[joint];
+        if !self.is_lost_beside(alone, parent) {
+            return None;
+        }
+        let away = verification::away(&self.joints[parent], alone);
+        let at_rest = (0..away.len()).find(|&f| !away[f] && alone.known[f])?;
+        let part_from_base = base_from_part(&self.joints, parent, at_rest).inverse();
+        let mut hung = alone.clone();
+        hung.parent = Some(parent);
+        hung.dof.axis = part_from_base * alone.dof.axis;
+        hung.dof.origin = part_from_base * alone.dof.origin;
+        hung.points.iter_mut().for_each(|p| *p = part_from_base * *p);
+        hung.contradicted.clear();
+        hung.known.iter_mut().zip(&away).for_each(|(known, away)| *known &= !away);
+        if !hung.known[hung.anchor] {
+            hung.anchor = at_rest;
+        }
+        let view = self.view_from(Some(parent));
+        let is_free = |t: &usize| {
+            self.joints
+                .iter()
+                .enumerate()
+                .all(|(j, other)| j == joint || !other.members.contains(t))
+        };
+        let candidates: Vec<usize> = (0..view.len()).filter(is_free).collect();
+        grow::finish(&view, &mut hung, &candidates, &self.config.joints, 2);
+        self.question(&view, &mut hung, &candidates);
+        self.report("hung", &hung);
+        let found_by_tracks = 3 * lost(&hung, &away) < 2 * lost(alone, &away);
+        // Tracks seldom live through a turn; the pictures show where the part went.
+        let found_in_pictures =
+            verification::is_found_everywhere(&hung) && verification::is_missed_less(&hung, alone);
+        if found_in_pictures {
+            // They show it where the tracks say that its parent only rests.
+            hung.coupling = hung.coupling.max(0.0);
+        }
+        let goes_along = found_by_tracks || found_in_pictures;
+        (goes_along && self.witness.accepts(&hung)).then_some(hung)
+    }
+
+    /// A joint is lost for most of the time that another's part moves: its own part may hang on
+    /// that.
+    pub(super) fn is_lost_beside(&self, alone: &Grown, other: usize) -> bool {
+        let away = verification::away(&self.joints[other], alone);
+        let lost = lost(alone, &away);
+        lost >= LEAST_LOST && 2 * lost >= away.iter().filter(|a| **a).count()
+    }
+
+    /// Puts a joint in place of another, after its new parent.
+    fn hang(&mut self, former: usize, hung: Grown) {
+        self.joints.remove(former);
+        self.joints.push(hung);
+        for parent in self.joints.iter_mut().filter_map(|j| j.parent.as_mut()) {
+            *parent -= usize::from(*parent > former);
+        }
+        self.look_from(0);
+    }
+}
+
+/// Of these frames, those in which a joint's configuration is not known.
+fn lost(joint: &Grown, frames: &[bool]) -> usize {
+    frames.iter().zip(&joint.known).filter(|(among, known)| **among && !**known).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Memory, Watched};
+    use super::*;
+    use crate::config::SkillConfig;
+    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::test_data::seen_along;
+    use crate::learn::joint_search::tracks_in_part_frame::View;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::{Track, TrackSet};
+    use crate::test_data::seen;
+    use linkage_driver::RgbdFrame;
+    use nalgebra::{Point3, Vector3};
+    use std::sync::Arc;
+
+    const FRAMES: usize = 60;
+    const POINTS: usize = 12;
+
+    /// A chair's seat turns to and fro, then its back leans.
+    fn seat_turn(f: usize) -> f64 {
+        0.04 * (15 - (f as i32 - 25).abs().min(15)) as f64
+    }
+
+    fn lean(f: usize) -> f64 {
+        0.03 * f.saturating_sub(45) as f64
+    }
+
+    fn joint(dof: Dof, q: fn(usize) -> f64, members: std::ops::Range<usize>) -> Grown {
+        let paths = vec![vec![Point3::origin(); FRAMES]; 2 * POINTS];
+        let view = View::from_base(&seen_along(&paths), (0..2 * POINTS).collect());
+        let mut joint = Grown::new(dof, &view, 0);
+        joint.q = (0..FRAMES).map(q).collect();
+        joint.known = vec![true; FRAMES];
+        joint.points = places();
+        joint.members = members.collect();
+        joint.summarise();
+        joint
+    }
+
+    fn places() -> Vec<Point3<f64>> {
+        let on = |y: f64| {
+            (0..POINTS)
+                .map(move |i| Point3::new(0.05 + 0.03 * i as f64, y + 0.02 * (i % 4) as f64, 1.4))
+        };
+        on(0.0).chain(on(-0.4)).collect()
+    }
+
+    /// What becomes of the back while the seat turns.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Back {
+        /// It goes along, and its tracks live.
+        GoesAlong,
+        /// It goes along; its tracks die, and the pictures show it.
+        IsSeenToGoAlong,
+        /// It stays; its tracks die, and the pictures show it.
+        IsSeenToStay,
+        /// It stays, and its tracks live.
+        Stays,
+    }
+
+    impl Back {
+        fn goes_along(self) -> bool {
+            matches!(self, Self::GoesAlong | Self::IsSeenToGoAlong)
+        }
+
+        fn is_in_pictures(self) -> bool {
+            matches!(self, Self::IsSeenToGoAlong | Self::IsSeenToStay)
+        }
+    }
+
+    /// Paths of the points of the seat, then of the back.
+    fn paths(seat: &Dof, back: &Dof, case: Back) -> Vec<Vec<Point3<f64>>> {
+        let path = |(i, place): (usize, &Point3<f64>)| -> Vec<Point3<f64>> {
+            let turned = |f: usize, p: &Point3<f64>| seat.move_point(seat_turn(f), p);
+            let at = |f: usize| match (i < POINTS, case.goes_along()) {
+                (true, _) => turned(f, place),
+                (false, true) => turned(f, &back.move_point(lean(f), place)),
+                (false, false) => back.move_point(lean(f), place),
+            };
+            (0..FRAMES).map(at).collect()
+        };
+        places().iter().enumerate().map(path).collect()
+    }
+
+    /// A picture of points as small boards before a wall.
+    fn picture(points: &[Point3<f64>]) -> RgbdFrame {
+        seen(0, |x, y| {
+            let covers = |p: &&Point3<f64>| (p.x / p.z - x).hypot(p.y / p.z - y) < 0.02;
+            points.iter().filter(covers).map(|p| p.z).fold(3.0, f64::min)
+        })
+    }
+
+    /// Who carries the back, found on the base while the seat rested.
+    fn carrier_of_back(case: Back) -> Option<usize> {
+        let seat = Dof::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
+        let back = Dof::hinge(Vector3::x(), Point3::new(0.0, -0.2, 1.5));
+        let paths = paths(&seat, &back, case);
+        let mut base = seen_along(&paths);
+        let mut keyframes = Keyframes::new(FRAMES);
+        if case.is_in_pictures() {
+            for f in (0..FRAMES).step_by(3) {
+                let points: Vec<_> = paths.iter().map(|path| path[f]).collect();
+                keyframes.offer(f, &picture(&points));
+            }
+            for track in &mut base.tracks[POINTS..] {
+                let died = |f: usize| seat_turn(f) > 0.0;
+                Arc::make_mut(track)
+                    .points
+                    .iter_mut()
+                    .enumerate()
+                    .filter(|(f, _)| died(*f))
+                    .for_each(|(_, p)| *p = None);
+            }
+        }
+        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let tracks = (0..paths.len()).map(track).collect();
+        let set = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
+        let mut config = SkillConfig::default();
+        config.joints.min_gain = 10.0;
+        let watched = Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
+        let nothing = Memory::default();
+        let mut search = Search::new(watched, &watched.view(), &nothing, None);
+        let mut alone = joint(back, lean, POINTS..2 * POINTS);
+        alone.known.iter_mut().enumerate().for_each(|(f, known)| *known = seat_turn(f) == 0.0);
+        search.joints = vec![alone, joint(seat, seat_turn, 0..POINTS)];
+        search.look_from(0);
+        let mut back = search.joints[0].clone();
+        back.gain = 100.0;
+        search.witness.examine(&mut back, &search.joints);
+        search.joints[0] = back;
+        search.rehang();
+        let back = search.joints.iter().find(|j| j.dof.axis.y.abs() < 0.9)?;
+        back.parent
+    }
+
+    #[test]
+    fn what_goes_along_with_a_part_hangs_on_it() {
+        assert_eq!(carrier_of_back(Back::GoesAlong), Some(0));
+        assert_eq!(carrier_of_back(Back::IsSeenToGoAlong), Some(0));
+    }
+
+    #[test]
+    fn what_stays_where_it_is_hangs_on_the_base() {
+        assert_eq!(carrier_of_back(Back::Stays), None);
+        assert_eq!(carrier_of_back(Back::IsSeenToStay), None);
+    }
+}

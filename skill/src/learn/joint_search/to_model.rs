@@ -1,0 +1,159 @@
+//! From grown joints to learned ones: numbered parents first, carried into the object frame, the
+//! first frame at configuration 0.
+
+use super::config::JointsConfig;
+use super::estimate::{Grown, base_from_part};
+use super::tracks_in_part_frame::View;
+use super::{bundle_adjustment, type_selection};
+use crate::config::SkillConfig;
+use crate::learn::ego_motion::BaseMotion;
+use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
+use crate::learn::tracking::{TrackSet, Trajectory};
+use crate::math::rigid::Pose;
+use crate::object::model::{Joint, covariance_rows, is_undecided};
+use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Tracks that a covariance is taken over.
+const COVARIANCE_TRACKS: usize = 300;
+
+/// The learned joints, parents before children; `view_from` gives the view from each one's part.
+pub fn to_learned(
+    set: &TrackSet,
+    base: &BaseMotion,
+    view_from: impl Fn(Option<usize>) -> Arc<View> + Sync,
+    joints: &[Grown],
+    config: &SkillConfig,
+) -> Vec<LearnedJoint> {
+    let view = view_from(None);
+    let order = parents_first(joints);
+    let number_of = |joint: usize| order.iter().position(|&j| j == joint).map_or(0, |n| n + 1);
+    order
+        .par_iter()
+        .enumerate()
+        .map(|(n, &i)| {
+            let (mut joint, base_from_part) =
+                learned(set, base, &view_from(joints[i].parent), joints, i, config);
+            joint.name = format!("joint{}", n + 1);
+            joint.parent = joints[i].parent.map_or(0, number_of);
+            joint.child = n + 1;
+            LearnedJoint {
+                joint,
+                base_from_part,
+                tracks: joints[i].members.iter().map(|&t| view.track_ids[t]).collect(),
+                plain_surface: Vec::new(),
+            }
+        })
+        .collect()
+}
+
+/// A joint, not yet numbered, and its part's poses in the base since the first frame.
+fn learned(
+    set: &TrackSet,
+    base: &BaseMotion,
+    own_view: &View,
+    joints: &[Grown],
+    index: usize,
+    config: &SkillConfig,
+) -> (Joint, Trajectory) {
+    let joint = &joints[index];
+    let frames = joint.known_frames();
+    // The object frame is the base at the first frame; a moving parent's line is carried to
+    // where the parent is then.
+    let base_from_parent =
+        joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, 0));
+    let mut geometry = joint.dof.geometry().transformed(&base_from_parent);
+    let before = geometry.axis;
+    let first = joint.filled[0];
+    let mut configuration: Vec<f64> = frames.iter().map(|&f| joint.q[f] - first).collect();
+    configuration.insert(0, 0.0);
+    orient(&mut geometry, &mut configuration);
+    configuration.remove(0);
+    if !joint.dof.hinge {
+        geometry.origin = base_from_parent * mean_point(joint);
+    }
+    let rest = base_from_part(joints, index, 0).inverse();
+    let mut trajectory: Trajectory = vec![None; base.camera_from_base.len()];
+    for &f in &frames {
+        trajectory[f] = Some(base_from_part(joints, index, f) * rest);
+    }
+    let some: Vec<usize> = joint.members.iter().copied().take(COVARIANCE_TRACKS).collect();
+    let spread = bundle_adjustment::covariance(joint, own_view, &some, config.joints.cut);
+    let covariance = carried(
+        &(spread * config.joints.covariance_inflation + systematic(joint, &config.joints)),
+        &base_from_parent,
+        before.dot(&geometry.axis) < 0.0,
+    );
+    let type_probabilities = type_selection::type_probabilities(joint, own_view, &config.joints);
+    let joint = Joint {
+        range: range_of(&configuration),
+        covariance: covariance_rows(&covariance),
+        observations: frames.len(),
+        bic: -2.0 * joint.gain,
+        log_likelihood: joint.gain,
+        position_rmse: position_rmse(joint, own_view),
+        configuration: set.timed(&frames, &configuration),
+        undecided: is_undecided(&type_probabilities),
+        type_probabilities,
+        ..Joint::of(&geometry)
+    };
+    (joint, trajectory)
+}
+
+/// Covariance of (axis, origin) from errors that all of a camera's readings share.
+fn systematic(joint: &Grown, config: &JointsConfig) -> DMatrix<f64> {
+    let across = Matrix3::identity() - joint.dof.axis * joint.dof.axis.transpose();
+    let mut covariance = DMatrix::zeros(6, 6);
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * config.systematic_rad.powi(2)));
+    if joint.dof.hinge {
+        covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(across * config.systematic_m.powi(2)));
+    }
+    covariance
+}
+
+/// A covariance of (axis, origin) in a turned frame; `reversed`: of the opposite axis.
+fn carried(covariance: &DMatrix<f64>, other_from_this: &Pose, reversed: bool) -> DMatrix<f64> {
+    let rotation = other_from_this.rotation.to_rotation_matrix().into_inner();
+    let mut turn = DMatrix::zeros(6, 6);
+    for r in 0..3 {
+        for c in 0..3 {
+            turn[(r, c)] = if reversed { -rotation[(r, c)] } else { rotation[(r, c)] };
+            turn[(r + 3, c + 3)] = rotation[(r, c)];
+        }
+    }
+    &turn * covariance * turn.transpose()
+}
+
+fn mean_point(joint: &Grown) -> Point3<f64> {
+    let sum: Vector3<f64> = joint.members.iter().map(|&t| joint.points[t].coords).sum();
+    Point3::from(sum / joint.members.len().max(1) as f64)
+}
+
+fn position_rmse(joint: &Grown, view: &View) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    for &t in &joint.members {
+        for (f, s) in view.life(t).filter(|(f, _)| joint.known[*f]) {
+            let moved = joint.dof.move_point(joint.q[f], &joint.points[t]);
+            if s.distance_sq(&moved) < 16.0 {
+                sum += (moved - s.point).norm_squared();
+                count += 1;
+            }
+        }
+    }
+    (sum / f64::from(count.max(1))).sqrt()
+}
+
+fn parents_first(joints: &[Grown]) -> Vec<usize> {
+    let depth = |mut i: usize| {
+        let mut depth = 0;
+        while let Some(p) = joints[i].parent {
+            depth += 1;
+            i = p;
+        }
+        depth
+    };
+    let mut order: Vec<usize> = (0..joints.len()).collect();
+    order.sort_by_key(|&i| depth(i));
+    order
+}

@@ -1,0 +1,132 @@
+//! The moving tracks as seen from a part: from the base, or from a part that moves itself.
+
+use super::estimate::Grown;
+use crate::learn::ego_motion::{BaseMotion, BaseTrack, Seen, path_moves, rest_length};
+use crate::math::rigid::matrix_pose;
+use crate::math::robust::median_point;
+use nalgebra::{IsometryMatrix3, Point3};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Where a track's observations are.
+#[derive(Clone, Copy)]
+struct Life {
+    first: usize,
+    end: usize,
+    /// Index of the first one.
+    start: usize,
+}
+
+/// Tracks by frames.
+pub struct View {
+    /// Frames of the recording.
+    pub frames: usize,
+    /// Numbers of the tracks in the track set.
+    pub track_ids: Arc<Vec<usize>>,
+    /// The lives of all tracks, one after the other.
+    seen: Vec<Option<Seen>>,
+    /// The frame of each observation.
+    frame_of: Arc<Vec<u32>>,
+    lives: Arc<Vec<Life>>,
+    /// False where the part that is looked from is itself not known.
+    pub usable: Vec<bool>,
+}
+
+impl View {
+    /// The given tracks from the base.
+    pub fn from_base(base: &BaseMotion, track_ids: Vec<usize>) -> Self {
+        let frames = base.camera_from_base.len();
+        let mut lives = Vec::with_capacity(track_ids.len());
+        let mut start = 0;
+        for &id in &track_ids {
+            let track: &BaseTrack = &base.tracks[id];
+            let (first, end) = (track.first_frame, track.end_frame());
+            lives.push(Life { first, end, start });
+            start += end - first;
+        }
+        let mut seen = Vec::with_capacity(start);
+        for &id in &track_ids {
+            seen.extend_from_slice(&base.tracks[id].points);
+        }
+        let frame_of = lives.iter().flat_map(|l| l.first as u32..l.end as u32).collect();
+        let (frame_of, lives) = (Arc::new(frame_of), Arc::new(lives));
+        let track_ids = Arc::new(track_ids);
+        Self { frames, track_ids, seen, frame_of, lives, usable: vec![true; frames] }
+    }
+
+    /// The same tracks from a part that moves in this view.
+    pub fn seen_from(&self, part: &Grown) -> Self {
+        let both = self.usable.iter().zip(&part.known).map(|(usable, known)| usable & known);
+        let geometry = part.dof.geometry();
+        let motion = |&q: &f64| matrix_pose(&geometry.motion(-q));
+        let part_from_view: Vec<IsometryMatrix3<f64>> = part.filled.iter().map(motion).collect();
+        let from_part = |(seen, frame): (&Option<Seen>, &u32)| {
+            seen.map(|s| s.moved(&part_from_view[*frame as usize]))
+        };
+        Self {
+            frames: self.frames,
+            track_ids: Arc::clone(&self.track_ids),
+            seen: self.seen.par_iter().zip(self.frame_of.par_iter()).map(from_part).collect(),
+            frame_of: Arc::clone(&self.frame_of),
+            lives: Arc::clone(&self.lives),
+            usable: both.collect(),
+        }
+    }
+
+    /// Number of tracks.
+    pub fn len(&self) -> usize {
+        self.track_ids.len()
+    }
+
+    /// A track in a frame.
+    pub fn at(&self, track: usize, frame: usize) -> Option<&Seen> {
+        let life = self.lives[track];
+        let alive = life.first <= frame && frame < life.end;
+        if alive { self.seen[life.start + frame - life.first].as_ref() } else { None }
+    }
+
+    /// A track's observations in usable frames.
+    pub fn life(&self, track: usize) -> impl Iterator<Item = (usize, &Seen)> + '_ {
+        let life = self.lives[track];
+        let seen = &self.seen[life.start..life.start + life.end - life.first];
+        seen.iter()
+            .enumerate()
+            .filter_map(move |(i, s)| Some((life.first + i, s.as_ref()?)))
+            .filter(|(f, _)| self.usable[*f])
+    }
+
+    /// True when the median-smoothed path is longer than noise explains.
+    pub fn moves(&self, track: usize, least_m: f64, sigmas: f64) -> bool {
+        let path: Vec<(Point3<f64>, f64)> =
+            self.life(track).map(|(_, s)| (s.point, s.sigma())).collect();
+        path_moves(&path, least_m, sigmas)
+    }
+
+    /// It has been seen elsewhere, twice in a row, than where it was last seen by a frame.
+    pub fn moved_since(&self, track: usize, frame: usize) -> bool {
+        let Some((_, before)) = self.life(track).take_while(|(f, _)| *f <= frame).last() else {
+            return false;
+        };
+        let mut strays = 0;
+        self.life(track).filter(|(f, _)| *f > frame).any(|(_, s)| {
+            strays = if s.is_away_from(&before.point) { strays + 1 } else { 0 };
+            strays > 1
+        })
+    }
+
+    /// Truncated cost of a track that stays where it is, over the frames that count.
+    pub fn static_cost(&self, track: usize, counts: &[bool], cut: f64) -> f64 {
+        let life: Vec<&Seen> =
+            self.life(track).filter(|(f, _)| counts[*f]).map(|(_, s)| s).collect();
+        let places: Vec<Point3<f64>> = life.iter().map(|s| s.point).collect();
+        let Some(middle) = median_point(&places) else { return 0.0 };
+        life.iter().map(|s| s.distance_sq(&middle).min(cut)).sum()
+    }
+
+    /// Observations for which a track rests at the start and at the end of its life.
+    pub fn rest_lengths(&self, track: usize) -> [usize; 2] {
+        let path: Vec<(Point3<f64>, f64)> =
+            self.life(track).map(|(_, s)| (s.point, s.sigma())).collect();
+        [rest_length(path.iter().copied()), rest_length(path.iter().rev().copied())]
+    }
+}

@@ -1,0 +1,189 @@
+//! Slide, hinge or screw? The same tracks are explained each way; what separates the costs is
+//! the evidence. A motion too short bends too little to tell. What does not advance is no screw.
+
+use super::bundle_adjustment::{locate_points, refine};
+use super::config::JointsConfig;
+use super::estimate::Grown;
+use super::grow;
+use super::screw_joint::Dof;
+use super::tracks_in_part_frame::View;
+use crate::math::rigid::orthonormal_basis;
+use crate::object::joint_geometry::JointKind;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Tracks that are explained each way.
+const TRACKS: usize = 150;
+/// Distances of hinges that may imitate a slide, metres.
+const FAR_HINGES_M: [f64; 2] = [0.5, 2.0];
+/// Refinement steps of the other kinds.
+const STEPS: usize = 10;
+/// Probability of each kind by the BIC of all (Kass & Raftery 1995).
+pub fn type_probabilities(
+    joint: &Grown,
+    view: &View,
+    config: &JointsConfig,
+) -> BTreeMap<JointKind, f64> {
+    let mut sampled = joint.clone();
+    sampled.known = grow::thinned(&joint.known, joint.anchor, grow::FINISH_FRAMES);
+    let sample = Sample::of(joint, &sampled, view, config);
+    let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(&sampled))]);
+    let explained = |start: Grown| {
+        let other = sample.refined(start);
+        (kind(&other), sample.criterion(&other))
+    };
+    let others: Vec<(JointKind, f64)> =
+        others(&sampled, &sample.tracks).into_par_iter().map(explained).collect();
+    for (kind, criterion) in others {
+        let least = criteria.entry(kind).or_insert(f64::INFINITY);
+        *least = least.min(criterion);
+    }
+    let best = criteria.values().copied().fold(f64::INFINITY, f64::min);
+    let mut likely: BTreeMap<JointKind, f64> =
+        criteria.into_iter().map(|(kind, b)| (kind, (-0.5 * (b - best)).exp())).collect();
+    let total: f64 = likely.values().sum();
+    likely.values_mut().for_each(|p| *p /= total);
+    likely
+}
+
+fn kind(joint: &Grown) -> JointKind {
+    joint.dof.geometry().kind
+}
+
+/// Some of a joint's tracks in some of its frames, which all kinds are to explain.
+struct Sample<'s> {
+    view: &'s View,
+    config: &'s JointsConfig,
+    tracks: Vec<usize>,
+    /// Observations that each one stands for.
+    stands_for: f64,
+    /// Observations that are independent.
+    independent: f64,
+}
+
+impl<'s> Sample<'s> {
+    fn of(joint: &Grown, sampled: &Grown, view: &'s View, config: &'s JointsConfig) -> Self {
+        let stride = joint.members.len().div_ceil(TRACKS).max(1);
+        let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
+        let observed =
+            |joint: &Grown, t: usize| view.life(t).filter(|(f, _)| joint.known[*f]).count();
+        let observations = |joint| tracks.iter().map(|&t| observed(joint, t)).sum::<usize>() as f64;
+        let all = observations(joint);
+        Self {
+            view,
+            config,
+            stands_for: all / observations(sampled).max(1.0),
+            independent: (all / config.correlated_observations).max(1.0),
+            tracks,
+        }
+    }
+
+    fn refined(&self, mut joint: Grown) -> Grown {
+        locate_points(&mut joint, self.view, &self.tracks, 4.0 * self.config.cut);
+        refine(&mut joint, self.view, &self.tracks, self.config.cut, STEPS);
+        joint
+    }
+
+    /// Bayesian information criterion, less what all kinds share.
+    fn criterion(&self, joint: &Grown) -> f64 {
+        let motions = joint.motions();
+        let cost = |&t: &usize| joint.cost_of(&motions, self.view, t, self.config.cut).sum;
+        let cost: f64 = self.tracks.par_iter().map(cost).sum();
+        let more_parameters = match kind(joint) {
+            JointKind::Helical => 3.0,
+            JointKind::Revolute => 2.0,
+            _ => 0.0,
+        };
+        self.stands_for * cost / self.config.correlated_observations
+            + more_parameters * self.independent.ln()
+    }
+}
+
+/// Where the search for the best joints of the other kinds starts.
+fn others(joint: &Grown, tracks: &[usize]) -> Vec<Grown> {
+    let n = tracks.len().max(1) as f64;
+    let middle = 0.5 * (joint.range[0] + joint.range[1]);
+    let sum: Vector3<f64> =
+        tracks.iter().map(|&t| joint.dof.move_point(middle, &joint.points[t]).coords).sum();
+    let centre = Point3::from(sum / n);
+    let with = |dof: Dof, scale: f64| {
+        let mut other = joint.clone();
+        other.dof = dof;
+        for q in &mut other.q {
+            *q *= scale;
+        }
+        other
+    };
+    if joint.dof.hinge {
+        let velocity = joint.dof.velocity(&centre);
+        let lever = velocity.norm().max(1e-6);
+        let slide = with(Dof::slide(velocity / lever, centre), lever);
+        let hinge = joint.dof.pitch.map(|_| with(Dof { pitch: None, ..joint.dof }, 1.0));
+        return std::iter::once(slide).chain(hinge).collect();
+    }
+    let (u, v) = orthonormal_basis(&joint.dof.axis);
+    let mut starts = Vec::new();
+    for side in [u, -u, v, -v] {
+        for lever in FAR_HINGES_M {
+            // The hinge's axis x arm is the slide's direction.
+            let axis = side.cross(&joint.dof.axis);
+            starts.push(with(Dof::hinge(axis, centre - side * lever), 1.0 / lever));
+        }
+    }
+    starts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::test_data::seen_moving;
+
+    /// Twelve points that turn by `angle` in thirty frames, seen with 2 mm of noise.
+    fn seen_turning(line: &Dof, angle: f64) -> (View, Grown) {
+        let q: Vec<f64> = (0..30).map(|f| angle * f64::from(f) / 29.0).collect();
+        let places: Vec<Point3<f64>> = (0..12)
+            .map(f64::from)
+            .map(|i| Point3::new(0.1 + 0.04 * i, 0.2 * (1.3 * i).sin(), 1.5))
+            .collect();
+        let view = seen_moving(line, &places, &q);
+        let mut joint = Grown::new(*line, &view, 0);
+        joint.q = q;
+        joint.known = vec![true; 30];
+        joint.members = (0..12).collect();
+        joint.points = places;
+        joint.summarise();
+        (view, joint)
+    }
+
+    const DOOR: Dof = Dof {
+        hinge: true,
+        axis: Vector3::new(0.0, 1.0, 0.0),
+        origin: Point3::new(0.0, 0.0, 1.5),
+        pitch: None,
+    };
+
+    fn probability_of_a_hinge(angle: f64) -> f64 {
+        let (view, joint) = seen_turning(&DOOR, angle);
+        type_probabilities(&joint, &view, &JointsConfig::default())[&JointKind::Revolute]
+    }
+
+    #[test]
+    fn a_door_that_opens_wide_is_a_hinge() {
+        assert!(probability_of_a_hinge(0.8) > 0.99);
+    }
+
+    #[test]
+    fn a_door_that_hardly_opens_may_be_either() {
+        let short = probability_of_a_hinge(0.01);
+        assert!(short < 0.9, "{short}");
+    }
+
+    #[test]
+    fn what_advances_as_it_turns_is_a_screw() {
+        let lift = Dof { pitch: Some(-0.02), ..DOOR };
+        let (view, joint) = seen_turning(&lift, 1.2);
+        let of_types = type_probabilities(&joint, &view, &JointsConfig::default());
+        assert!(of_types[&JointKind::Helical] > 0.99);
+    }
+}

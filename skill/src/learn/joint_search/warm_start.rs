@@ -1,0 +1,286 @@
+//! What a search over the first frames of a recording found, for the search over more of them:
+//! so that little is left to do after the last frame.
+
+use super::candidates::COVERED;
+use super::config::JointsConfig;
+use super::estimate::Grown;
+use super::motion_hypotheses::Hypothesis;
+use super::tracks_in_part_frame::View;
+use super::{grow, type_selection, verification};
+use crate::learn::tracking::TrackSet;
+use crate::math::rigid::line_angle;
+use crate::math::robust::overlap;
+use nalgebra::Point3;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+/// Probability of a joint's type from which it need not be asked again.
+const CERTAIN: f64 = 0.99;
+/// Share of a joint's tracks that its counterpart of an earlier search has.
+const SAME_JOINT: f64 = 0.5;
+/// Angle between their axes, radians.
+const SAME_AXIS: f64 = 0.2;
+
+/// Joints of an earlier search. What it suspected and did not believe is not carried on: from
+/// search to search, any hand would come to look like a joint. It only need not be asked again.
+#[derive(Debug, Clone, Default)]
+pub struct Memory {
+    /// Frames that were searched.
+    pub frames: usize,
+    /// Rank of the strongest hypothesis.
+    pub best_rank: f64,
+    joints: Vec<Remembered>,
+    /// Suspicions of the base's frame, their tracks by number in the track set.
+    dismissed: Vec<Dismissed>,
+}
+
+/// Tracks that were suspected of a joint, and frames over which they are none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dismissed {
+    tracks: Vec<usize>,
+    first: usize,
+    last: usize,
+    /// Frames that were asked.
+    frames: usize,
+    /// More frames say no more of it: it was lost before the last, or fitted too poorly.
+    for_good: bool,
+}
+
+impl Dismissed {
+    /// A hypothesis and what it grew to, which is not believed.
+    pub fn new(h: &Hypothesis, grown: Option<&Grown>, view: &View, config: &JointsConfig) -> Self {
+        let known = grown.map(Grown::known_frames).unwrap_or_default();
+        let first = known.first().map_or(h.from, |f| h.from.min(*f));
+        let last = known.last().map_or(h.to, |f| h.to.max(*f));
+        let is_lost = last + grow::MAX_LOST < view.frames;
+        let is_poor = grown.is_some_and(|j| j.cost > verification::most_tolerated(config));
+        let tracks = h.tracks.clone();
+        Self { tracks, first, last, frames: view.frames, for_good: is_lost || is_poor }
+    }
+
+    /// Nothing that was seen since may tell more of it.
+    fn still_holds(&self, view: &View) -> bool {
+        let moved = |t: &&usize| view.moved_since(**t, self.frames - 1);
+        self.for_good || 4 * self.tracks.iter().filter(moved).count() <= self.tracks.len()
+    }
+
+    /// A hypothesis would grow to the same.
+    pub fn covers(&self, h: &Hypothesis) -> bool {
+        self.first <= h.from && h.to <= self.last && overlap(&h.tracks, &self.tracks) > COVERED
+    }
+
+    fn renumbered(&self, number: impl Fn(usize) -> Option<usize>) -> Self {
+        Self { tracks: self.tracks.iter().copied().filter_map(number).collect(), ..*self }
+    }
+}
+
+/// A grown joint without the rows of its view.
+#[derive(Debug, Clone)]
+struct Remembered {
+    joint: Grown,
+    /// Its tracks by their numbers in the track set, with their points on the part.
+    members: Vec<(usize, Point3<f64>)>,
+    /// Its type is certain.
+    is_certain: bool,
+}
+
+impl Remembered {
+    fn new(joint: &Grown, is_certain: bool, view: &View, set: &TrackSet) -> Self {
+        let id = |t: usize| set.tracks[view.track_ids[t]].id;
+        let members = joint.members.iter().map(|&t| (id(t), joint.points[t])).collect();
+        let bare =
+            Grown { points: Vec::new(), members: Vec::new(), seed: Vec::new(), ..joint.clone() };
+        Self { joint: bare, members, is_certain }
+    }
+
+    fn in_view(&self, view: &View, rows: &HashMap<usize, usize>) -> Grown {
+        let mut joint = self.joint.clone();
+        joint.points = vec![Point3::origin(); view.len()];
+        for (id, point) in &self.members {
+            if let Some(&row) = rows.get(id) {
+                joint.points[row] = *point;
+                joint.members.push(row);
+            }
+        }
+        joint.q.resize(view.frames, 0.0);
+        joint.known.resize(view.frames, false);
+        joint.filled.resize(view.frames, 0.0);
+        joint.scanned.resize(view.frames, f64::NAN);
+        joint
+    }
+}
+
+impl Memory {
+    /// What a search found. Joints of a type not yet certain are to be found anew: a short
+    /// motion may have been told wrong.
+    pub fn of<'d>(
+        set: &TrackSet,
+        view_from: impl Fn(Option<usize>) -> Arc<View>,
+        joints: &[Grown],
+        dismissed: impl Iterator<Item = &'d Dismissed>,
+        best_rank: f64,
+        config: &JointsConfig,
+    ) -> Self {
+        let view = view_from(None);
+        let id = |row: usize| Some(set.tracks[view.track_ids[row]].id);
+        let remembered = |j: &Grown| {
+            let of_types = type_selection::type_probabilities(j, &view_from(j.parent), config);
+            Remembered::new(j, of_types.values().any(|p| *p >= CERTAIN), &view, set)
+        };
+        Self {
+            frames: view.frames,
+            best_rank,
+            joints: joints.iter().map(remembered).collect(),
+            dismissed: dismissed.map(|d| d.renumbered(id)).collect(),
+        }
+    }
+
+    /// Only what need not be asked again, for a search anew.
+    pub fn without_joints(&self) -> Self {
+        Self { dismissed: self.dismissed.clone(), ..Self::default() }
+    }
+
+    /// What need not be asked again, its tracks by their rows in the base's view.
+    pub fn dismissed_in(&self, view: &View, set: &TrackSet) -> Vec<Dismissed> {
+        let rows = rows_by_id(view, set);
+        self.dismissed
+            .iter()
+            .map(|d| d.renumbered(|id| rows.get(&id).copied()))
+            .filter(|d| d.still_holds(view))
+            .collect()
+    }
+
+    /// The first frame whose windows are new in the frame of a part.
+    pub fn since(&self, parent: Option<usize>) -> usize {
+        let is_open = |r: &Remembered| r.joint.parent == parent && !r.is_certain;
+        if self.joints.iter().any(is_open) { 0 } else { self.frames }
+    }
+
+    /// Joints in the frame of a part, which was number `parent` of the earlier search, in a view
+    /// of more frames; and whether their types are certain.
+    pub fn recalled(
+        &self,
+        parent: Option<usize>,
+        view: &View,
+        set: &TrackSet,
+    ) -> Vec<(Grown, bool)> {
+        let rows = rows_by_id(view, set);
+        self.joints
+            .iter()
+            .filter(|r| r.joint.parent == parent)
+            .map(|r| (r.in_view(view, &rows), r.is_certain))
+            .collect()
+    }
+
+    /// The joint of the earlier search that a joint was.
+    pub fn counterpart(&self, joint: &Grown, view: &View, set: &TrackSet) -> Option<usize> {
+        let ids: HashSet<usize> =
+            joint.members.iter().map(|&t| set.tracks[view.track_ids[t]].id).collect();
+        self.joints.iter().position(|r| {
+            let shared = r.members.iter().filter(|(id, _)| ids.contains(id)).count();
+            shared as f64 > SAME_JOINT * r.members.len() as f64
+                && r.joint.dof.hinge == joint.dof.hinge
+                && line_angle(&r.joint.dof.axis, &joint.dof.axis) < SAME_AXIS
+        })
+    }
+}
+
+fn rows_by_id(view: &View, set: &TrackSet) -> HashMap<usize, usize> {
+    view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use crate::learn::tracking::Track;
+    use crate::math::rigid::Pose;
+    use nalgebra::Vector3;
+
+    const HINGE: Dof = Dof {
+        hinge: true,
+        axis: Vector3::new(0.0, 1.0, 0.0),
+        origin: Point3::new(0.0, 0.0, 1.5),
+        pitch: None,
+    };
+
+    fn view(frames: usize) -> Arc<View> {
+        view_until(frames, frames)
+    }
+
+    /// What turns until a frame.
+    fn view_until(stop: usize, frames: usize) -> Arc<View> {
+        let q: Vec<f64> = (0..frames).map(|f| 0.03 * f.min(stop) as f64).collect();
+        let places: Vec<Point3<f64>> =
+            (0..8).map(|i| Point3::new(0.1 + 0.05 * f64::from(i), 0.1, 1.5)).collect();
+        Arc::new(seen_moving(&HINGE, &places, &q))
+    }
+
+    /// The tracks of the view.
+    fn tracks() -> TrackSet {
+        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        TrackSet { frame_utimes: Vec::new(), tracks: (0..8).map(track).collect() }
+    }
+
+    #[test]
+    fn a_joint_is_called_back_with_its_tracks_when_more_frames_have_come() {
+        let early = view(20);
+        let mut door = Grown::new(HINGE, &early, 0);
+        door.members = vec![1, 4, 6];
+        door.points[4] = Point3::new(0.3, 0.1, 1.5);
+        door.known = vec![true; 20];
+        let config = JointsConfig::default();
+        let memory =
+            Memory::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
+        let joints = memory.recalled(None, &view(30), &tracks());
+        let (door, _) = &joints[0];
+        assert_eq!(door.members, [1, 4, 6]);
+        assert_eq!(door.points[4], Point3::new(0.3, 0.1, 1.5));
+        assert_eq!(door.known_frames(), (0..20).collect::<Vec<_>>());
+        assert_eq!(door.q.len(), 30);
+    }
+
+    #[test]
+    fn windows_are_searched_again_where_the_type_is_not_certain() {
+        let early = view(20);
+        let still = Grown::new(HINGE, &early, 0);
+        let of = |joints: &[Grown]| {
+            let config = JointsConfig::default();
+            Memory::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
+        };
+        assert_eq!(of(&[still]).since(None), 0);
+        assert_eq!(of(&[]).since(None), 20);
+    }
+
+    /// Suspicions that stand after more frames, of one that was dismissed after 40: it had been
+    /// followed until a frame.
+    fn dismissed(last: usize, now: &View) -> Vec<Dismissed> {
+        let early = view(40);
+        let mut hand = Grown::new(HINGE, &early, 0);
+        hand.known = (0..40).map(|f| (5..=last).contains(&f)).collect();
+        hand.cost = 3.0;
+        let config = JointsConfig::default();
+        let dismissed = Dismissed::new(&suspicion(6, 12), Some(&hand), &early, &config);
+        let of_early =
+            Memory::of(&tracks(), |_| Arc::clone(&early), &[], [dismissed].iter(), 7.0, &config);
+        of_early.dismissed_in(now, &tracks())
+    }
+
+    fn suspicion(from: usize, to: usize) -> Hypothesis {
+        Hypothesis { from, to, motion: Pose::identity(), tracks: vec![1, 2, 3, 4], rank: 1.0 }
+    }
+
+    #[test]
+    fn what_was_lost_before_the_last_frame_is_not_asked_about_those_frames_again() {
+        let dismissed = dismissed(20, &view(60));
+        assert!(dismissed[0].covers(&suspicion(8, 14)));
+        assert!(!dismissed[0].covers(&suspicion(30, 42)), "it may be a joint later");
+    }
+
+    #[test]
+    fn what_was_seen_to_the_last_frame_is_asked_again_if_it_has_moved_since() {
+        assert_eq!(dismissed(39, &view(60)), []);
+        assert_eq!(dismissed(39, &view_until(39, 60)).len(), 1);
+    }
+}

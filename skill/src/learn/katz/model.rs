@@ -1,0 +1,113 @@
+//! A slide first; a hinge when the slide leaves too much; else no joint.
+
+use super::config::KatzConfig;
+use super::relative;
+use super::rigid_body::Body;
+use crate::math::rigid::Pose;
+use crate::object::joint_geometry::JointGeometry;
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitVector3, Vector3};
+
+/// A joint between two bodies.
+pub struct Fit {
+    /// Its line, where the bodies are in the child's first frame.
+    pub geometry: JointGeometry,
+    /// Frames in which both bodies are known.
+    pub frames: Vec<usize>,
+    /// Configuration in each.
+    pub configuration: Vec<f64>,
+    /// Root mean square distance of features to the model, metres.
+    pub residual: f64,
+    /// Root mean square angle to the model, radians.
+    pub turn_residual: f64,
+}
+
+/// Fits the motion of a body in the base (`None`) or in another body.
+pub fn fit(child: &Body, parent: Option<&Body>, config: &KatzConfig) -> Option<Fit> {
+    let (frames, motions): (Vec<usize>, Vec<Pose>) = child
+        .base_from_body
+        .iter()
+        .enumerate()
+        .filter_map(|(f, pose)| {
+            let parent = match parent {
+                Some(p) => Some(p.base_from_body[f].as_ref()?),
+                None => None,
+            };
+            Some((f, relative(pose.as_ref()?, parent)))
+        })
+        .unzip();
+    if frames.len() < config.min_common_frames {
+        return None;
+    }
+    let rest = motions[0];
+    let motions: Vec<Pose> = motions.iter().map(|m| m * rest.inverse()).collect();
+    let points: Vec<Point3<f64>> = child.points.iter().map(|p| rest * p).collect();
+    let centre =
+        Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64);
+    let slide = slide(&motions, centre)
+        .map(|(geometry, q)| judged(geometry, &frames, q, &motions, &points))
+        .filter(|fit| fit.residual < config.max_slide_residual_m);
+    slide.or_else(|| {
+        let (geometry, q) = hinge(&motions, centre)?;
+        let fit = judged(geometry, &frames, q, &motions, &points);
+        (fit.residual < config.max_hinge_residual_m).then_some(fit)
+    })
+}
+
+fn slide(motions: &[Pose], centre: Point3<f64>) -> Option<(JointGeometry, Vec<f64>)> {
+    let ways: Vec<Vector3<f64>> = motions.iter().map(|m| m * centre - centre).collect();
+    let mut spread = Matrix3::zeros();
+    for w in &ways {
+        spread += w * w.transpose();
+    }
+    let eigen = spread.symmetric_eigen();
+    let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let axis = UnitVector3::try_new(direction, 1e-9)?;
+    let q = ways.iter().map(|w| w.dot(&axis)).collect();
+    Some((JointGeometry::slide(axis, centre), q))
+}
+
+/// The axis from the turns, the line from where they leave points at rest, by least squares.
+fn hinge(motions: &[Pose], centre: Point3<f64>) -> Option<(JointGeometry, Vec<f64>)> {
+    let turns: Vec<Vector3<f64>> = motions.iter().map(|m| m.rotation.scaled_axis()).collect();
+    let widest = turns.iter().max_by(|a, b| a.norm().total_cmp(&b.norm()))?;
+    let sum: Vector3<f64> = turns.iter().map(|t| t * t.dot(widest).signum()).sum();
+    let axis = UnitVector3::try_new(sum, 1e-6)?;
+    let q: Vec<f64> = turns.iter().map(|t| t.dot(&axis)).collect();
+    let mut left = DMatrix::zeros(3 * motions.len() + 1, 3);
+    let mut right = DVector::zeros(3 * motions.len() + 1);
+    for (i, m) in motions.iter().enumerate() {
+        let turn = m.rotation.to_rotation_matrix();
+        left.fixed_view_mut::<3, 3>(3 * i, 0).copy_from(&(Matrix3::identity() - turn.matrix()));
+        right.fixed_rows_mut::<3>(3 * i).copy_from(&m.translation.vector);
+    }
+    // Along the axis the line is wherever the body is.
+    left.fixed_view_mut::<1, 3>(3 * motions.len(), 0).copy_from(&axis.transpose());
+    right[3 * motions.len()] = axis.dot(&centre.coords);
+    let origin = left.svd(true, true).solve(&right, 1e-6).ok()?;
+    let origin = Point3::new(origin[0], origin[1], origin[2]);
+    Some((JointGeometry::hinge(axis, origin), q))
+}
+
+fn judged(
+    geometry: JointGeometry,
+    frames: &[usize],
+    configuration: Vec<f64>,
+    motions: &[Pose],
+    points: &[Point3<f64>],
+) -> Fit {
+    let (mut sum, mut turned) = (0.0, 0.0);
+    for (motion, &q) in motions.iter().zip(&configuration) {
+        let model = geometry.motion(q);
+        let apart: f64 = points.iter().map(|p| (motion * p - model * p).norm_squared()).sum();
+        sum += apart / points.len() as f64;
+        turned += (model.inverse() * motion).rotation.angle().powi(2);
+    }
+    let n = motions.len() as f64;
+    Fit {
+        geometry,
+        frames: frames.to_vec(),
+        configuration,
+        residual: (sum / n).sqrt(),
+        turn_residual: (turned / n).sqrt(),
+    }
+}

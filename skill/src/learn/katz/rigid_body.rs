@@ -1,0 +1,107 @@
+//! Bodies: features that keep their distance, and how they move.
+
+use super::config::KatzConfig;
+use crate::learn::ego_motion::{BaseMotion, BaseTrack};
+use crate::learn::tracking::Trajectory;
+use crate::math::rigid::{Pose, rigid_fit};
+use nalgebra::Point3;
+
+/// A rigid body.
+pub struct Body {
+    /// Its features' tracks.
+    pub tracks: Vec<usize>,
+    /// Motion since its first frame, in the base frame.
+    pub base_from_body: Trajectory,
+    /// Its features where they were in the first frame, as far as they are known.
+    pub points: Vec<Point3<f64>>,
+}
+
+/// Groups moving features, the longest-lived first: each takes all that keep their distance
+/// to it.
+pub fn cluster(base: &BaseMotion, config: &KatzConfig) -> Vec<Vec<usize>> {
+    let seen = |t: usize| base.tracks[t].points.iter().flatten().count();
+    let mut left: Vec<usize> = (0..base.tracks.len())
+        .filter(|&t| base.tracks[t].moves && extent(&base.tracks[t]) > config.min_motion_m)
+        .collect();
+    left.sort_by_key(|&t| std::cmp::Reverse(seen(t)));
+    let mut bodies = Vec::new();
+    while let Some(&seed) = left.first() {
+        let (body, rest): (Vec<usize>, Vec<usize>) = left.into_iter().partition(|&t| {
+            t == seed || keep_distance(&base.tracks[seed], &base.tracks[t], config)
+        });
+        left = rest;
+        if body.len() >= config.min_features {
+            bodies.push(body);
+        }
+    }
+    bodies.sort_by_key(|b| std::cmp::Reverse(b.len()));
+    bodies
+}
+
+fn extent(track: &BaseTrack) -> f64 {
+    crate::math::robust::extent(track.points.iter().flatten().map(|p| p.point.coords))
+}
+
+fn at(track: &BaseTrack, frame: usize) -> Option<Point3<f64>> {
+    let point = track.points.get(frame.checked_sub(track.first_frame)?)?;
+    Some(point.as_ref()?.point)
+}
+
+fn keep_distance(a: &BaseTrack, b: &BaseTrack, config: &KatzConfig) -> bool {
+    let from = a.first_frame.max(b.first_frame);
+    let to = (a.first_frame + a.points.len()).min(b.first_frame + b.points.len());
+    let distances: Vec<f64> =
+        (from..to).filter_map(|f| Some((at(a, f)? - at(b, f)?).norm())).collect();
+    let low = distances.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = distances.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    distances.len() >= config.min_common_frames && high - low < config.max_distance_change_m
+}
+
+impl Body {
+    /// Follows features from frame to frame by least squares; `None` when fewer than three
+    /// are ever seen together for long enough.
+    pub fn follow(base: &BaseMotion, tracks: Vec<usize>, config: &KatzConfig) -> Option<Self> {
+        let frames = base.camera_from_base.len();
+        let mut base_from_body: Trajectory = vec![None; frames];
+        let mut pose: Option<Pose> = None;
+        for f in 1..frames {
+            let (before, now): (Vec<_>, Vec<_>) = tracks
+                .iter()
+                .filter_map(|&t| Some((at(&base.tracks[t], f - 1)?, at(&base.tracks[t], f)?)))
+                .unzip();
+            let step = (before.len() >= 3)
+                .then(|| rigid_fit(&before, &now, &vec![1.0; before.len()]))
+                .flatten();
+            match (pose, step) {
+                (None, Some(step)) => {
+                    base_from_body[f - 1] = Some(Pose::identity());
+                    pose = Some(step);
+                }
+                (Some(since), Some(step)) => pose = Some(step * since),
+                (Some(_), None) => break,
+                (None, None) => continue,
+            }
+            base_from_body[f] = pose;
+        }
+        let first = base_from_body.iter().position(Option::is_some)?;
+        let points: Vec<Point3<f64>> = tracks
+            .iter()
+            .filter_map(|&t| {
+                let track = &base.tracks[t];
+                let frame = track.first_frame.max(first);
+                Some(
+                    base_from_body
+                        .get(frame)?
+                        .as_ref()?
+                        .inverse_transform_point(&at(track, frame)?),
+                )
+            })
+            .collect();
+        let known = base_from_body.iter().flatten().count();
+        (known >= config.min_common_frames && points.len() >= 3).then_some(Self {
+            tracks,
+            base_from_body,
+            points,
+        })
+    }
+}

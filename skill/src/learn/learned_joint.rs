@@ -1,0 +1,53 @@
+//! What every method of learning returns: a joint with the part that it moves.
+
+use super::tracking::Trajectory;
+use crate::object::joint_geometry::JointGeometry;
+use crate::object::model::Joint;
+use nalgebra::Point3;
+use nalgebra::UnitVector3;
+
+/// A joint with the part that it moves.
+#[derive(Debug, Clone)]
+pub struct LearnedJoint {
+    /// The joint.
+    pub joint: Joint,
+    /// Takes the part's points of the reference frame to where they are in the base frame.
+    pub base_from_part: Trajectory,
+    /// Tracks on the part.
+    pub tracks: Vec<usize>,
+    /// Places on a plain part, which no track tells of, in its coordinates.
+    pub plain_surface: Vec<Point3<f64>>,
+}
+
+/// Configuration 0 at the first frame, growing with the first clear motion.
+pub fn orient(geometry: &mut JointGeometry, configuration: &mut [f64]) {
+    let Some(&first) = configuration.first() else { return };
+    let span = span_of(configuration);
+    let clear = configuration.iter().find(|q| (*q - first).abs() > 0.25 * span);
+    let sign = if clear.is_some_and(|q| *q < first) { -1.0 } else { 1.0 };
+    for q in configuration.iter_mut() {
+        *q = sign * (*q - first);
+    }
+    if sign < 0.0 {
+        geometry.axis = UnitVector3::new_unchecked(-geometry.axis.into_inner());
+    }
+}
+
+/// Least and greatest configuration, single strays left out.
+pub fn range_of(configuration: &[f64]) -> [f64; 2] {
+    let mut sorted = configuration.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    if n == 0 {
+        return [0.0, 0.0];
+    }
+    let stray = n / 100;
+    [sorted[stray].min(0.0), sorted[n - 1 - stray].max(0.0)]
+}
+
+/// How far a list of configurations reaches, radians or metres.
+pub fn span_of(configuration: &[f64]) -> f64 {
+    let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if high >= low { high - low } else { 0.0 }
+}

@@ -1,0 +1,64 @@
+//! A moving part with the joint that explains its motion relative to the base.
+
+use super::pose_optimisation::PartMotion;
+use crate::articulation::{FittedJoint, PoseSample, fit_models};
+use crate::config::SkillConfig;
+use crate::learn::learned_joint::span_of;
+use crate::math::robust::Moments;
+/// A part while the tree is built.
+pub(super) struct Candidate {
+    pub motion: PartMotion,
+    pub fit: FittedJoint,
+    /// Frames of the fit's samples.
+    pub frames: Vec<usize>,
+}
+
+pub(super) fn fit_to_base(motion: PartMotion, config: &SkillConfig) -> Option<Candidate> {
+    let (frames, samples): (Vec<usize>, Vec<PoseSample>) = motion
+        .base_from_part
+        .iter()
+        .enumerate()
+        .filter_map(|(t, pose)| Some((t, PoseSample::from_pose(t as f64, pose.as_ref()?))))
+        .unzip();
+    let fit = fit_models(&samples, &config.articulate).ok()?.into_iter().next()?;
+    tracing::debug!(
+        tracks = motion.tracks.len(),
+        kind = fit.geometry.kind.name(),
+        frames = ?frames.first().zip(frames.last()),
+        span = span_of(&fit.configuration),
+        rmse_m = fit.position_rmse,
+        "cluster"
+    );
+    Some(Candidate { motion, fit, frames })
+}
+
+pub(super) fn relative_samples(
+    a: &PartMotion,
+    b: &PartMotion,
+) -> Option<(Vec<usize>, Vec<PoseSample>)> {
+    let pairs: Vec<(usize, PoseSample)> = a
+        .base_from_part
+        .iter()
+        .zip(&b.base_from_part)
+        .enumerate()
+        .filter_map(|(t, (a, b))| {
+            Some((t, PoseSample::from_pose(t as f64, &(a.as_ref()?.inverse() * b.as_ref()?))))
+        })
+        .collect();
+    (!pairs.is_empty()).then(|| pairs.into_iter().unzip())
+}
+
+/// Squared correlation of two configurations, 0 to 1: a hand, or an edge that is dragged along,
+/// moves with the part that it holds.
+pub(super) fn coupling(a: &Candidate, b: &Candidate) -> f64 {
+    let common: Vec<(f64, f64)> = a
+        .frames
+        .iter()
+        .zip(&a.fit.configuration)
+        .filter_map(|(f, &q)| Some((q, b.fit.configuration[b.frames.binary_search(f).ok()?])))
+        .collect();
+    if 2 * common.len() < a.frames.len() {
+        return 0.0;
+    }
+    Moments::of(&common).correlation_sq().unwrap_or(0.0)
+}

@@ -1,0 +1,111 @@
+//! Candidates that are one part, or one joint seen in two segments of time, are merged.
+
+use super::candidate::{Candidate, fit_to_base, relative_samples};
+use super::config::StructureConfig;
+use super::pose_optimisation;
+use super::segmentation::Cluster;
+use crate::articulation::fit_models;
+use crate::config::SkillConfig;
+use crate::learn::ego_motion::BaseMotion;
+use crate::math::rigid::{Pose, distance_to_line, line_angle};
+use crate::object::joint_geometry::JointKind;
+/// Clusters that keep still relative to one another are one part.
+pub(super) fn merge_rigid(base: &BaseMotion, parts: &mut Vec<Candidate>, config: &SkillConfig) {
+    let mut i = 0;
+    while i < parts.len() {
+        let mut j = i + 1;
+        while j < parts.len() {
+            let rigid = relative_samples(&parts[i].motion, &parts[j].motion)
+                .filter(|(_, s)| s.len() >= config.structure.min_frames)
+                .and_then(|(_, s)| fit_models(&s, &config.articulate).ok())
+                .and_then(|fits| fits.into_iter().next())
+                .is_some_and(|f| {
+                    f.geometry.kind == JointKind::Fixed
+                        && f.position_rmse < config.articulate.position_sigma_m * 2.0
+                        && f.outlier_ratio < 0.2
+                });
+            match rigid.then(|| joined(base, &parts[i], &parts[j], config)).flatten() {
+                Some(merged) => {
+                    parts[i] = merged;
+                    parts.remove(j);
+                    j = i + 1;
+                }
+                None => j += 1,
+            }
+        }
+        i += 1;
+    }
+}
+
+fn joined(
+    base: &BaseMotion,
+    a: &Candidate,
+    b: &Candidate,
+    config: &SkillConfig,
+) -> Option<Candidate> {
+    let mut tracks = [a.motion.tracks.clone(), b.motion.tracks.clone()].concat();
+    tracks.sort_unstable();
+    let motion = pose_optimisation::estimate(base, &Cluster { tracks }, &config.pose, config.seed)?;
+    let merged = fit_to_base(motion, config)?;
+    let longest = a.frames.len().max(b.frames.len());
+    (merged.frames.len() >= longest && merged.fit.geometry.kind != JointKind::Fixed)
+        .then_some(merged)
+}
+
+/// Opening and closing may be seen as two parts with hardly a common frame, since surfaces
+/// turn away: two stretches with one line are one joint, continuous in between.
+pub(super) fn merge_stretches(parts: &mut Vec<Candidate>, config: &SkillConfig) {
+    let mut i = 0;
+    while i < parts.len() {
+        let mut j = i + 1;
+        while j < parts.len() {
+            if same_line(&parts[i], &parts[j], &config.structure)
+                && let Some(merged) = concatenated(&parts[i], &parts[j], config)
+            {
+                parts[i] = merged;
+                parts.remove(j);
+                j = i + 1;
+            } else {
+                j += 1;
+            }
+        }
+        i += 1;
+    }
+}
+
+fn same_line(a: &Candidate, b: &Candidate, config: &StructureConfig) -> bool {
+    let (ga, gb) = (&a.fit.geometry, &b.fit.geometry);
+    if ga.kind != gb.kind || ga.kind == JointKind::Fixed {
+        return false;
+    }
+    if line_angle(&ga.axis, &gb.axis) > config.merge_angle_rad {
+        return false;
+    }
+    let common = a.frames.iter().filter(|f| b.frames.contains(f)).count();
+    let near = match ga.kind {
+        JointKind::Prismatic => distance_to_line(&ga.origin, &ga.axis, &gb.origin) < 0.3,
+        _ => distance_to_line(&ga.origin, &ga.axis, &gb.origin) < config.merge_distance_m,
+    };
+    near && common * 4 < a.frames.len().min(b.frames.len())
+}
+
+/// The later stretch is moved along the joint so that it starts where the earlier one ends.
+fn concatenated(a: &Candidate, b: &Candidate, config: &SkillConfig) -> Option<Candidate> {
+    let (early, late) = if a.frames.first()? <= b.frames.first()? { (a, b) } else { (b, a) };
+    let mut motion = early.motion.clone();
+    let geometry = early.fit.geometry;
+    let q_end = *early.fit.configuration.last()?;
+    let sign = geometry.axis.dot(&late.fit.geometry.axis).signum();
+    let q_start = sign * late.fit.configuration.first()?;
+    let rest = Pose::from_parts(early.fit.rest_position.coords.into(), early.fit.rest_orientation);
+    for (frame, q) in late.frames.iter().zip(&late.fit.configuration) {
+        if motion.base_from_part[*frame].is_none() {
+            let q = sign * q - q_start + q_end;
+            motion.base_from_part[*frame] = Some(geometry.motion(q) * rest);
+        }
+    }
+    motion.tracks.extend(&late.motion.tracks);
+    motion.tracks.sort_unstable();
+    motion.tracks.dedup();
+    fit_to_base(motion, config)
+}

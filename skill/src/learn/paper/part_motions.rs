@@ -1,0 +1,102 @@
+//! The motions in a cluster of tracks (paper, section III-C), without the tracks that do not
+//! belong to it (outliers).
+
+use super::pose_optimisation;
+use super::pose_optimisation::PartMotion;
+use super::segmentation::Cluster;
+use crate::config::SkillConfig;
+use crate::learn::ego_motion::BaseMotion;
+use crate::learn::free_space::{Probed, probe_points};
+use crate::learn::keyframes::Keyframes;
+use crate::math::robust::median_point;
+use nalgebra::Point3;
+/// The motions in a cluster, the clearest first. A hand and what it holds move as one for a
+/// while, so a cluster may chain several things: what departs from its motion, or is
+/// contradicted by the pictures, is looked at again by itself.
+pub(super) fn motions_of(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    cluster: &Cluster,
+    config: &SkillConfig,
+) -> Vec<PartMotion> {
+    let mut motions = Vec::new();
+    let mut rest = cluster.tracks.clone();
+    for round in 0..MOTIONS_OF_A_CLUSTER {
+        let seed = config.seed + round;
+        let Some(motion) = pose_optimisation::estimate(
+            base,
+            &Cluster { tracks: rest.clone() },
+            &config.pose,
+            seed,
+        ) else {
+            break;
+        };
+        let motion = without_strangers(base, keyframes, motion, config);
+        let before = rest.len();
+        rest.retain(|t| !motion.tracks.contains(t));
+        motions.push(motion);
+        if rest.len() < config.segment.min_cluster || rest.len() == before {
+            break;
+        }
+    }
+    motions
+}
+
+/// Most motions sought in one cluster.
+const MOTIONS_OF_A_CLUSTER: u64 = 5;
+
+/// Takes out tracks that depart from the motion and tracks that the pictures contradict one by
+/// one (a hand moves with what it holds, but comes and leaves), and estimates the motion anew
+/// from the rest.
+fn without_strangers(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    mut motion: PartMotion,
+    config: &SkillConfig,
+) -> PartMotion {
+    for round in 0..STRANGER_ROUNDS {
+        let all = motion.tracks.len();
+        let mut kept = pose_optimisation::followers(base, &motion, &config.pose);
+        kept = uncontradicted(base, keyframes, &motion, &kept);
+        if kept.len() == all || kept.len() < config.segment.min_cluster {
+            break;
+        }
+        let seed = config.seed + round;
+        match pose_optimisation::estimate(base, &Cluster { tracks: kept }, &config.pose, seed) {
+            Some(again) => motion = again,
+            None => break,
+        }
+    }
+    motion
+}
+
+/// Rounds of dismissing strangers: the motion is clearer after each.
+const STRANGER_ROUNDS: u64 = 3;
+
+/// Tracks whose place on the part is not seen through in a third of the keyframes that tell.
+fn uncontradicted(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    motion: &PartMotion,
+    tracks: &[usize],
+) -> Vec<usize> {
+    let on_part = |id: usize| {
+        let places: Vec<Point3<f64>> = base.tracks[id]
+            .seen()
+            .filter_map(|(t, p)| Some(motion.base_from_part[t]?.inverse_transform_point(&p.point)))
+            .collect();
+        median_point(&places)
+    };
+    let stands = |id: usize| {
+        let Some(place) = on_part(id) else { return false };
+        let mut all = Probed::default();
+        for (frame, picture) in keyframes.iter() {
+            if let Some(pose) = motion.base_from_part[frame] {
+                let camera_from_part = base.camera_from_base[frame] * pose;
+                all.add(probe_points(picture, &[place], &camera_from_part));
+            }
+        }
+        all.mostly_agrees()
+    };
+    tracks.iter().copied().filter(|&id| stands(id)).collect()
+}

@@ -1,0 +1,118 @@
+//! Multi-rigid-body pose optimisation (paper, section III-C): the SE(3) trajectory of each
+//! cluster from relative motions between t-1, t and t-10, t, smoothed in a factor graph.
+//!
+//! Poses are those of the part in the base frame; a part's own frame has the base's
+//! directions and the part's centroid, at its reference frame, as origin.
+
+mod factor_graph;
+mod relative_motion;
+
+use super::segmentation::Cluster;
+use crate::learn::ego_motion::BaseMotion;
+use crate::learn::tracking::Trajectory;
+use crate::math::rigid::Pose;
+use crate::math::robust::median_point;
+use nalgebra::{Point3, Translation3};
+use serde::{Deserialize, Serialize};
+
+pub use relative_motion::RelativeMotion;
+
+/// Values of the pose stage.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PoseConfig {
+    /// Frame gaps over which relative motions are measured. The paper's, III-C: 1 and 10.
+    pub gaps: Vec<usize>,
+    /// RANSAC inlier distance, metres. The paper's, III-C: 1 cm.
+    pub inlier_m: f64,
+    /// RANSAC samples. Original code: 50.
+    pub ransac_iterations: usize,
+    /// Fewest tracks that give a relative motion.
+    pub min_tracks: usize,
+    /// Expected change of velocity between two frames: rotation, radians. Ours.
+    pub velocity_sigma_rad: f64,
+    /// The same for translation, metres. Ours.
+    pub velocity_sigma_m: f64,
+    /// Geman-McClure width of a relative motion's loss, in standard deviations; 0: squares.
+    pub robust_width: f64,
+}
+
+impl Default for PoseConfig {
+    fn default() -> Self {
+        Self {
+            gaps: vec![1, 10],
+            inlier_m: 0.01,
+            ransac_iterations: 50,
+            min_tracks: 4,
+            velocity_sigma_rad: 0.03,
+            velocity_sigma_m: 0.01,
+            robust_width: 3.0,
+        }
+    }
+}
+
+/// A part's motion.
+#[derive(Debug, Clone)]
+pub struct PartMotion {
+    /// Maps part coordinates into the base frame, where the part was seen.
+    pub base_from_part: Trajectory,
+    /// The frame in which part and base axes agree.
+    pub reference_frame: usize,
+    /// Tracks that lie on the part.
+    pub tracks: Vec<usize>,
+}
+
+/// Estimates a cluster's trajectory; `None` when it is seen too little to have one.
+pub fn estimate(
+    base: &BaseMotion,
+    cluster: &Cluster,
+    config: &PoseConfig,
+    seed: u64,
+) -> Option<PartMotion> {
+    let origin = centroid(base, cluster)?;
+    let motions = relative_motion::measure(base, cluster, &origin, config, seed);
+    let segment = relative_motion::largest_connected(&motions, base.camera_from_base.len());
+    let reference_frame = best_seen(base, cluster, &segment)?;
+    let poses = factor_graph::optimise(&motions, &segment, reference_frame, config)?;
+    let shift = Pose::from_parts(Translation3::from(origin.coords), Default::default());
+    let mut base_from_part: Trajectory = vec![None; base.camera_from_base.len()];
+    for (&frame, pose) in segment.iter().zip(poses) {
+        // `pose` is the motion about the centroid since the reference frame.
+        base_from_part[frame] = Some(shift * pose);
+    }
+    Some(PartMotion { base_from_part, reference_frame, tracks: cluster.tracks.clone() })
+}
+
+/// The tracks that keep to a motion: in most of the frames in which both are known they are
+/// within twice the inlier distance of one place on the part.
+pub fn followers(base: &BaseMotion, motion: &PartMotion, config: &PoseConfig) -> Vec<usize> {
+    let follows = |id: usize| {
+        let on_part: Vec<Point3<f64>> = base.tracks[id]
+            .seen()
+            .filter_map(|(t, p)| Some(motion.base_from_part[t]?.inverse_transform_point(&p.point)))
+            .collect();
+        let Some(place) = median_point(&on_part) else { return false };
+        let near = on_part.iter().filter(|p| (*p - place).norm() < 2.0 * config.inlier_m).count();
+        10 * near >= 8 * on_part.len()
+    };
+    motion.tracks.iter().copied().filter(|&id| follows(id)).collect()
+}
+
+fn centroid(base: &BaseMotion, cluster: &Cluster) -> Option<Point3<f64>> {
+    let mut sum = nalgebra::Vector3::zeros();
+    let mut count = 0.0;
+    for &id in &cluster.tracks {
+        for (_, seen) in base.tracks[id].seen() {
+            sum += seen.point.coords;
+            count += 1.0;
+        }
+    }
+    (count > 0.0).then(|| Point3::from(sum / count))
+}
+
+/// The earliest of the frames in which (nearly) most of the cluster is seen.
+fn best_seen(base: &BaseMotion, cluster: &Cluster, frames: &[usize]) -> Option<usize> {
+    let seen =
+        |t: usize| cluster.tracks.iter().filter(|&&id| base.tracks[id].at(t).is_some()).count();
+    frames.iter().copied().max_by_key(|&t| (seen(t), std::cmp::Reverse(t)))
+}

@@ -1,0 +1,144 @@
+//! Relative motions of a cluster between pairs of frames.
+
+use super::PoseConfig;
+use crate::learn::ego_motion::BaseMotion;
+use crate::learn::paper::segmentation::Cluster;
+use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
+use crate::math::rigid::Pose;
+use nalgebra::Point3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// How a cluster moved between two frames, in base axes about a fixed centre.
+#[derive(Debug, Clone)]
+pub struct RelativeMotion {
+    /// Earlier frame.
+    pub from: usize,
+    /// Later frame.
+    pub to: usize,
+    /// Takes points at `from` to points at `to`.
+    pub motion: Pose,
+    /// Expected error of its rotation, radians.
+    pub sigma_rad: f64,
+    /// Expected error of its translation, metres.
+    pub sigma_m: f64,
+}
+
+/// Measures all relative motions over the configured gaps (paper: `t-1,t` and `t-10,t`),
+/// rejecting correspondences beyond `inlier_m`.
+pub fn measure(
+    base: &BaseMotion,
+    cluster: &Cluster,
+    centre: &Point3<f64>,
+    config: &PoseConfig,
+    seed: u64,
+) -> Vec<RelativeMotion> {
+    let frames = base.camera_from_base.len();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut motions = Vec::new();
+    for to in 0..frames {
+        for &gap in &config.gaps {
+            if let Some(from) = to.checked_sub(gap) {
+                motions.extend(between(base, cluster, centre, from, to, config, &mut rng));
+            }
+        }
+    }
+    motions
+}
+
+fn between(
+    base: &BaseMotion,
+    cluster: &Cluster,
+    centre: &Point3<f64>,
+    from: usize,
+    to: usize,
+    config: &PoseConfig,
+    rng: &mut ChaCha8Rng,
+) -> Option<RelativeMotion> {
+    let pairs: Vec<Correspondence> = cluster
+        .tracks
+        .iter()
+        .filter_map(|&id| {
+            let (a, b) = (base.tracks[id].at(from)?, base.tracks[id].at(to)?);
+            Some(Correspondence {
+                from: a.point - centre.coords,
+                to: b.point - centre.coords,
+                sigma: config.inlier_m,
+                weight: 1.0,
+            })
+        })
+        .collect();
+    if pairs.len() < config.min_tracks {
+        return None;
+    }
+    let options = RansacOptions { cut: 1.0, iterations: config.ransac_iterations, locality: None };
+    let found = ransac_rigid(&pairs, &options, Some(&Pose::identity()), rng)?;
+    if found.inliers.len() < config.min_tracks {
+        return None;
+    }
+    let (spread, residual) = spread_and_residual(&pairs, &found.inliers, &found.motion);
+    let n = found.inliers.len() as f64;
+    let point_sigma = residual.max(0.001);
+    Some(RelativeMotion {
+        from,
+        to,
+        motion: found.motion,
+        sigma_rad: point_sigma / (spread.max(0.01) * n.sqrt()),
+        sigma_m: point_sigma / n.sqrt(),
+    })
+}
+
+/// Root mean square distance of the inliers from their mean, and of their residuals.
+fn spread_and_residual(pairs: &[Correspondence], inliers: &[usize], motion: &Pose) -> (f64, f64) {
+    let n = inliers.len() as f64;
+    let mean = inliers.iter().map(|&i| pairs[i].to.coords).sum::<nalgebra::Vector3<f64>>() / n;
+    let sum = |f: &dyn Fn(&Correspondence) -> f64| {
+        (inliers.iter().map(|&i| f(&pairs[i])).sum::<f64>() / n).sqrt()
+    };
+    (
+        sum(&|p| (p.to.coords - mean).norm_squared()),
+        sum(&|p| (motion * p.from - p.to).norm_squared()),
+    )
+}
+
+/// Frames of the largest set that relative motions connect, ascending.
+pub fn largest_connected(motions: &[RelativeMotion], frames: usize) -> Vec<usize> {
+    let mut parent: Vec<usize> = (0..frames).collect();
+    fn root(parent: &mut [usize], mut i: usize) -> usize {
+        while parent[i] != i {
+            parent[i] = parent[parent[i]];
+            i = parent[i];
+        }
+        i
+    }
+    let mut touched = vec![false; frames];
+    for m in motions {
+        let (a, b) = (root(&mut parent, m.from), root(&mut parent, m.to));
+        parent[b] = a;
+        touched[m.from] = true;
+        touched[m.to] = true;
+    }
+    let mut groups = std::collections::BTreeMap::<usize, Vec<usize>>::new();
+    for frame in (0..frames).filter(|&f| touched[f]) {
+        groups.entry(root(&mut parent, frame)).or_default().push(frame);
+    }
+    groups.into_values().max_by_key(|g| (g.len(), std::cmp::Reverse(g[0]))).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trajectory_torn_in_two_keeps_its_longer_half() {
+        let link = |from, to| RelativeMotion {
+            from,
+            to,
+            motion: Pose::identity(),
+            sigma_rad: 0.01,
+            sigma_m: 0.01,
+        };
+        let motions = [link(0, 1), link(1, 2), link(10, 11), link(11, 12), link(12, 13)];
+        assert_eq!(largest_connected(&motions, 20), vec![10, 11, 12, 13]);
+    }
+}

@@ -1,0 +1,60 @@
+//! Which candidates are no part of an object, and why.
+
+use super::candidate::{Candidate, coupling};
+use crate::config::SkillConfig;
+use crate::learn::ego_motion::BaseMotion;
+use crate::learn::free_space::{rests, seen_through};
+use crate::learn::keyframes::Keyframes;
+use crate::learn::learned_joint::span_of;
+use crate::math::robust::extent;
+use crate::object::joint_geometry::JointKind;
+/// Why a moving thing is no part of an object, if it is not.
+pub(super) fn doubt(
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+    candidate: &Candidate,
+    believed: &[Candidate],
+    config: &SkillConfig,
+) -> Option<String> {
+    let limits = &config.structure;
+    let fit = &candidate.fit;
+    let span = span_of(&fit.configuration);
+    let least = match fit.geometry.kind {
+        JointKind::Fixed => return Some("it does not move".to_owned()),
+        JointKind::Prismatic => limits.min_slide_m,
+        _ => limits.min_turn_rad,
+    };
+    if span < least {
+        return Some(format!("it moves by {span:.3} only"));
+    }
+    if candidate.frames.len() < limits.min_frames {
+        return Some(format!("it is seen in {} frames only", candidate.frames.len()));
+    }
+    let way =
+        extent(candidate.motion.base_from_part.iter().flatten().map(|p| p.translation.vector));
+    if fit.position_rmse > limits.max_position_rmse_m + limits.max_rmse_share * way {
+        return Some(format!("it departs from any joint by {:.3} m", fit.position_rmse));
+    }
+    if fit.outlier_ratio > limits.max_outlier_ratio {
+        return Some(format!("no joint explains {:.0} % of it", 100.0 * fit.outlier_ratio));
+    }
+    let rest = rests(base, &candidate.motion.tracks, limits.rest_frames);
+    if rest < limits.min_rest_share {
+        return Some(format!("only {:.0} % of it ever rests", 100.0 * rest));
+    }
+    let through = seen_through(
+        base,
+        keyframes,
+        &candidate.motion,
+        &fit.geometry,
+        &candidate.frames,
+        &fit.configuration,
+    );
+    if through > limits.max_seen_through {
+        return Some(format!("{:.0} % of it is seen through", 100.0 * through));
+    }
+    if believed.iter().any(|b| coupling(candidate, b) > limits.max_coupling) {
+        return Some("it moves as a part does that more tracks vouch for".to_owned());
+    }
+    None
+}

@@ -1,0 +1,288 @@
+//! What a hinge does where its tracks are lost: a lid that turns its other face, a door seen
+//! at a grazing angle. Its plane is still there, about the line that the tracks told. And where
+//! few tracks live on from one stretch to the next, the stretches may be linked wrongly, by a
+//! few degrees; the plane, which has no memory, tells by how much. Where the plane is seen
+//! edge-on, so that the camera has no depth of it, the edge itself tells.
+
+use super::axis_direction::Direction;
+use super::part_plane::PartPlane;
+use super::plane_segments::{Cylinder, PlanePatch, Sampling, moving_patches};
+use super::planes_about_axis::{edges, sightings};
+use crate::learn::ego_motion::BaseMotion;
+use crate::learn::keyframes::Keyframes;
+use crate::learn::learned_joint::{LearnedJoint, range_of};
+use crate::learn::tracking::TrackSet;
+use crate::math::rigid::{Pose, distance_to_line};
+use crate::object::joint_geometry::{JointGeometry, JointKind};
+
+/// Share of the keyframes from which a joint is known well enough.
+const KNOWN_ENOUGH: f64 = 0.9;
+/// The part may reach this much farther than its tracks: a share,
+const MAX_BEYOND: f64 = 0.5;
+/// and metres.
+const BEYOND_M: f64 = 0.1;
+
+/// Mends and fills in configurations of hinges of the base where the part's plane shows them.
+pub fn extend(
+    joints: &mut [LearnedJoint],
+    set: &TrackSet,
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+) {
+    let carries: Vec<usize> = joints.iter().map(|l| l.joint.parent).collect();
+    for learned in joints.iter_mut() {
+        let joint = &learned.joint;
+        let apt = joint.kind == JointKind::Revolute && joint.parent == 0;
+        if apt && !carries.contains(&joint.child) {
+            let reach = reach(learned, base, &joint.geometry());
+            extend_to(reach, learned, set, base, keyframes);
+        }
+    }
+}
+
+/// The same for one hinge of the base, whose part reaches so far from the line.
+pub fn extend_to(
+    reach: f64,
+    learned: &mut LearnedJoint,
+    set: &TrackSet,
+    base: &BaseMotion,
+    keyframes: &Keyframes,
+) {
+    let radius = reach * (1.0 + MAX_BEYOND) + BEYOND_M;
+    let cylinder = Cylinder { line: learned.joint.geometry(), radius };
+    let frames: Vec<usize> = keyframes.iter().map(|(frame, _)| frame).collect();
+    let known = frames.iter().filter(|&&f| learned.base_from_part[f].is_some()).count();
+    let sampling = if (known as f64) < KNOWN_ENOUGH * frames.len() as f64 {
+        Sampling::Fine
+    } else {
+        Sampling::Coarse
+    };
+    let patches = moving_patches(keyframes, base, sampling, Some(&cylinder));
+    let tracks = learned.tracks.clone();
+    let linked = |a: usize, b: usize| {
+        let lives = |f: usize, id: usize| base.tracks[id].at(f).is_some();
+        tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
+    };
+    direct(learned, &patches, set, &linked);
+    let shown = shown_by_plane(learned, &patches, &frames, &linked);
+    if !shown.is_empty() {
+        apply(learned, &shown, set);
+    }
+}
+
+/// Distance from the line up to which the joint's tracks lie.
+fn reach(learned: &LearnedJoint, base: &BaseMotion, line: &JointGeometry) -> f64 {
+    let mut found: Vec<f64> = learned
+        .tracks
+        .iter()
+        .flat_map(|&id| base.tracks[id].points.iter().flatten().step_by(8))
+        .map(|p| distance_to_line(&line.origin, &line.axis, &p.point))
+        .collect();
+    found.sort_by(f64::total_cmp);
+    found.get(found.len() * 19 / 20).copied().unwrap_or_default()
+}
+
+/// Corrects the line's direction by the planes that lie about it.
+fn direct(
+    learned: &mut LearnedJoint,
+    patches: &[PlanePatch],
+    set: &TrackSet,
+    linked: &impl Fn(usize, usize) -> usize,
+) {
+    let line = learned.joint.geometry();
+    let known = configurations(learned);
+    let sightings = sightings(&line, patches);
+    let direction = PartPlane::of(&sightings, &known, linked)
+        .and_then(|plane| Direction::across(&plane.normals()));
+    if direction.is_some_and(|direction| direction.correct(learned)) {
+        tracing::debug!(joint = learned.joint.name, "directed by its plane");
+        let all = known.iter().enumerate().filter_map(|(frame, q)| Some((frame, (*q)?)));
+        apply(learned, &all.collect::<Vec<_>>(), set);
+    }
+}
+
+/// Frame and configuration where the plane tells another than the tracks, or alone tells one.
+fn shown_by_plane(
+    learned: &LearnedJoint,
+    patches: &[PlanePatch],
+    keyframes: &[usize],
+    linked: &impl Fn(usize, usize) -> usize,
+) -> Vec<(usize, f64)> {
+    let geometry = learned.joint.geometry();
+    let known = configurations(learned);
+    let sightings = sightings(&geometry, patches);
+    let Some(plane) = PartPlane::of(&sightings, &known, linked) else { return Vec::new() };
+    let (zero, mended) = plane.mended(&known);
+    let mut shown: Vec<(usize, f64)> = (0..known.len())
+        .filter(|&f| mended[f] != known[f])
+        .filter_map(|f| Some((f, mended[f]?)))
+        .collect();
+    let alone = plane.alone(&edges(&geometry, patches), &mended, zero, keyframes);
+    tracing::debug!(
+        joint = learned.joint.name,
+        keyframes = plane.sightings.len(),
+        mended = shown.len(),
+        alone = alone.len(),
+        "shown by its plane"
+    );
+    shown.extend(alone);
+    shown
+}
+
+/// The configuration of each frame, from the part's pose there.
+fn configurations(learned: &LearnedJoint) -> Vec<Option<f64>> {
+    let axis = learned.joint.geometry().axis;
+    let turn = |pose: &Pose| pose.rotation.scaled_axis().dot(&axis);
+    learned.base_from_part.iter().map(|pose| pose.as_ref().map(turn)).collect()
+}
+
+fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
+    let geometry = learned.joint.geometry();
+    for &(frame, q) in shown {
+        learned.base_from_part[frame] = Some(geometry.motion(q));
+    }
+    let (frames, turns): (Vec<usize>, Vec<f64>) = configurations(learned)
+        .into_iter()
+        .enumerate()
+        .filter_map(|(frame, q)| Some((frame, q?)))
+        .unzip();
+    learned.joint.range = range_of(&turns);
+    learned.joint.configuration = set.timed(&frames, &turns);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::plane_hinges::part_plane::LINKS;
+    use crate::object::model::Joint;
+    use nalgebra::{Point3, Vector3};
+
+    const LAST: usize = 40;
+
+    fn line() -> JointGeometry {
+        JointGeometry::hinge(Vector3::x_axis(), Point3::new(0.0, 0.0, 1.0))
+    }
+
+    /// How far a lid is turned in a frame.
+    fn turn(frame: usize) -> f64 {
+        0.04 * frame as f64
+    }
+
+    /// The plane of the lid in a frame.
+    fn patch(frame: usize) -> PlanePatch {
+        let at = |x: i32, y: i32| Point3::new(0.03 * f64::from(x), 0.02 * f64::from(y), 1.0);
+        let closed = (-5..5).flat_map(|x| (1..10).map(move |y| at(x, y)));
+        let motion = line().motion(turn(frame));
+        let normal = motion.rotation * -Vector3::z();
+        let points: Vec<Point3<f64>> = closed.map(|p| motion * p).collect();
+        PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
+    }
+
+    /// What planes in these frames show of a lid whose tracks say this; so many link its faces.
+    fn shown(
+        patches: &[PlanePatch],
+        tracks: impl Fn(usize) -> Option<f64>,
+        links: usize,
+    ) -> Vec<(usize, f64)> {
+        let learned = LearnedJoint {
+            joint: Joint::of(&line()),
+            base_from_part: (0..=LAST).map(|f| Some(line().motion(tracks(f)?))).collect(),
+            tracks: Vec::new(),
+            plain_surface: Vec::new(),
+        };
+        shown_by_plane(&learned, patches, &keyframes(), &|_, _| links)
+    }
+
+    fn keyframes() -> Vec<usize> {
+        (0..=LAST).step_by(4).collect()
+    }
+
+    /// The patch, shown from its other side and, by a wedge, not parallel to the first.
+    fn other_face(frame: usize, wedge: f64) -> PlanePatch {
+        let face = patch(frame);
+        let motion = line().motion(wedge);
+        let points: Vec<Point3<f64>> = face.points.iter().map(|p| motion * p).collect();
+        let normal = -(motion.rotation * face.normal);
+        PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
+    }
+
+    /// The lid shows its other face from frame 20 on.
+    fn both_faces(wedge: f64) -> Vec<PlanePatch> {
+        let face = |f| if f < 20 { patch(f) } else { other_face(f, wedge) };
+        keyframes().into_iter().map(face).collect()
+    }
+
+    #[test]
+    fn a_lid_is_followed_by_its_plane_though_it_was_out_of_sight() {
+        let seen = [0, 4, 8, 12, 36, 40].map(patch);
+        let found = shown(&seen, |f| (f <= 12).then(|| turn(f)), 0);
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [36, 40]);
+        assert!(found.iter().all(|(f, q)| (q - turn(*f)).abs() < 1e-6), "{found:?}");
+    }
+
+    #[test]
+    fn stretches_of_tracks_that_slipped_are_mended_by_the_plane() {
+        let slipped = |f: usize| Some(turn(f) - if f < 20 { 0.0 } else { 0.1 });
+        let found = shown(&both_faces(0.0), slipped, 0);
+        let mended = |f: usize| found.iter().find(|(frame, _)| *frame == f).map(|(_, q)| *q);
+        for frame in (0..=16).chain(20..=LAST) {
+            let q = mended(frame).or(slipped(frame)).unwrap();
+            assert!((q - turn(frame)).abs() < 1e-6, "{frame}: {q}");
+        }
+    }
+
+    #[test]
+    fn a_plane_that_strays_once_mends_nothing() {
+        let mut seen = both_faces(0.0);
+        seen[3] = other_face(12, 0.1);
+        assert!(shown(&seen, |f| Some(turn(f)), 0).is_empty());
+    }
+
+    #[test]
+    fn faces_that_tracks_link_need_not_be_parallel() {
+        let wedge = both_faces(0.1);
+        assert!(shown(&wedge, |f| Some(turn(f)), LINKS).is_empty());
+        assert!(!shown(&wedge, |f| Some(turn(f)), 0).is_empty());
+    }
+
+    /// The edge that faces away from the line, where the lid ends.
+    fn edge(frame: usize) -> PlanePatch {
+        let at = |x: i32, z: i32| Point3::new(0.03 * f64::from(x), 0.2, 1.0 + 0.004 * f64::from(z));
+        let closed = (-5..5).flat_map(|x| (0..4).map(move |z| at(x, z)));
+        let motion = line().motion(turn(frame));
+        let normal = motion.rotation * Vector3::y();
+        let points: Vec<Point3<f64>> = closed.map(|p| motion * p).collect();
+        PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
+    }
+
+    #[test]
+    fn a_lid_seen_edge_on_is_followed_by_its_edge() {
+        let both = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), edge(f)]);
+        let seen: Vec<PlanePatch> = both.chain([16, 20, 24].map(edge)).collect();
+        let found = shown(&seen, |f| (f <= 12).then(|| turn(f)), 0);
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [16, 20, 24]);
+        assert!(found.iter().all(|(f, q)| (q - turn(*f)).abs() < 1e-6), "{found:?}");
+    }
+
+    #[test]
+    fn a_hand_beside_the_edge_does_not_hide_it() {
+        let hand = |frame: usize| {
+            let off = Vector3::new(0.0, 0.0, if frame.is_multiple_of(8) { 0.03 } else { -0.02 });
+            let points = edge(frame).points.iter().map(|p| p + off).collect();
+            PlanePatch { points, ..edge(frame) }
+        };
+        let all = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), edge(f), hand(f)]);
+        let seen: Vec<PlanePatch> = all.chain([16, 20, 24].map(edge)).collect();
+        let found = shown(&seen, |f| (f <= 12).then(|| turn(f)), 0);
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [16, 20, 24]);
+        assert!(found.iter().all(|(f, q)| (q - turn(*f)).abs() < 1e-6), "{found:?}");
+    }
+
+    #[test]
+    fn what_rests_is_no_edge_of_the_lid() {
+        let still = |frame| PlanePatch { frame, ..edge(0) };
+        let both = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), still(f)]);
+        let seen: Vec<PlanePatch> = both.chain([16, 20, 24].map(still)).collect();
+        assert!(shown(&seen, |f| (f <= 12).then(|| turn(f)), 0).is_empty());
+    }
+}

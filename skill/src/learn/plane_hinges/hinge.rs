@@ -1,0 +1,280 @@
+//! The line that a turning plane keeps its distance from.
+
+use super::plane_segments::PlanePatch;
+use super::planes_about_axis::near;
+use crate::learn::plane_hinges::planes_about_axis::Lie;
+use crate::math::rigid::{distance_to_line, orthonormal_basis};
+use crate::math::robust::median;
+use crate::object::joint_geometry::JointGeometry;
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
+use rayon::prelude::*;
+
+/// Turn between two planes that can suggest a hinge, radians.
+const PAIR_TURN_RAD: std::ops::Range<f64> = 0.25..2.2;
+/// Largest sine of the angle between hinge and plane.
+const MAX_TILT: f64 = 0.08;
+/// Largest distance of hinge and plane, metres.
+const MAX_DISTANCE_M: f64 = 0.04;
+/// What planes do not tell, however many there are: the direction, radians,
+pub const SYSTEMATIC_RAD: f64 = 0.0025;
+/// and the place, metres: ledges and the part's thickness shift its planes.
+const SYSTEMATIC_M: f64 = 0.005;
+/// Turn of a part that rests, radians.
+const REST_RAD: f64 = 0.03;
+
+/// A hinge and the planes that turn about it.
+#[derive(Debug, Clone)]
+pub struct Hinge {
+    /// Unit direction, base frame.
+    pub axis: Vector3<f64>,
+    /// A point on it.
+    pub origin: Point3<f64>,
+    /// Frame and turn, by frame; 0 at the first.
+    pub turns: Vec<(usize, f64)>,
+    /// Points of the part at turn 0.
+    pub points: Vec<Point3<f64>>,
+    /// Root mean square distance of the planes from where the hinge puts them.
+    pub rmse: f64,
+    /// Sum over the planes of normal times normal: which places of the line they tell.
+    normal_scatter: Matrix3<f64>,
+}
+
+/// A line and the planes that turn about it.
+struct Candidate {
+    axis: Vector3<f64>,
+    origin: Point3<f64>,
+    support: Vec<usize>,
+    /// Samples of these planes.
+    samples: usize,
+}
+
+/// The hinge that most planes turn about.
+pub fn best_hinge(patches: &[PlanePatch]) -> Option<Hinge> {
+    let best_of_pairs = |i: usize| {
+        let pairs = (i + 1..patches.len()).filter_map(|j| candidate(patches, i, j));
+        pairs.reduce(more_shown)
+    };
+    let best: Vec<Option<Candidate>> =
+        (0..patches.len()).into_par_iter().map(best_of_pairs).collect();
+    let Candidate { axis, origin, support, .. } = best.into_iter().flatten().reduce(more_shown)?;
+    refined(patches, &support, &axis, &origin)
+}
+
+/// That of more samples; the first of equals.
+fn more_shown(a: Candidate, b: Candidate) -> Candidate {
+    if b.samples > a.samples { b } else { a }
+}
+
+/// The line that one patch may turn about to become another.
+fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
+    let (a, b) = (&patches[i], &patches[j]);
+    if a.frame == b.frame {
+        return None;
+    }
+    let (axis, origin) = line_between(a, b)?;
+    let lie = Lie::of(a, &origin, &axis)?;
+    Lie::of(b, &origin, &axis).filter(|other| lie.alike(other))?;
+    let support = supporters(patches, &axis, &origin, &lie);
+    let samples = support.iter().map(|&k| patches[k].points.len()).sum();
+    Some(Candidate { axis, origin, support, samples })
+}
+
+/// Where two planes meet.
+fn line_between(a: &PlanePatch, b: &PlanePatch) -> Option<(Vector3<f64>, Point3<f64>)> {
+    // A lid shows its other face when it has turned over: the sign of a normal says nothing.
+    let cross = a.normal.cross(&b.normal);
+    let turn = cross.norm().atan2(a.normal.dot(&b.normal).abs());
+    if !PAIR_TURN_RAD.contains(&turn) {
+        return None;
+    }
+    let axis = cross.normalize();
+    let rows = Matrix3::from_rows(&[a.normal.transpose(), b.normal.transpose(), axis.transpose()]);
+    let n = a.points.len() as f64;
+    let along = axis.dot(&(a.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n));
+    let origin = rows.try_inverse()? * Vector3::new(a.offset, b.offset, along);
+    Some((axis, Point3::from(origin)))
+}
+
+/// In each frame the patch that lies about the line best, if any does.
+fn supporters(
+    patches: &[PlanePatch],
+    axis: &Vector3<f64>,
+    origin: &Point3<f64>,
+    lie: &Lie,
+) -> Vec<usize> {
+    let mut found: Vec<usize> = Vec::new();
+    for (k, patch) in patches.iter().enumerate() {
+        let fits = patch.normal.dot(axis).abs() < MAX_TILT
+            && (patch.offset - patch.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
+            && Lie::of(patch, origin, axis).is_some_and(|other| lie.alike(&other));
+        if !fits {
+            continue;
+        }
+        match found.last_mut() {
+            Some(last) if patches[*last].frame == patch.frame => {
+                if patch.points.len() > patches[*last].points.len() {
+                    *last = k;
+                }
+            }
+            _ => found.push(k),
+        }
+    }
+    found
+}
+
+/// The line by least squares: its direction across all normals, its place at constant
+/// distances from the planes, one for each face.
+fn refined(
+    patches: &[PlanePatch],
+    support: &[usize],
+    axis: &Vector3<f64>,
+    origin: &Point3<f64>,
+) -> Option<Hinge> {
+    let planes: Vec<&PlanePatch> = support.iter().map(|&k| &patches[k]).collect();
+    if planes.len() < 4 {
+        return None;
+    }
+    let mut normal_scatter = Matrix3::zeros();
+    for p in &planes {
+        normal_scatter += p.normal * p.normal.transpose();
+    }
+    let eigen = SymmetricEigen::new(normal_scatter);
+    let mut direction = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    if direction.dot(axis) < 0.0 {
+        direction = -direction;
+    }
+    let arms: Vec<Vector3<f64>> = planes
+        .iter()
+        .map(|p| Lie::of(p, origin, &direction).map(|lie| lie.arm))
+        .collect::<Option<_>>()?;
+    let (u, v) = orthonormal_basis(&direction);
+    let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;
+    let columns = if (0..planes.len()).any(outer) && !(0..planes.len()).all(outer) { 4 } else { 3 };
+    let rows = DMatrix::from_fn(planes.len(), columns, |k, c| match c {
+        0 => planes[k].normal.dot(&u),
+        1 => planes[k].normal.dot(&v),
+        _ => f64::from(u8::from(columns == 3 || outer(k) == (c == 2))),
+    });
+    let right = DVector::from_fn(planes.len(), |k, _| {
+        planes[k].offset - planes[k].normal.dot(&origin.coords)
+    });
+    let solved = rows.clone().svd(true, true).solve(&right, 1e-6).ok()?;
+    let rmse = ((rows * &solved - right).norm_squared() / planes.len() as f64).sqrt();
+    let origin = origin + u * solved[0] + v * solved[1];
+    let turns: Vec<(usize, f64)> = unwrapped(&planes, &arms, &direction);
+    let largest = (0..planes.len()).max_by_key(|&k| planes[k].points.len())?;
+    let mut hinge =
+        Hinge { axis: direction, origin, turns, points: Vec::new(), rmse, normal_scatter };
+    let back = hinge.geometry().motion(-hinge.turns[largest].1);
+    hinge.points = planes[largest].points.iter().map(|p| back * p).collect();
+    Some(hinge)
+}
+
+/// Turns of the arms from the first, without jumps.
+fn unwrapped(
+    planes: &[&PlanePatch],
+    arms: &[Vector3<f64>],
+    axis: &Vector3<f64>,
+) -> Vec<(usize, f64)> {
+    let mut before = 0.0;
+    planes
+        .iter()
+        .zip(arms)
+        .map(|(plane, arm)| {
+            let turn = axis.dot(&arms[0].cross(arm)).atan2(arms[0].dot(arm));
+            before = near(turn, before);
+            (plane.frame, before)
+        })
+        .collect()
+}
+
+impl Hinge {
+    /// As a joint's line.
+    pub fn geometry(&self) -> JointGeometry {
+        JointGeometry::hinge(UnitVector3::new_normalize(self.axis), self.origin)
+    }
+
+    /// Least and greatest turn.
+    pub fn range(&self) -> [f64; 2] {
+        let turns = || self.turns.iter().map(|(_, q)| *q);
+        [turns().fold(f64::INFINITY, f64::min), turns().fold(f64::NEG_INFINITY, f64::max)]
+    }
+
+    /// The part stands still for three keyframes on end, as things do before and after they
+    /// are moved and people do not.
+    pub fn rests(&self) -> bool {
+        self.turns.windows(3).any(|w| {
+            let middle = w[1].1;
+            w.iter().all(|(_, q)| (q - middle).abs() < REST_RAD)
+        })
+    }
+
+    /// Distance from the line up to which the part reaches.
+    pub fn reach(&self) -> f64 {
+        self.points
+            .iter()
+            .map(|p| distance_to_line(&self.origin, &self.axis, p))
+            .fold(0.0, f64::max)
+    }
+
+    /// Covariance of (axis, origin) from the residuals and what all planes share.
+    pub fn covariance(&self) -> DMatrix<f64> {
+        let mut covariance = DMatrix::zeros(6, 6);
+        let mut reach: Vec<f64> =
+            self.points.iter().map(|p| (p - self.origin).cross(&self.axis).norm()).collect();
+        let reach = median(&mut reach).unwrap_or(1.0).max(0.05);
+        let (u, v) = orthonormal_basis(&self.axis);
+        for side in [u, v] {
+            let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
+            let variance = self.rmse * self.rmse / seen;
+            let direction = variance / (reach * reach) + SYSTEMATIC_RAD * SYSTEMATIC_RAD;
+            let place = variance + SYSTEMATIC_M * SYSTEMATIC_M;
+            for r in 0..3 {
+                for c in 0..3 {
+                    covariance[(r, c)] += direction * side[r] * side[c];
+                    covariance[(r + 3, c + 3)] += place * side[r] * side[c];
+                }
+            }
+        }
+        covariance
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::rotation_about;
+
+    /// A plain door, half a metre wide and a metre high, that opens by 80 degrees and rests.
+    fn patches(axis: &UnitVector3<f64>, origin: &Point3<f64>) -> Vec<PlanePatch> {
+        (0..20)
+            .map(|k| {
+                let q = 1.4 * (f64::from(k) / 12.0).min(1.0);
+                let motion = rotation_about(origin, axis, q);
+                let points: Vec<Point3<f64>> = (0..100)
+                    .map(|i| {
+                        let (x, y) = (f64::from(i % 10) * 0.05, f64::from(i / 10) * 0.1 - 0.5);
+                        motion * (origin + Vector3::new(0.02 + x, y, -0.02))
+                    })
+                    .collect();
+                let normal = motion * -Vector3::z();
+                PlanePatch {
+                    frame: 4 * k as usize,
+                    normal,
+                    offset: normal.dot(&points[0].coords),
+                    points,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_plain_door_gives_its_hinge_beside_its_plane() {
+        let (axis, origin) = (Vector3::y_axis(), Point3::new(-0.2, 0.1, 1.5));
+        let hinge = best_hinge(&patches(&axis, &origin)).unwrap();
+        assert!(hinge.axis.dot(&axis).abs() > 0.999_99);
+        assert!(distance_to_line(&hinge.origin, &hinge.axis, &origin) < 1e-3);
+        let [low, high] = hinge.range();
+        assert!((high - low - 1.4).abs() < 1e-3 && hinge.rests());
+    }
+}

@@ -1,0 +1,213 @@
+//! A part's own plane, keyframe by keyframe, beside what tracks say of it.
+
+use super::planes_about_axis::{Edge, Sighting, near};
+use crate::math::rigid::wrapped;
+use crate::math::robust::median;
+use nalgebra::Vector3;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Turns of one plane differ from the joint's configuration by a constant, within this.
+const MAX_STRAY_RAD: f64 = 0.1;
+/// Keyframes in which tracks and plane must agree.
+const MIN_AGREEING: usize = 2;
+/// Stretches of tracks may be linked wrongly by this much.
+const MAX_SLIP_RAD: f64 = 0.3;
+/// Slips that are worth mending: what planes tell is about a third as far off.
+const MIN_SLIP_RAD: f64 = 0.015;
+/// Keyframes that must show the plane before slips are believed.
+const MIN_SHOWN: usize = 6;
+/// Tracks that link one face to the other: then the faces need not be parallel.
+pub const LINKS: usize = 6;
+/// An edge keeps its angle to the plane within this,
+const MAX_LEAD_STRAY_RAD: f64 = 0.03;
+/// at turns that count once within
+const TURN_STEP_RAD: f64 = 0.05;
+/// and some of which are so far from each other.
+const MIN_APART_RAD: f64 = 0.1;
+/// Farthest turn from one keyframe to the next; as much more for each that shows nothing.
+const MAX_STEP_RAD: f64 = 0.9;
+
+/// A part's own plane in the keyframes that show it.
+pub struct PartPlane<'a> {
+    /// At most one a keyframe, in order.
+    pub sightings: Vec<&'a Sighting>,
+    /// Turn at configuration 0.
+    zero: f64,
+}
+
+impl<'a> PartPlane<'a> {
+    /// The plane that turns as tracks say, in most samples.
+    pub fn of(
+        all: &'a [Sighting],
+        known: &[Option<f64>],
+        linked: impl Fn(usize, usize) -> usize,
+    ) -> Option<Self> {
+        let zeros: Vec<(f64, &Sighting)> =
+            all.iter().filter_map(|s| Some((wrapped(s.turn - known[s.frame]?), s))).collect();
+        let agreeing =
+            |zero: f64| zeros.iter().filter(move |(o, _)| wrapped(o - zero).abs() < MAX_STRAY_RAD);
+        let samples = |zero: f64| agreeing(zero).map(|(_, s)| s.samples).sum::<usize>();
+        let zero = zeros.iter().map(|(zero, _)| *zero).max_by_key(|zero| samples(*zero))?;
+        let reference: &Sighting = agreeing(zero).map(|(_, s)| *s).max_by_key(|s| s.samples)?;
+        if agreeing(zero).count() < MIN_AGREEING {
+            return None;
+        }
+        let mut sightings: Vec<&Sighting> = Vec::new();
+        for sighting in all.iter().filter(|s| s.lie.alike(&reference.lie)) {
+            match sightings.last_mut() {
+                Some(last) if last.frame == sighting.frame => {
+                    if sighting.samples > last.samples {
+                        *last = sighting;
+                    }
+                }
+                _ => sightings.push(sighting),
+            }
+        }
+        let joins =
+            |w: &[&Sighting]| w[0].fore != w[1].fore && linked(w[0].frame, w[1].frame) >= LINKS;
+        if sightings.windows(2).any(joins) {
+            sightings.retain(|s| s.fore == reference.fore);
+        }
+        Some(Self { sightings, zero })
+    }
+
+    /// Its normals.
+    pub fn normals(&self) -> Vec<Vector3<f64>> {
+        self.sightings.iter().map(|s| s.normal).collect()
+    }
+
+    /// Turn at configuration 0, and the tracks' configurations without their slips.
+    pub fn mended(&self, known: &[Option<f64>]) -> (f64, Vec<Option<f64>>) {
+        let slips = self.slips(known);
+        let Some(&(_, first)) = slips.first() else { return (self.zero, known.to_vec()) };
+        let worst = slips.iter().map(|(_, slip)| (slip - first).abs()).fold(0.0, f64::max);
+        if slips.len() < MIN_SHOWN || worst < MIN_SLIP_RAD {
+            return (self.zero, known.to_vec());
+        }
+        let mend =
+            |(frame, q): (usize, &Option<f64>)| q.map(|q| q + interpolated(&slips, frame) - first);
+        (self.zero + first, known.iter().enumerate().map(mend).collect())
+    }
+
+    /// Keyframes and by how much the plane is turned farther there than tracks say; lone strays
+    /// are smoothed away.
+    fn slips(&self, known: &[Option<f64>]) -> Vec<(usize, f64)> {
+        let raw: Vec<(usize, f64)> = self
+            .sightings
+            .iter()
+            .filter_map(|s| Some((s.frame, wrapped(s.turn - self.zero - known[s.frame]?))))
+            .filter(|(_, slip)| slip.abs() < MAX_SLIP_RAD)
+            .collect();
+        (0..raw.len())
+            .map(|i| {
+                let start = i.saturating_sub(1).min(raw.len().saturating_sub(3));
+                let mut three: Vec<f64> = raw[start..].iter().take(3).map(|(_, s)| *s).collect();
+                (raw[i].0, median(&mut three).unwrap_or_default())
+            })
+            .collect()
+    }
+
+    /// Configurations in keyframes in which tracks tell nothing: from the plane, and from an
+    /// edge where that is all that is left to see.
+    pub fn alone(
+        &self,
+        edges: &[Edge],
+        known: &[Option<f64>],
+        zero: f64,
+        keyframes: &[usize],
+    ) -> Vec<(usize, f64)> {
+        let edge = self.edge(edges);
+        let mut found = Vec::new();
+        let (mut before, mut unseen) = (0.0, 0);
+        for (frame, q) in known.iter().enumerate() {
+            if let Some(q) = q {
+                (before, unseen) = (*q, 0);
+                continue;
+            }
+            if !keyframes.contains(&frame) {
+                continue;
+            }
+            unseen += 1;
+            let own = self.sightings.iter().find(|s| s.frame == frame).map(|s| s.turn);
+            let by_edge = edge.as_ref().and_then(|edge| edge.turn(frame));
+            let told = own.into_iter().chain(by_edge).map(|turn| near(turn - zero, before));
+            let step = |q: &f64| (q - before).abs();
+            if let Some(q) = told.min_by(|a, b| step(a).total_cmp(&step(b)))
+                && step(&q) < MAX_STEP_RAD * f64::from(unseen)
+            {
+                found.push((frame, q));
+                (before, unseen) = (q, 0);
+            }
+        }
+        found
+    }
+
+    /// The edge that turns with the plane, over most of the way.
+    fn edge<'e>(&self, edges: &'e [Edge]) -> Option<PartEdge<'e>> {
+        let like = |first: &Edge| {
+            let alike = edges.iter().filter(|e| first.alike(e)).collect();
+            let (lead, turn) = self.lead(first)?;
+            Some(PartEdge { edges: alike, lead, turn })
+        };
+        edges
+            .iter()
+            .filter_map(|first| like(first).and_then(|edge| Some((self.agreement(&edge)?, edge))))
+            .max_by_key(|(agreement, _)| *agreement)
+            .map(|(_, edge)| edge)
+    }
+
+    /// By how much an edge is ahead of the plane, and the plane's turn, where both are seen.
+    fn lead(&self, edge: &Edge) -> Option<(f64, f64)> {
+        let own = self.sightings.iter().find(|s| s.frame == edge.frame)?;
+        Some((wrapped(edge.turn - own.turn), own.turn))
+    }
+
+    /// Turns at which an edge keeps its lead, and its samples there; `None` where these are few or
+    /// near each other, or it is elsewhere at many others: what rests keeps a lead only while the
+    /// plane rests too. A hand beside the edge now and then does not count.
+    fn agreement(&self, edge: &PartEdge) -> Option<(usize, usize)> {
+        let (mut with, mut without) = (BTreeMap::new(), BTreeSet::new());
+        let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
+        for e in &edge.edges {
+            let Some((lead, turn)) = self.lead(e) else { continue };
+            let turn = wrapped(turn - edge.turn);
+            let step = (turn / TURN_STEP_RAD).round() as i64;
+            if wrapped(lead - edge.lead).abs() < MAX_LEAD_STRAY_RAD {
+                *with.entry(step).or_default() += e.samples;
+                (lowest, highest) = (lowest.min(turn), highest.max(turn));
+            } else {
+                without.insert(step);
+            }
+        }
+        without.retain(|step| !with.contains_key(step));
+        let apart = highest - lowest > MIN_APART_RAD;
+        let enough = apart && with.len() > 2 * without.len();
+        enough.then(|| (with.len(), with.values().sum()))
+    }
+}
+
+/// An edge that turns ahead of its part's plane by a constant.
+struct PartEdge<'a> {
+    edges: Vec<&'a Edge>,
+    lead: f64,
+    /// Turn of the plane where the lead was taken.
+    turn: f64,
+}
+
+impl PartEdge<'_> {
+    /// Turn of the plane where the edge is seen.
+    fn turn(&self, frame: usize) -> Option<f64> {
+        let seen = self.edges.iter().filter(|e| e.frame == frame);
+        Some(seen.max_by_key(|e| e.samples)?.turn - self.lead)
+    }
+}
+
+/// The value at a frame, between those of the frames around it.
+fn interpolated(values: &[(usize, f64)], frame: usize) -> f64 {
+    let next = values.partition_point(|(f, _)| *f < frame);
+    match (next.checked_sub(1).map(|i| values[i]), values.get(next)) {
+        (Some((a, va)), Some(&(b, vb))) => va + (vb - va) * (frame - a) as f64 / (b - a) as f64,
+        (Some((_, only)), None) | (None, Some(&(_, only))) => only,
+        (None, None) => 0.0,
+    }
+}

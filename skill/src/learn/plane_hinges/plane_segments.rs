@@ -1,0 +1,206 @@
+//! Flat pieces of what moves, keyframe by keyframe.
+
+use crate::learn::ego_motion::{BaseMotion, coarse_sigma};
+use crate::learn::keyframes::Keyframes;
+use crate::math::rigid::{distance_to_line, matrix_pose, plane_through};
+use crate::object::joint_geometry::JointGeometry;
+use linkage_driver::RgbdFrame;
+use linkage_driver::depth::SurfacePatch;
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+/// Pixels between samples.
+#[derive(Debug, Clone, Copy)]
+pub enum Sampling {
+    /// Enough for what faces the camera.
+    Coarse = 8,
+    /// For what is seen at a grazing angle.
+    Fine = 4,
+}
+
+/// Fewest samples of a patch.
+const MIN_SAMPLES: usize = 40;
+/// Patches in one keyframe, at most.
+const MAX_PATCHES: usize = 4;
+/// Planes that are tried for each,
+const TRIES: usize = 40;
+/// and samples that are asked about them.
+const VOTERS: usize = 400;
+/// Cosine of the largest angle between a sample's normal and its patch's.
+const SAME_NORMAL: f64 = 0.97;
+/// Sine of the largest angle between a line and a sample of a plane that could turn about it:
+/// what the plane may be off, and the sample from its plane.
+const MAX_TILT: f64 = 0.37;
+/// Keyframes that are asked what moves.
+const MOST_ASKED: usize = 20;
+/// Share of them that must see through a place for it to count as moving.
+const MOVING_SHARE: f64 = 0.15;
+
+/// A flat piece in the base frame.
+#[derive(Debug, Clone)]
+pub struct PlanePatch {
+    /// Frame number.
+    pub frame: usize,
+    /// Unit normal, towards the camera.
+    pub normal: Vector3<f64>,
+    /// Distance of the plane from the origin along the normal.
+    pub offset: f64,
+    /// Samples on it.
+    pub points: Vec<Point3<f64>>,
+}
+
+#[derive(Clone, Copy)]
+struct Sample {
+    point: Point3<f64>,
+    normal: Vector3<f64>,
+}
+
+/// Where planes about a line can be.
+pub struct Cylinder {
+    /// Its middle, base frame.
+    pub line: JointGeometry,
+    /// Metres.
+    pub radius: f64,
+}
+
+impl Cylinder {
+    fn holds(&self, point: &Point3<f64>) -> bool {
+        distance_to_line(&self.line.origin, &self.line.axis, point) < self.radius
+    }
+
+    fn may_turn(&self, normal: &Vector3<f64>) -> bool {
+        normal.dot(&self.line.axis).abs() < MAX_TILT
+    }
+}
+
+/// Flat pieces of surfaces that are elsewhere in other keyframes; in a cylinder only those that
+/// could turn about its line.
+pub fn moving_patches(
+    keyframes: &Keyframes,
+    base: &BaseMotion,
+    sampling: Sampling,
+    cylinder: Option<&Cylinder>,
+) -> Vec<PlanePatch> {
+    let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
+    let stride = pictures.len().div_ceil(MOST_ASKED).max(1);
+    let asked: Vec<(usize, &RgbdFrame)> = pictures.iter().copied().step_by(stride).collect();
+    pictures
+        .par_iter()
+        .flat_map_iter(|&(frame, picture)| {
+            let others = seen_from(frame, &asked, base);
+            let is_wanted = |in_camera: &Point3<f64>, in_base: &Point3<f64>| {
+                cylinder.is_none_or(|c| c.holds(in_base)) && moves(in_camera, &others)
+            };
+            let mut samples = samples(picture, base, frame, sampling, is_wanted);
+            samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
+            patches(samples, frame)
+        })
+        .collect()
+}
+
+fn samples(
+    picture: &RgbdFrame,
+    base: &BaseMotion,
+    frame: usize,
+    sampling: Sampling,
+    is_wanted: impl Fn(&Point3<f64>, &Point3<f64>) -> bool,
+) -> Vec<Sample> {
+    let (depth, camera) = (&picture.depth, &picture.camera);
+    let base_from_camera = base.camera_from_base[frame].inverse();
+    let mut found = Vec::new();
+    for v in (0..depth.height()).step_by(sampling as usize) {
+        for u in (0..depth.width()).step_by(sampling as usize) {
+            let at = |z: f64| camera.back_project(u as f64, v as f64, z);
+            let reading = f64::from(depth.as_metres()[v * depth.width() + u]);
+            let in_camera = at(reading);
+            if reading.is_nan() || !is_wanted(&in_camera, &(base_from_camera * in_camera)) {
+                continue;
+            }
+            if let Some(surface) = SurfacePatch::at(depth, camera, u, v) {
+                let normal = base_from_camera * surface.normal;
+                found.push(Sample { point: base_from_camera * at(surface.z), normal });
+            }
+        }
+    }
+    found
+}
+
+/// Another keyframe, as seen from one.
+struct Other<'k> {
+    picture: &'k RgbdFrame,
+    /// From the one's camera to its own.
+    other_from_camera: IsometryMatrix3<f64>,
+}
+
+fn seen_from<'k>(
+    frame: usize,
+    pictures: &[(usize, &'k RgbdFrame)],
+    base: &BaseMotion,
+) -> Vec<Other<'k>> {
+    let base_from_camera = base.camera_from_base[frame].inverse();
+    pictures
+        .iter()
+        .map(|&(other, picture)| {
+            let other_from_camera = matrix_pose(&(base.camera_from_base[other] * base_from_camera));
+            Other { picture, other_from_camera }
+        })
+        .collect()
+}
+
+/// Enough others see something behind the place.
+fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
+    let mut needed = (MOVING_SHARE * others.len() as f64).ceil().max(3.0) as usize;
+    for (i, Other { picture, other_from_camera }) in others.iter().enumerate() {
+        if needed > others.len() - i {
+            return false;
+        }
+        let p = other_from_camera * in_camera;
+        let through = picture
+            .camera
+            .project(&p)
+            .filter(|px| picture.camera.sees(px, 1.0))
+            .and_then(|px| picture.depth.at_nearest(px.x, px.y))
+            .is_some_and(|z| f64::from(z) > p.z + 0.03 + 2.0 * coarse_sigma(p.z));
+        needed -= usize::from(through);
+        if needed == 0 {
+            return true;
+        }
+    }
+    false
+}
+
+/// Takes planes out of the samples, the largest first.
+fn patches(mut samples: Vec<Sample>, frame: usize) -> Vec<PlanePatch> {
+    let mut found = Vec::new();
+    while found.len() < MAX_PATCHES && samples.len() >= MIN_SAMPLES {
+        let on = |s: &Sample, plane: &Sample| {
+            plane.normal.dot(&s.normal) > SAME_NORMAL
+                && plane.normal.dot(&(s.point - plane.point)).abs()
+                    < 0.01 + coarse_sigma(s.point.coords.norm())
+        };
+        let votes = |plane: &Sample| some_of(&samples, VOTERS).filter(|s| on(s, plane)).count();
+        let Some(&plane) = some_of(&samples, TRIES).max_by_key(|plane| votes(plane)) else { break };
+        let (of_plane, rest): (Vec<Sample>, Vec<Sample>) =
+            samples.into_iter().partition(|s| on(s, &plane));
+        if of_plane.len() < MIN_SAMPLES {
+            break;
+        }
+        samples = rest;
+        found.push(fitted(frame, &of_plane));
+    }
+    found
+}
+
+/// At most so many of them, evenly spread.
+fn some_of(samples: &[Sample], most: usize) -> impl Iterator<Item = &Sample> {
+    samples.iter().step_by(samples.len().div_ceil(most).max(1))
+}
+
+fn fitted(frame: usize, samples: &[Sample]) -> PlanePatch {
+    let points: Vec<Point3<f64>> = samples.iter().map(|s| s.point).collect();
+    let (mean, mut normal) = plane_through(&points);
+    if normal.dot(&samples[0].normal) < 0.0 {
+        normal = -normal;
+    }
+    PlanePatch { frame, normal, offset: normal.dot(&mean.coords), points }
+}

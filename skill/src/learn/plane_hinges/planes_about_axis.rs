@@ -1,0 +1,160 @@
+//! Flat pieces as they lie about a hinge's line.
+
+use super::plane_segments::PlanePatch;
+use crate::math::rigid::{orthonormal_basis, wrapped};
+use crate::object::joint_geometry::JointGeometry;
+use nalgebra::{Point3, Vector3};
+
+/// Reach and place along the hinge may differ by this share of the reach.
+const MAX_STRETCH: f64 = 0.25;
+/// The line that tracks told may be off by this much: sine of its angle with a plane,
+const MAX_TILT: f64 = 0.12;
+/// and metres.
+const MAX_DISTANCE_M: f64 = 0.05;
+/// One edge keeps its distance from the line, metres,
+const SAME_DISTANCE_M: f64 = 0.015;
+/// and its middle along it, as far as hands leave it in sight.
+const SAME_PLACE_M: f64 = 0.25;
+/// It is as wide each time, but for this share.
+const SAME_WIDTH: f64 = 0.5;
+
+/// Where a patch lies about a line.
+pub struct Lie {
+    /// Unit vector from the line into the patch, across the line.
+    pub arm: Vector3<f64>,
+    /// Distance from the line up to which the patch reaches.
+    reach: f64,
+    /// Middle along the line.
+    along: f64,
+}
+
+impl Lie {
+    /// `None` for a patch on both sides of the line.
+    pub fn of(patch: &PlanePatch, origin: &Point3<f64>, axis: &Vector3<f64>) -> Option<Self> {
+        let mut arm = axis.cross(&patch.normal).try_normalize(1e-9)?;
+        let n = patch.points.len() as f64;
+        let mean = patch.points.iter().map(|p| p - origin).sum::<Vector3<f64>>() / n;
+        if arm.dot(&mean) < 0.0 {
+            arm = -arm;
+        }
+        let mut out: Vec<f64> = patch.points.iter().map(|p| arm.dot(&(p - origin))).collect();
+        let (near, far) = (out.len() / 20, out.len() * 19 / 20);
+        let (_, &mut reach, _) = out.select_nth_unstable_by(far, f64::total_cmp);
+        let (_, &mut least, _) = out[..=far].select_nth_unstable_by(near, f64::total_cmp);
+        // A part lies to one side of its hinge.
+        (least > -0.15 * reach).then_some(Self { arm, reach, along: axis.dot(&mean) })
+    }
+
+    /// Reaches as far, at the same place along the line.
+    pub fn alike(&self, other: &Self) -> bool {
+        let most = MAX_STRETCH * self.reach.max(other.reach);
+        (self.reach - other.reach).abs() < most && (self.along - other.along).abs() < most
+    }
+}
+
+/// A plane beside the line, at a keyframe.
+pub struct Sighting {
+    /// Frame number.
+    pub frame: usize,
+    /// Where it lies about the line.
+    pub lie: Lie,
+    /// Angle of its arm about the line, from a direction that is the same in all keyframes.
+    pub turn: f64,
+    /// Unit normal, base frame.
+    pub normal: Vector3<f64>,
+    /// Samples on it.
+    pub samples: usize,
+    /// The face that looks to where the part turns.
+    pub fore: bool,
+}
+
+/// A plane along the line but not beside it, at a keyframe: the part's edge, or anything else.
+pub struct Edge {
+    /// Frame number.
+    pub frame: usize,
+    /// Angle of its middle about the line, from a direction that is the same in all keyframes.
+    pub turn: f64,
+    /// From the line along the normal, metres.
+    pub distance: f64,
+    /// Middle along the line, metres.
+    pub along: f64,
+    /// Across the line, metres: as wide as a strip of that deviation.
+    width: f64,
+    /// Samples on it.
+    pub samples: usize,
+}
+
+impl Edge {
+    /// Could be the same surface: as far from the line, at the same place along it, as wide.
+    pub fn alike(&self, other: &Self) -> bool {
+        (self.distance - other.distance).abs() < SAME_DISTANCE_M
+            && (self.along - other.along).abs() < SAME_PLACE_M
+            && (self.width - other.width).abs() < SAME_WIDTH * self.width.max(other.width)
+    }
+}
+
+/// Angle of a direction across the line.
+fn angle(direction: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
+    let (u, v) = orthonormal_basis(axis);
+    direction.dot(&v).atan2(direction.dot(&u))
+}
+
+/// The planes beside the line.
+pub fn sightings(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> {
+    let (axis, origin) = (line.axis.into_inner(), line.origin);
+    patches
+        .iter()
+        .filter(|p| {
+            p.normal.dot(&axis).abs() < MAX_TILT
+                && (p.offset - p.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
+        })
+        .filter_map(|p| {
+            let lie = Lie::of(p, &origin, &axis)?;
+            let turn = angle(&lie.arm, &axis);
+            let fore = axis.cross(&lie.arm).dot(&p.normal) > 0.0;
+            let (frame, normal, samples) = (p.frame, p.normal, p.points.len());
+            Some(Sighting { frame, lie, turn, normal, samples, fore })
+        })
+        .collect()
+}
+
+/// The planes along the line that are not beside it.
+pub fn edges(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Edge> {
+    let (axis, origin) = (line.axis.into_inner(), line.origin);
+    patches
+        .iter()
+        .filter(|p| p.normal.dot(&axis).abs() < MAX_TILT)
+        .map(|p| {
+            let n = p.points.len() as f64;
+            let middle = p.points.iter().map(|x| x - origin).sum::<Vector3<f64>>() / n;
+            let across = axis.cross(&p.normal);
+            let out = |x: &Point3<f64>| across.dot(&(x - origin - middle)).powi(2);
+            Edge {
+                frame: p.frame,
+                turn: angle(&middle, &axis),
+                distance: p.offset - p.normal.dot(&origin.coords),
+                along: axis.dot(&middle),
+                width: (12.0 * p.points.iter().map(out).sum::<f64>() / n).sqrt(),
+                samples: p.points.len(),
+            }
+        })
+        .filter(|e| e.distance.abs() > MAX_DISTANCE_M)
+        .collect()
+}
+
+/// The angle, whole turns from `angle`, that lies nearest to `to`.
+pub fn near(angle: f64, to: f64) -> f64 {
+    to + wrapped(angle - to)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn an_angle_is_taken_where_it_continues_the_last() {
+        assert!((near(-3.0, 3.0) - (TAU - 3.0)).abs() < 1e-12);
+        assert!((near(0.2, 0.0) - 0.2).abs() < 1e-12);
+    }
+}

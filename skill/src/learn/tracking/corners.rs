@@ -1,0 +1,110 @@
+//! Good features to track (Shi & Tomasi 1994) at several scales, spread by a mask.
+
+use super::TrackConfig;
+use crate::image::gray::{Gray, empty_mask};
+use nalgebra::Point2;
+use opencv::core::{Mat, Point, Point2f, Scalar, Size, Vector};
+use opencv::imgproc;
+use opencv::prelude::*;
+
+/// Side of a cell of [`TrackConfig::max_per_cell`], pixels.
+const CELL_PX: usize = 32;
+/// Pixels at the border in which no feature starts.
+const BORDER_PX: f32 = 8.0;
+
+/// Corners away from `occupied` places, strongest first within each scale, finest scale
+/// first; at most `wanted`.
+pub fn corners(
+    gray: &Gray,
+    occupied: &[Point2<f32>],
+    wanted: usize,
+    config: &TrackConfig,
+) -> opencv::Result<Vec<Point2<f32>>> {
+    let mut mask = empty_mask(gray.width(), gray.height(), 255.0)?;
+    let mut cells = CellCount::new(gray, config.max_per_cell);
+    for p in occupied {
+        block(&mut mask, p, config.spacing_px)?;
+        cells.take(p);
+    }
+    let mut found = Vec::new();
+    let mut level = gray.mat().try_clone()?;
+    for scale in 0..config.scales.max(1) {
+        let factor = f32::from(1_u16 << scale);
+        if scale > 0 {
+            let mut smaller = Mat::default();
+            imgproc::pyr_down(&level, &mut smaller, Size::default(), 4)?;
+            level = smaller;
+        }
+        for corner in level_corners(&level, &mask, factor, wanted, config)? {
+            if found.len() >= wanted {
+                return Ok(found);
+            }
+            let inside = corner.x >= BORDER_PX
+                && corner.y >= BORDER_PX
+                && corner.x <= gray.width() as f32 - 1.0 - BORDER_PX
+                && corner.y <= gray.height() as f32 - 1.0 - BORDER_PX;
+            if inside && is_free(&mask, &corner) && cells.take(&corner) {
+                block(&mut mask, &corner, config.spacing_px)?;
+                found.push(corner);
+            }
+        }
+    }
+    Ok(found)
+}
+
+fn level_corners(
+    level: &Mat,
+    mask: &Mat,
+    factor: f32,
+    wanted: usize,
+    config: &TrackConfig,
+) -> opencv::Result<Vec<Point2<f32>>> {
+    let mut level_mask = Mat::default();
+    imgproc::resize(mask, &mut level_mask, level.size()?, 0.0, 0.0, imgproc::INTER_NEAREST)?;
+    let mut corners: Vector<Point2f> = Vector::new();
+    imgproc::good_features_to_track(
+        level,
+        &mut corners,
+        // Cells may refuse some: ask for more than are wanted.
+        (wanted * 2) as i32,
+        config.quality,
+        (config.spacing_px / f64::from(factor)).max(2.0),
+        &level_mask,
+        5,
+        false,
+        0.04,
+    )?;
+    let centre = 0.5 * (factor - 1.0);
+    Ok(corners.iter().map(|c| Point2::new(c.x * factor + centre, c.y * factor + centre)).collect())
+}
+
+fn block(mask: &mut Mat, p: &Point2<f32>, radius_px: f64) -> opencv::Result<()> {
+    let centre = Point::new(p.x.round() as i32, p.y.round() as i32);
+    imgproc::circle(mask, centre, radius_px.round() as i32, Scalar::all(0.0), -1, 8, 0)
+}
+
+fn is_free(mask: &Mat, p: &Point2<f32>) -> bool {
+    mask.at_2d::<u8>(p.y.round() as i32, p.x.round() as i32).is_ok_and(|&m| m > 0)
+}
+
+struct CellCount {
+    columns: usize,
+    limit: usize,
+    counts: Vec<usize>,
+}
+
+impl CellCount {
+    fn new(gray: &Gray, limit: usize) -> Self {
+        let columns = gray.width() / CELL_PX + 1;
+        Self { columns, limit, counts: vec![0; columns * (gray.height() / CELL_PX + 1)] }
+    }
+
+    /// Takes a place in the cell of `p`; false when it is full.
+    fn take(&mut self, p: &Point2<f32>) -> bool {
+        let cell = (p.y.max(0.0) as usize / CELL_PX) * self.columns
+            + (p.x.max(0.0) as usize / CELL_PX).min(self.columns - 1);
+        let Some(count) = self.counts.get_mut(cell) else { return false };
+        *count += 1;
+        self.limit == 0 || *count <= self.limit
+    }
+}

@@ -1,0 +1,83 @@
+//! Descriptions of features, as unit vectors compared by Euclidean distance.
+
+use super::surf::{Surf, SurfPoint};
+use crate::image::gray::Gray;
+use nalgebra::Point2;
+use opencv::core::{KeyPoint, KeyPointTraitConst, Mat, Vector};
+use opencv::features2d::SIFT;
+use opencv::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Scale at which tracked features are described, pixels (the described square is 20 wide).
+const SURF_SCALE: f32 = 1.2;
+
+/// Which descriptor verifies a tracked feature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DescriptorKind {
+    /// Upright SURF, the paper's choice (between two frames nothing rolls).
+    Surf,
+    /// SIFT, upright.
+    Sift,
+    /// None: flow and its failure detection alone.
+    None,
+}
+
+/// One unit vector a point, or nothing.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Descriptors {
+    length: usize,
+    values: Vec<f32>,
+}
+
+impl Descriptors {
+    /// The `i`-th description; empty for [`DescriptorKind::None`].
+    pub fn get(&self, i: usize) -> &[f32] {
+        &self.values[i * self.length..(i + 1) * self.length]
+    }
+}
+
+/// Euclidean distance; 0 between empty descriptions.
+pub fn distance(a: &[f32], b: &[f32]) -> f64 {
+    f64::from(a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f32>()).sqrt()
+}
+
+/// Describes given points.
+pub fn describe(
+    kind: DescriptorKind,
+    gray: &Gray,
+    points: &[Point2<f32>],
+) -> opencv::Result<Descriptors> {
+    match kind {
+        DescriptorKind::None => Ok(Descriptors::default()),
+        DescriptorKind::Surf => {
+            let points: Vec<SurfPoint> =
+                points.iter().map(|p| SurfPoint { x: p.x, y: p.y, scale: SURF_SCALE }).collect();
+            let values = Surf::new(gray)?.describe(&points, true).concat();
+            Ok(Descriptors { length: crate::learn::tracking::surf::SURF_LENGTH, values })
+        }
+        DescriptorKind::Sift => describe_sift(gray, points),
+    }
+}
+
+fn describe_sift(gray: &Gray, points: &[Point2<f32>]) -> opencv::Result<Descriptors> {
+    const LENGTH: usize = 128;
+    let mut values = vec![0.0; points.len() * LENGTH];
+    if !points.is_empty() {
+        let mut keypoints: Vector<KeyPoint> = Vector::new();
+        for (i, p) in points.iter().enumerate() {
+            keypoints.push(KeyPoint::new_coords(p.x, p.y, 6.0, 0.0, 0.0, 0, i as i32)?);
+        }
+        let mut rows = Mat::default();
+        SIFT::create_def()?.compute(gray.mat(), &mut keypoints, &mut rows)?;
+        for (row, keypoint) in keypoints.iter().enumerate() {
+            let described = rows.at_row::<f32>(row as i32)?;
+            let norm = described.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-6);
+            let start = keypoint.class_id() as usize * LENGTH;
+            for (value, d) in values[start..start + LENGTH].iter_mut().zip(described) {
+                *value = d / norm;
+            }
+        }
+    }
+    Ok(Descriptors { length: LENGTH, values })
+}

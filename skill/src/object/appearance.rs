@@ -1,0 +1,102 @@
+//! What an object looks like, kept for recognition: described features with their places in
+//! space and a thinned cloud of its surface, part by part (paper, section III-E, extended).
+//!
+//! All places are in the object frame with every joint at configuration 0.
+
+use crate::features::FeatureKind;
+use serde::{Deserialize, Serialize};
+
+/// A described feature of a part.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ModelFeature {
+    /// The part it lies on.
+    pub part: u16,
+    /// How it was described.
+    pub kind: FeatureKind,
+    /// Place, metres.
+    pub point: [f32; 3],
+    /// Unit surface normal; zero where unknown.
+    pub normal: [f32; 3],
+    /// Diameter of what is described, metres.
+    pub size_m: f32,
+    /// RootSIFT scaled to bytes.
+    pub descriptor: Vec<u8>,
+}
+
+/// A small piece of surface.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Surfel {
+    /// The part it lies on.
+    pub part: u16,
+    /// Place, metres.
+    pub point: [f32; 3],
+    /// Unit normal.
+    pub normal: [f32; 3],
+    /// CIE L*a*b*, slightly blurred.
+    pub lab: [f32; 3],
+}
+
+/// An edge of a part's surface; places in the object frame at configuration 0, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Edge {
+    /// The part.
+    pub part: u16,
+    /// A place on its surface,
+    pub surface: [f32; 3],
+    /// the unit normal there,
+    pub normal: [f32; 3],
+    /// and a place in the tangent plane where nothing is.
+    pub beyond: [f32; 3],
+    /// Configurations of the part's joint between which that is known; 0 for the base.
+    pub configurations: [f32; 2],
+}
+
+/// The appearance of an object.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Appearance {
+    /// Features.
+    pub features: Vec<ModelFeature>,
+    /// Surface.
+    pub surfels: Vec<Surfel>,
+    /// Where that is known to end. The store keeps it apart: older ones have none.
+    #[serde(skip)]
+    pub edges: Vec<Edge>,
+}
+
+/// Values of the appearance stage. Ours.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AppearanceConfig {
+    /// Keyframes that are described.
+    pub keyframes: usize,
+    /// Features kept per part.
+    pub max_features_per_part: usize,
+    /// Surfels kept per part.
+    pub max_surfels_per_part: usize,
+    /// Edges kept per part.
+    pub max_edges_per_part: usize,
+    /// The base's features are kept within this distance of what moved, metres.
+    pub feature_margin_m: f64,
+    /// The base's surface is kept within this distance of what moved, metres.
+    pub surface_margin_m: f64,
+    /// and, where that is little, this much farther along what hangs together with it, metres.
+    pub base_reach_m: f64,
+    /// The base's edges are kept within this distance of what moved, metres: farther away rooms
+    /// differ.
+    pub edge_margin_m: f64,
+}
+
+impl Default for AppearanceConfig {
+    fn default() -> Self {
+        Self {
+            keyframes: 16,
+            max_features_per_part: 2000,
+            max_surfels_per_part: 1200,
+            max_edges_per_part: 300,
+            feature_margin_m: 0.3,
+            surface_margin_m: 0.25,
+            base_reach_m: 0.4,
+            edge_margin_m: 0.1,
+        }
+    }
+}

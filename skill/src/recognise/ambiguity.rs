@@ -1,0 +1,100 @@
+//! Rival configurations. A part may be seen and yet look the same wherever its joint puts it, as
+//! the round foot of a chair does, or a plain board that slides in its own plane. Its
+//! configuration is told only where no other one explains the picture about as well.
+
+use super::elimination::told_within;
+use super::hypothesis::fit_of_inliers;
+use super::kinematics::State;
+use super::refine::{FEATURE_WORTH, Refiner};
+use super::verify::{PartVerdict, verify};
+use rayon::prelude::*;
+
+/// Configurations that are tried.
+const STEPS: usize = 25;
+/// Share of what a configuration explains from which another one is its rival.
+const AS_GOOD: f64 = 0.9;
+
+/// The parts on that side of a joint which shows less, if they could as well be elsewhere while
+/// the others stay where they are; else none.
+pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
+    let articulated = refiner.articulated;
+    let j = &articulated.joints[joint];
+    let moved = articulated.moved_by(joint);
+    let (moving, resting): (Vec<usize>, Vec<usize>) =
+        (0..articulated.parts).partition(|part| moved.contains(part));
+    let by_part = explained(refiner, state);
+    let of = |by_part: &[f64], parts: &[usize]| parts.iter().map(|&p| by_part[p]).sum::<f64>();
+    let (of_moving, of_resting) = (of(&by_part, &moving), of(&by_part, &resting));
+    let (weak, held) = if of_moving < of_resting { (moving, resting) } else { (resting, moving) };
+    let camera_from_held = articulated.poses(state)[held[0]];
+    let step = (j.high - j.low) / (STEPS - 1) as f64;
+    let has_rival = (0..STEPS)
+        .into_par_iter()
+        .map(|i| j.low + step * i as f64)
+        .filter(|q| (q - state.q[joint]).abs() > told_within(j.geometry.kind))
+        .any(|q| {
+            let mut elsewhere = state.q.clone();
+            elsewhere[joint] = q;
+            let elsewhere = articulated.state_with(held[0], &camera_from_held, elsewhere);
+            let explained = of(&explained(refiner, &elsewhere), &weak);
+            // What was never seen to happen is no rival of what was.
+            let penalty = articulated.range_penalty(&elsewhere) - articulated.range_penalty(state);
+            explained - penalty.max(0.0) > AS_GOOD * of_moving.min(of_resting)
+        });
+    if has_rival { weak } else { Vec::new() }
+}
+
+/// What a state explains of the picture by each of its parts, in surfels.
+fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
+    let verdict = verify(refiner.scene, refiner.articulated, refiner.cloud, state);
+    let of_part = |(part, seen): (usize, &PartVerdict)| {
+        let features = fit_of_inliers(refiner.articulated, refiner.matches, state, part);
+        seen.fit() + FEATURE_WORTH * features
+    };
+    verdict.parts.iter().enumerate().map(of_part).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::RecogniseConfig;
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::kinematics::{Articulated, ChainJoint};
+    use crate::recognise::scene::Scene;
+    use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
+    use crate::test_data::seen;
+    use nalgebra::{Point3, Vector3};
+
+    /// The parts adrift of a board that slides to and fro before a plate, in a scene with this
+    /// depth beside the board.
+    fn adrift_beside(depth: impl Fn(f64, f64) -> f64) -> Vec<usize> {
+        let frame = seen(0, |x, y| if on_board(x, y) { BOARD_M } else { depth(x, y) });
+        let scene = Scene::plain(&frame).unwrap();
+        let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let joints = vec![ChainJoint::new(geometry, [0, 1], [-0.1, 0.1])];
+        let articulated = Articulated { parts: 2, joints };
+        let cloud = slider_surface(|_| 50.0);
+        let refiner = Refiner {
+            scene: &scene,
+            articulated: &articulated,
+            cloud: &cloud,
+            coarse: &cloud,
+            matches: &[],
+            config: &RecogniseConfig::default(),
+        };
+        let state = State { camera_from_object: Pose::identity(), q: vec![0.0] };
+        adrift(&refiner, &state, 0)
+    }
+
+    #[test]
+    fn a_plate_that_ends_where_it_should_is_where_it_is() {
+        let parts = adrift_beside(|x, y| if on_plate(x, y) { PLATE_M } else { 2.5 });
+        assert!(parts.is_empty(), "{parts:?}");
+    }
+
+    #[test]
+    fn a_plate_that_may_be_anywhere_on_a_wall_is_adrift() {
+        assert_eq!(adrift_beside(|_, _| PLATE_M), [0]);
+    }
+}

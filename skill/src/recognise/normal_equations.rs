@@ -1,0 +1,145 @@
+//! Normal equations over an object's pose and configurations, and the rows that a seen surface
+//! gives them.
+
+use super::kinematics::{Articulated, State};
+use super::scene::Scene;
+use super::verify::{Cloud, visible};
+use linkage_driver::depth::depth_sigma;
+use nalgebra::{DMatrix, DVector};
+
+/// Normal equations over pose and configurations; of the symmetric matrix the lower triangle
+/// alone.
+pub struct System {
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+    row: DVector<f64>,
+}
+
+/// Deviation from which on an unknown counts as untold: a metre, or a radian.
+const UNTOLD_DEVIATION: f64 = 1.0;
+/// Evidence of an unknown of which nothing tells.
+const UNTOLD_INFORMATION: f64 = 0.25;
+
+impl System {
+    /// For so many unknowns.
+    pub fn new(unknowns: usize) -> Self {
+        Self {
+            hessian: DMatrix::zeros(unknowns, unknowns),
+            gradient: DVector::zeros(unknowns),
+            row: DVector::zeros(unknowns),
+        }
+    }
+
+    /// One residual, with how it changes with each unknown.
+    pub fn add(&mut self, jacobian: impl IntoIterator<Item = f64>, residual: f64, weight: f64) {
+        self.row.iter_mut().zip(jacobian).for_each(|(entry, value)| *entry = value);
+        self.gradient.axpy(weight * residual, &self.row, 1.0);
+        self.hessian.syger(weight, &self.row, &self.row, 1.0);
+    }
+
+    /// Draws joints back that stand outside the range that was seen: a joint may turn a little
+    /// further than it was shown, but where the picture hardly tells, it does not.
+    pub fn draw_into_range(&mut self, articulated: &Articulated, state: &State) {
+        for (j, (joint, q)) in articulated.joints.iter().zip(&state.q).enumerate() {
+            let excess = joint.excess(*q);
+            if excess != 0.0 {
+                let weight = joint.slack().powi(-2);
+                self.gradient[6 + j] += weight * excess;
+                self.hessian[(6 + j, 6 + j)] += weight;
+            }
+        }
+    }
+
+    /// Holds the first unknowns, the pose, where they are.
+    pub fn hold_pose(&mut self, weight: f64) {
+        for k in 0..6 {
+            self.hessian[(k, k)] += weight;
+        }
+    }
+
+    /// Standard deviation of each unknown where all others are unknown too, in the unknowns' own
+    /// units: `None` where nothing tells of it.
+    pub fn deviations(&self) -> Vec<Option<f64>> {
+        let mut hessian = self.hessian.clone();
+        hessian.fill_upper_triangle_with_lower_triangle();
+        let unknowns = hessian.nrows();
+        // Without any evidence an unknown stays as uncertain as this.
+        (0..unknowns).for_each(|k| hessian[(k, k)] += UNTOLD_INFORMATION);
+        let Some(covariance) = hessian.cholesky().map(|c| c.inverse()) else {
+            return vec![None; unknowns];
+        };
+        (0..unknowns)
+            .map(|k| covariance[(k, k)].sqrt())
+            .map(|deviation| (deviation < UNTOLD_DEVIATION).then_some(deviation))
+            .collect()
+    }
+
+    /// The step that lowers the residuals; `None` when it cannot be told.
+    pub fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
+        for k in 0..self.hessian.nrows() {
+            self.hessian[(k, k)] += damping;
+        }
+        Some(self.hessian.cholesky()?.solve(&(-self.gradient)))
+    }
+}
+
+/// Distances of visible surfels to the planes seen at their pixels, nearer than `gate`.
+pub fn add_surface(
+    system: &mut System,
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    state: &State,
+    gate: f64,
+) -> usize {
+    let poses = articulated.poses(state);
+    let mut planes = Vec::new();
+    for p in visible(scene, cloud, &poses) {
+        let Some(surface) = scene.surface(p.pixel.0, p.pixel.1) else { continue };
+        let (u, v) = (p.pixel.0 as f64, p.pixel.1 as f64);
+        let seen = scene.frame.camera.back_project(u, v, surface.z);
+        let residual = (p.point - seen).dot(&surface.normal);
+        let near = residual.abs() < gate + 2.0 * depth_sigma(p.point.z)
+            && (seen.z - p.point.z).abs() < 2.0 * gate + 0.02
+            && surface.normal.dot(&p.normal) > 0.8;
+        if near {
+            planes.push((p, surface.normal, residual));
+        }
+    }
+    let velocities = articulated.velocities(&poses);
+    let share = (300.0 / planes.len().max(1) as f64).min(1.0);
+    for (p, normal, residual) in &planes {
+        let sigma = depth_sigma(p.point.z) + 0.002;
+        let weight = share / sigma.powi(2) / (residual.abs() / sigma / 2.0).max(1.0);
+        let row = velocities.of(p.part, &p.point).map(|v| normal.dot(&v));
+        system.add(row, *residual, weight);
+    }
+    planes.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_deviation_is_that_of_the_mean_of_its_residuals() {
+        let mut system = System::new(7);
+        let sigma = 0.01_f64;
+        for _ in 0..100 {
+            system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 0.0, 1.0 / sigma.powi(2));
+        }
+        let deviations = system.deviations();
+        assert!((deviations[3].unwrap() - sigma / 10.0).abs() < 1e-6);
+        assert_eq!(deviations[6], None);
+    }
+
+    #[test]
+    fn two_unknowns_that_one_residual_mixes_are_not_told() {
+        let mut system = System::new(7);
+        system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0], 0.0, 1e6);
+        assert_eq!(system.deviations()[6], None);
+        // Another one that tells the one tells the other.
+        system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 0.0, 1e6);
+        assert!(system.deviations()[6].is_some_and(|d| d < 0.002));
+    }
+}

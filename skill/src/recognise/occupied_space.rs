@@ -1,0 +1,67 @@
+//! Places in front of the camera where something that was recognised stands.
+
+use super::kinematics::{Articulated, State};
+use super::verify::Cloud;
+use nalgebra::Point3;
+use std::collections::HashSet;
+
+/// Edge of a cell, metres.
+const CELL_M: f64 = 0.03;
+
+type Cell = [i32; 3];
+
+/// Cells, camera frame.
+#[derive(Default)]
+pub struct Taken {
+    cells: HashSet<Cell>,
+}
+
+fn cell_of(p: &Point3<f64>) -> Cell {
+    [p.x, p.y, p.z].map(|x| (x / CELL_M).floor() as i32)
+}
+
+/// A cell with all that touch it.
+fn around(cell: Cell) -> impl Iterator<Item = Cell> {
+    (0..27).map(move |i| [cell[0] + i % 3 - 1, cell[1] + i / 3 % 3 - 1, cell[2] + i / 9 - 1])
+}
+
+/// Where the surface of an object in some state is.
+pub fn places_of(cloud: &Cloud, articulated: &Articulated, state: &State) -> Vec<Point3<f64>> {
+    let poses = articulated.poses(state);
+    cloud.surfels.iter().map(|s| poses[s.part] * s.point).collect()
+}
+
+impl Taken {
+    /// Takes places and what touches them.
+    pub fn add(&mut self, places: &[Point3<f64>]) {
+        let own: HashSet<Cell> = places.iter().map(cell_of).collect();
+        self.cells.extend(own.into_iter().flat_map(around));
+    }
+
+    /// A place is taken.
+    pub fn holds(&self, place: &Point3<f64>) -> bool {
+        self.cells.contains(&cell_of(place))
+    }
+
+    /// Share of places that are taken.
+    pub fn share(&self, places: &[Point3<f64>]) -> f64 {
+        places.iter().filter(|p| self.holds(p)).count() as f64 / places.len().max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stands_in_a_place_takes_it_and_what_touches_it() {
+        let mut taken = Taken::default();
+        let place = Point3::new(-0.01, 0.2, 1.0);
+        assert!(!taken.holds(&place));
+        taken.add(&[place]);
+        let beside = |x: f64| Point3::new(place.x + x, place.y, place.z);
+        assert!(taken.holds(&place) && taken.holds(&beside(CELL_M)));
+        assert!(!taken.holds(&beside(2.1 * CELL_M)));
+        assert_eq!(taken.share(&[place, beside(0.5), beside(1.0)]), 1.0 / 3.0);
+    }
+}

@@ -1,0 +1,74 @@
+//! What tests look at: pictures of a made-up scene, and features of made-up objects.
+
+use crate::features::quantised::quantise;
+use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};
+use crate::object::appearance::{Appearance, ModelFeature};
+use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
+use nalgebra::{Point3, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
+
+/// A grey picture of 320 by 240 pixels; `depth` tells how far it is, metres, along the ray through
+/// a place one metre before the camera.
+pub fn seen(utime: i64, depth: impl Fn(f64, f64) -> f64) -> RgbdFrame {
+    let (width, height, focal) = (320, 240, 260.0);
+    let camera = PinholeCamera {
+        width,
+        height,
+        fx: focal,
+        fy: focal,
+        cx: 160.0,
+        cy: 120.0,
+        ..PinholeCamera::kinect()
+    };
+    let at = |i: usize| {
+        let (u, v) = ((i % width) as f64 - camera.cx, (i / width) as f64 - camera.cy);
+        depth(u / focal, v / focal) as f32
+    };
+    let metres = (0..width * height).map(at).collect();
+    let color = ColorImage::new(width, height, vec![9; width * height * 3]).expect("it fits");
+    let depth = DepthImage::from_metres(width, height, metres).expect("it fits");
+    RgbdFrame::new(utime, Arc::new(camera), color, depth).expect("they are of one size")
+}
+
+/// Depth of a board across the line of sight, `half` metres to each side of it, before a wall.
+pub fn board(half: f64, front: f64, wall: f64) -> impl Fn(f64, f64) -> f64 {
+    move |x, y| if (x * front).abs() < half && (y * front).abs() < half { front } else { wall }
+}
+
+fn descriptors(seed: u64) -> impl Iterator<Item = [f32; DESCRIPTOR_LENGTH]> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let descriptor = move |_| {
+        let raw: [f32; DESCRIPTOR_LENGTH] = std::array::from_fn(|_| rng.random::<f32>().powi(4));
+        let norm = raw.iter().map(|x| x * x).sum::<f32>().sqrt();
+        raw.map(|x| x / norm)
+    };
+    (0..200).map(descriptor)
+}
+
+/// An object of 200 features; each seed gives another.
+pub fn features(seed: u64) -> Appearance {
+    let feature = |descriptor| ModelFeature {
+        part: 0,
+        kind: FeatureKind::Rectified,
+        point: [0.0; 3],
+        normal: [0.0; 3],
+        size_m: 0.016,
+        descriptor: quantise(&descriptor).to_vec(),
+    };
+    Appearance { features: descriptors(seed).map(feature).collect(), ..Appearance::default() }
+}
+
+/// Every third feature of that object, `size` times as large as it is.
+pub fn features_seen(seed: u64, size: f64) -> Vec<DescribedFeature> {
+    let feature = |descriptor| DescribedFeature {
+        kind: FeatureKind::Rectified,
+        pixel: [0.0; 2],
+        point: Some(Point3::new(0.1, 0.1, 1.0)),
+        normal: Vector3::zeros(),
+        size: 0.016 * size,
+        descriptor,
+    };
+    descriptors(seed).step_by(3).map(feature).collect()
+}
