@@ -7,7 +7,7 @@ use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
 use linkage_skill::math::rigid::{Pose, pose_to_array};
 use linkage_skill::object::joint_geometry::JointKind;
 use linkage_skill::object::model::{Joint, ObjectModel};
-use linkage_skill::predict::{Encountered, PredictError, Target};
+use linkage_skill::predict::{PredictError, PredictionContext, Target};
 use linkage_skill::recognise::{self, JointState, Recognised};
 use nalgebra::{Matrix3, Point3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -162,7 +162,7 @@ pub fn predict(
     {
         return Err(PlanError::OtherMoves { object: moving.object().to_owned() });
     }
-    let encountered = Encountered::new(model, recognised)?;
+    let encountered = PredictionContext::new(model, recognised)?;
     let asked = asked_for(&encountered, recognised, request, rig)?;
     let stopped = coming_to_rest(model, request, &asked, rig)?;
     let moved = [asked.as_slice(), &stopped].concat();
@@ -197,7 +197,7 @@ pub fn predict(
 
 /// Motions of the joints that are asked for, with their numbers in the model.
 fn asked_for(
-    encountered: &Encountered,
+    encountered: &PredictionContext,
     recognised: &Recognised,
     request: &Request,
     rig: &Rig,
@@ -313,7 +313,7 @@ fn assure_configuration(
 
 /// Where all parts are at the knots of the longest motion.
 struct Ways<'e> {
-    encountered: &'e Encountered<'e>,
+    encountered: &'e PredictionContext<'e>,
     /// Parts that any of the moving joints carries.
     moved: Vec<bool>,
     /// Seconds, and camera_from_part of every part.
@@ -321,7 +321,7 @@ struct Ways<'e> {
 }
 
 impl<'e> Ways<'e> {
-    fn new(encountered: &'e Encountered<'e>, motions: &[(usize, JointMotion)]) -> Self {
+    fn new(encountered: &'e PredictionContext<'e>, motions: &[(usize, JointMotion)]) -> Self {
         let model = encountered.model();
         let mut moved = vec![false; model.parts.len()];
         for (i, joint) in model.joints.iter().enumerate() {

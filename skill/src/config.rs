@@ -2,10 +2,10 @@
 //! what differs from the profile that they extend.
 
 use crate::articulation::ArticulateConfig;
-use crate::learn::ego_motion::BaseConfig;
+use crate::learn::ego_motion::EgoMotionConfig;
 use crate::learn::joint_search::config::JointsConfig;
 use crate::learn::katz::config::KatzConfig;
-use crate::learn::paper::config::StructureConfig;
+use crate::learn::paper::config::PaperConfig;
 use crate::learn::paper::pose_optimisation::PoseConfig;
 use crate::learn::paper::segmentation::SegmentConfig;
 use crate::learn::plane_hinges::config::PlanesConfig;
@@ -15,14 +15,16 @@ use crate::recognise::{FollowConfig, RecogniseConfig};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Which way of learning is taken.
+/// Which method learns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum LearningWay {
+pub enum Method {
     /// The paper's: cluster tracks, then poses, then models.
-    Clusters,
+    #[serde(rename = "clusters")]
+    Paper,
     /// Ours: joints with a shared configuration fitted directly to the tracks.
-    Joints,
+    #[serde(rename = "joints")]
+    DirectJoints,
     /// The paper's baseline: Katz et al. 2013.
     Katz,
 }
@@ -31,8 +33,8 @@ pub enum LearningWay {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LearnConfig {
-    /// The way.
-    pub way: LearningWay,
+    /// Which method learns.
+    pub way: Method,
     /// Whole frames kept for appearance and free-space tests; bounds memory.
     pub keyframes: usize,
     /// Frames between searches for joints while frames arrive, and so how old a live guess may
@@ -42,7 +44,7 @@ pub struct LearnConfig {
 
 impl Default for LearnConfig {
     fn default() -> Self {
-        Self { way: LearningWay::Joints, keyframes: 48, search_every: 15 }
+        Self { way: Method::DirectJoints, keyframes: 48, search_every: 15 }
     }
 }
 
@@ -59,7 +61,7 @@ pub struct SkillConfig {
     /// Feature tracking.
     pub track: TrackConfig,
     /// Camera motion and what stays still.
-    pub base: BaseConfig,
+    pub base: EgoMotionConfig,
     /// Motion segmentation.
     pub segment: SegmentConfig,
     /// Pose optimisation.
@@ -67,7 +69,7 @@ pub struct SkillConfig {
     /// Joint models.
     pub articulate: ArticulateConfig,
     /// Which parts and joints the paper's way believes.
-    pub structure: StructureConfig,
+    pub structure: PaperConfig,
     /// Our way of learning.
     pub joints: JointsConfig,
     /// Hinges of plain surfaces.
@@ -198,7 +200,7 @@ mod tests {
     #[test]
     fn the_paper_profile_holds_the_papers_values() {
         let paper = SkillConfig::load("paper", None).unwrap();
-        assert_eq!(paper.learn.way, LearningWay::Clusters);
+        assert_eq!(paper.learn.way, Method::Paper);
         assert_eq!((paper.track.max_features, paper.track.quality), (1500, 0.04));
         assert_eq!(paper.pose.gaps, [1, 10]);
     }

@@ -15,7 +15,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 /// What a demonstration is learned with.
 #[derive(Clone)]
-pub struct Teacher {
+pub struct LearningWorker {
     pub config: SkillConfig,
     pub store: PathBuf,
     pub out: Outbox,
@@ -45,7 +45,7 @@ enum NotStored {
     Store(#[from] StoreError),
 }
 
-impl Teacher {
+impl LearningWorker {
     /// Starts to learn.
     ///
     /// `lost` says how many of its frames were lost, where they were many: so does the answer.

@@ -4,7 +4,7 @@
 use super::ServiceConfig;
 use super::capture::{Arrived, Lost};
 use super::command::{Action, Command};
-use super::learning::{Learning, Teacher};
+use super::learning::{Learning, LearningWorker};
 use super::losses::Losses;
 use super::publisher::{Answer, Note, Outbox, Situation};
 use super::reacquire::Reacquisition;
@@ -35,7 +35,7 @@ pub struct Inbox {
 
 pub struct Perception<'q> {
     config: ServiceConfig,
-    teacher: Teacher,
+    teacher: LearningWorker,
     inbox: Inbox,
     losses: Losses,
     watchdog: Watchdog,
@@ -64,7 +64,7 @@ enum State {
 struct Demonstrating {
     object: String,
     learner: Learner,
-    so_far: ObjectModel,
+    current_estimate: ObjectModel,
     told: Instant,
     losses: Losses,
 }
@@ -132,7 +132,7 @@ impl<'q> Perception<'q> {
         let (skill, store) = (config.skill.clone(), config.store.clone());
         Self {
             config: config.clone(),
-            teacher: Teacher { config: skill, store, out: out.clone() },
+            teacher: LearningWorker { config: skill, store, out: out.clone() },
             losses: Losses::begin(&inbox.lost, 0),
             inbox,
             watchdog: Watchdog::from_environment(),
@@ -243,10 +243,11 @@ impl<'q> Perception<'q> {
         self.interruptible()?;
         self.rest(Reason::Replaced);
         let learner = Learner::live(&self.config.skill);
-        let so_far = learner.so_far(&object);
+        let current_estimate = learner.current_estimate(&object);
         let answer = format!("watching how {object} is moved");
         let losses = Losses::begin(&self.inbox.lost, 0);
-        let demonstrating = Demonstrating { object, learner, so_far, told: Instant::now(), losses };
+        let demonstrating =
+            Demonstrating { object, learner, current_estimate, told: Instant::now(), losses };
         self.state = State::Demonstrating(Box::new(demonstrating));
         Ok(answer)
     }
@@ -380,8 +381,8 @@ impl<'q> Perception<'q> {
         }
         if d.told.elapsed() >= TELL_EVERY {
             d.told = Instant::now();
-            d.so_far = d.learner.so_far(&d.object);
-            self.out.send(channel::MODEL, &messages::model(&d.so_far, frame.utime));
+            d.current_estimate = d.learner.current_estimate(&d.object);
+            self.out.send(channel::MODEL, &messages::model(&d.current_estimate, frame.utime));
         }
     }
 
@@ -607,7 +608,7 @@ impl<'q> Perception<'q> {
             State::Resting => ("ready", ""),
             State::Demonstrating(d) => {
                 tracks = d.learner.tracker().live_count();
-                joints = certainties(&d.so_far);
+                joints = certainties(&d.current_estimate);
                 ("demonstrating", d.object.as_str())
             }
             State::Learning { learning, .. } => ("learning", learning.object.as_str()),

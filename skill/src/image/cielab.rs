@@ -12,13 +12,13 @@ use std::sync::LazyLock;
 const BLUR_PX: f64 = 1.2;
 
 /// A slightly blurred picture, L* from 0 to 100.
-pub struct LabPicture {
+pub struct CielabImage {
     width: usize,
     /// L* of 100 as 255, a* and b* from -128.
     values: Vec<[u8; 3]>,
 }
 
-impl LabPicture {
+impl CielabImage {
     /// Of a colour picture.
     ///
     /// # Errors

@@ -4,8 +4,8 @@
 //! What is found depends on frame numbers alone, not on how fast the threads run: a search
 //! starts every so many frames, when the one before it is over, and the end drops the last.
 
-use super::ego_motion::BaseMotion;
-use super::joint_search::{Memory, Watched};
+use super::ego_motion::EgoMotion;
+use super::joint_search::{WarmStart, Watched};
 use super::keyframes::Keyframes;
 use super::tracking::TrackSet;
 use crate::config::SkillConfig;
@@ -17,7 +17,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A search that runs beside the tracker.
-pub struct SearchAhead {
+pub struct BackgroundSearch {
     /// One thread: the tracker keeps the others.
     pool: Option<ThreadPool>,
     every: usize,
@@ -25,7 +25,7 @@ pub struct SearchAhead {
     running: Option<Running>,
     tells: bool,
     /// What the last search believes, as soon as it is over.
-    so_far: Arc<Mutex<Vec<Joint>>>,
+    current_estimate: Arc<Mutex<Vec<Joint>>>,
 }
 
 /// What there is of a demonstration by now.
@@ -42,9 +42,9 @@ pub struct Snapshot {
 #[derive(Clone, Default)]
 pub struct Found {
     /// The base's motion until then,
-    pub base: Arc<BaseMotion>,
+    pub base: Arc<EgoMotion>,
     /// and what moves on it.
-    pub memory: Memory,
+    pub memory: WarmStart,
 }
 
 struct Running {
@@ -52,7 +52,7 @@ struct Running {
     cancelled: Arc<AtomicBool>,
 }
 
-impl SearchAhead {
+impl BackgroundSearch {
     /// Searches every `every` frames; never if 0. Only if it `tells` is it known what it believes.
     pub fn new(every: usize, tells: bool) -> Self {
         let pool = (every > 0)
@@ -63,7 +63,7 @@ impl SearchAhead {
             found: Found::default(),
             running: None,
             tells,
-            so_far: Arc::default(),
+            current_estimate: Arc::default(),
         }
     }
 
@@ -84,13 +84,14 @@ impl SearchAhead {
         let (sender, result) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
         let (config, earlier, stop) = (config.clone(), self.found.clone(), cancelled.clone());
-        let (so_far, tells) = (Arc::clone(&self.so_far), self.tells);
+        let (current_estimate, tells) = (Arc::clone(&self.current_estimate), self.tells);
         let Snapshot { set, camera_from_base, keyframes } = snapshot();
         pool.spawn(move || {
             let base = earlier.base.extended(&set, camera_from_base, &config.base);
             let watched =
                 Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
-            let tell = |joints| *so_far.lock().unwrap_or_else(PoisonError::into_inner) = joints;
+            let tell =
+                |joints| *current_estimate.lock().unwrap_or_else(PoisonError::into_inner) = joints;
             let tell: Option<&dyn Fn(Vec<Joint>)> = if tells { Some(&tell) } else { None };
             let memory = watched.remember(&earlier.memory, &stop, tell);
             // Nobody waits for a search that was dropped.
@@ -108,8 +109,8 @@ impl SearchAhead {
     }
 
     /// Joints that the last finished search believes in.
-    pub fn so_far(&self) -> Vec<Joint> {
-        self.so_far.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    pub fn current_estimate(&self) -> Vec<Joint> {
+        self.current_estimate.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// What is known when no more frames come. A search that still runs is dropped: waiting for it

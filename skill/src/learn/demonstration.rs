@@ -1,7 +1,7 @@
 //! All that was learned from one demonstration, put together from the joints that a method found.
 
-use super::ego_motion::BaseMotion;
-use super::grasp_point::Held;
+use super::ego_motion::EgoMotion;
+use super::grasp_point::GraspEstimator;
 use super::keyframes::Keyframes;
 use super::learned_joint::LearnedJoint;
 use super::stage_times::StageTimes;
@@ -38,7 +38,7 @@ pub(super) fn assemble(
     object: &str,
     config: &SkillConfig,
     set: TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     joints: Vec<LearnedJoint>,
     keyframes: Keyframes,
     mut times: StageTimes,
@@ -65,7 +65,7 @@ pub(super) fn assemble(
     times.measure("grasp", || {
         let grasp = |learned: &LearnedJoint| {
             let (parent, child) = (learned.joint.parent, learned.joint.child);
-            let held = Held {
+            let held = GraspEstimator {
                 camera_from_part: &camera_from_part[child],
                 camera_from_parent: &camera_from_part[parent],
                 surface: surface_of(&set, learned, &camera_from_part[child]),

@@ -1,7 +1,7 @@
 //! What distinguishes a part of an object from a hand: it rests, and where the model says
 //! that it is, nothing behind it is seen.
 
-use super::ego_motion::{BaseMotion, coarse_sigma, rest_length};
+use super::ego_motion::{EgoMotion, coarse_sigma, rest_length};
 use super::keyframes::Keyframes;
 use super::paper::pose_optimisation::PartMotion;
 use crate::math::rigid::{Pose, matrix_pose};
@@ -10,7 +10,7 @@ use linkage_driver::RgbdFrame;
 use nalgebra::Point3;
 
 /// Share of tracks that rest for `frames` observations at the start or the end of their life.
-pub fn rests(base: &BaseMotion, tracks: &[usize], frames: usize) -> f64 {
+pub fn rests(base: &EgoMotion, tracks: &[usize], frames: usize) -> f64 {
     let resting = tracks
         .iter()
         .filter(|&&id| {
@@ -37,7 +37,7 @@ enum Probe {
 /// the part is is false. Asked at the known configuration, or else at the one that fits best,
 /// which must exist somewhere in the range.
 pub fn seen_through(
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     motion: &PartMotion,
     geometry: &JointGeometry,
@@ -48,10 +48,10 @@ pub fn seen_through(
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let pad = 0.25 * (high - low);
-    let mut all = Probed::default();
+    let mut all = FreeSpaceCounts::default();
     for (frame, picture) in keyframes.iter() {
         let probe = |q: f64| {
-            probe_points(
+            count_free_space(
                 picture,
                 &points_at_rest,
                 &(base.camera_from_base[frame] * geometry.motion(q)),
@@ -70,7 +70,7 @@ pub fn seen_through(
 
 /// A part's tracked points carried back to configuration 0.
 fn rest_points(
-    base: &BaseMotion,
+    base: &EgoMotion,
     motion: &PartMotion,
     geometry: &JointGeometry,
     frames: &[usize],
@@ -96,14 +96,14 @@ fn rest_points(
 
 /// Points of a part that a picture sees through, and those that it finds in their places.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Probed {
+pub struct FreeSpaceCounts {
     /// Something behind them is seen.
     pub through: usize,
     /// Their surface is seen.
     pub agrees: usize,
 }
 
-impl Probed {
+impl FreeSpaceCounts {
     /// Counts what was found elsewhere, too.
     pub fn add(&mut self, other: Self) {
         self.through += other.through;
@@ -132,13 +132,13 @@ impl Probed {
 }
 
 /// What a picture tells of points of a part.
-pub fn probe_points(
+pub fn count_free_space(
     picture: &RgbdFrame,
     points: &[Point3<f64>],
     camera_from_part: &Pose,
-) -> Probed {
+) -> FreeSpaceCounts {
     let camera_from_part = matrix_pose(camera_from_part);
-    let mut found = Probed::default();
+    let mut found = FreeSpaceCounts::default();
     for p in points {
         match probe_point(picture, &(camera_from_part * p)) {
             Probe::Through => found.through += 1,

@@ -41,7 +41,7 @@ const LINKED: f64 = 2.0;
 const LEAST_CELLS: usize = 12;
 
 /// A part with what is known of its motion.
-pub struct Held<'h> {
+pub struct GraspEstimator<'h> {
     /// Its pose in each frame; part axes are the camera's at the first frame.
     pub camera_from_part: &'h Trajectory,
     /// That of what carries it.
@@ -50,7 +50,7 @@ pub struct Held<'h> {
     pub surface: Vec<Point3<f64>>,
 }
 
-impl Held<'_> {
+impl GraspEstimator<'_> {
     /// The point that was held, in the part's coordinates; `None` where no hand was seen to hold
     /// it.
     pub fn grasp(&self, keyframes: &Keyframes) -> Option<Point3<f64>> {
@@ -281,7 +281,7 @@ mod tests {
         let grid =
             |i: i32| Point3::new(0.03 * f64::from(i % 11 - 5), 0.03 * f64::from(i / 11 - 5), 1.5);
         let (camera_from_part, camera_from_parent) = (poses(true), poses(false));
-        let held = Held {
+        let held = GraspEstimator {
             camera_from_part: &camera_from_part,
             camera_from_parent: &camera_from_parent,
             surface: (0..121).map(grid).collect(),

@@ -16,11 +16,11 @@ pub mod plane_hinges;
 pub mod stage_times;
 pub mod tracking;
 
-use crate::config::{LearningWay, SkillConfig};
+use crate::config::{Method, SkillConfig};
 use crate::learn::demonstration::{Demonstration, assemble};
 use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
-use background_search::{SearchAhead, Snapshot};
-use ego_motion::BaseFinder;
+use background_search::{BackgroundSearch, Snapshot};
+use ego_motion::EgoMotionEstimator;
 use joint_search::Watched;
 use keyframes::Keyframes;
 use linkage_driver::RgbdFrame;
@@ -65,9 +65,9 @@ const MIN_FRAMES: usize = 10;
 pub struct Learner {
     config: SkillConfig,
     tracker: Tracker,
-    base: BaseFinder,
+    base: EgoMotionEstimator,
     keyframes: Keyframes,
-    ahead: SearchAhead,
+    ahead: BackgroundSearch,
     first_utime: i64,
     last_utime: Option<i64>,
     times: StageTimes,
@@ -87,14 +87,14 @@ impl Learner {
 
     fn telling(config: &SkillConfig, tells: bool) -> Self {
         let every = match config.learn.way {
-            LearningWay::Joints => config.learn.search_every,
-            LearningWay::Clusters | LearningWay::Katz => 0,
+            Method::DirectJoints => config.learn.search_every,
+            Method::Paper | Method::Katz => 0,
         };
         Self {
             tracker: Tracker::new(config.track.clone()),
-            base: BaseFinder::new(&config.base, config.seed),
+            base: EgoMotionEstimator::new(&config.base, config.seed),
             keyframes: Keyframes::new(config.learn.keyframes),
-            ahead: SearchAhead::new(every, tells),
+            ahead: BackgroundSearch::new(every, tells),
             config: config.clone(),
             first_utime: 0,
             last_utime: None,
@@ -155,8 +155,8 @@ impl Learner {
 
     /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
     /// demonstration believes in. How long that part is depends on how fast this machine is.
-    pub fn so_far(&self, object: &str) -> ObjectModel {
-        let joints = self.ahead.so_far();
+    pub fn current_estimate(&self, object: &str) -> ObjectModel {
+        let joints = self.ahead.current_estimate();
         let part = |(i, _): (usize, &Joint)| Part::new(i + 1, format!("part{}", i + 1), 0);
         let base = Part::new(0, "base", self.tracker.live_count());
         let parts = std::iter::once(base).chain(joints.iter().enumerate().map(part)).collect();
@@ -190,13 +190,11 @@ impl Learner {
         let earlier = ahead.settle();
         let base = times.measure("base", || earlier.base.extended(&set, poses, &config.base));
         let joints = match config.learn.way {
-            LearningWay::Clusters => {
-                paper::from_clusters(&set, &base, &keyframes, &config, &mut times)
-            }
-            LearningWay::Katz => {
+            Method::Paper => paper::from_clusters(&set, &base, &keyframes, &config, &mut times),
+            Method::Katz => {
                 times.measure("katz", || crate::learn::katz::learn(&set, &base, &config.katz))
             }
-            LearningWay::Joints => {
+            Method::DirectJoints => {
                 let watched =
                     Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
                 let joints = times.measure("joints", || watched.joints(&earlier.memory));

@@ -102,13 +102,13 @@ pub struct JointMotion {
 }
 
 /// A recognised object with its model: what predictions start from.
-pub struct Encountered<'m> {
+pub struct PredictionContext<'m> {
     model: &'m ObjectModel,
     camera_from_object: Pose,
     configurations: Vec<Option<f64>>,
 }
 
-impl<'m> Encountered<'m> {
+impl<'m> PredictionContext<'m> {
     /// Puts a recognition and its model together.
     ///
     /// # Errors

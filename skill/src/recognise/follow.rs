@@ -18,7 +18,7 @@ use super::scene::Scene;
 use super::stillness::EdgeView;
 use super::verify::{Cloud, Verdict, verify, visible};
 use super::{
-    Found, KnownObject, RecogniseConfig, Recognised, Refiner, configuration_deviations,
+    Detection, KnownObject, RecogniseConfig, Recognised, Refiner, configuration_deviations,
     doubt_rivalled, evident_joints, report,
 };
 use crate::math::rigid::{Pose, pose_from_array};
@@ -267,7 +267,7 @@ impl Follower {
         verdict: Verdict,
         seen: bool,
         considered: Option<&Considered>,
-    ) -> Found {
+    ) -> Detection {
         let mut stands: Vec<bool> = verdict.parts.iter().map(|p| seen && p.stands()).collect();
         // A base that is hidden stays where it was while the camera does.
         stands[0] |= seen && self.base_view.as_ref().is_some_and(|view| view.is_still(scene));
@@ -285,7 +285,7 @@ impl Follower {
         let kept: Vec<bool> = joints.clone().map(is_kept).collect();
         let is_hoped = |j: usize| is_held(j) && (evident[j] || self.ever_told[j]);
         let hoped: Vec<bool> = joints.map(|j| kept[j] || is_hoped(j)).collect();
-        let mut found = Found {
+        let mut found = Detection {
             state: self.state.clone(),
             score: surface_score(&verdict),
             inliers: 0,
@@ -299,7 +299,7 @@ impl Follower {
     }
 
     /// Joints that are not kept from before are told only where they have no rival.
-    fn doubt(&self, scene: &Scene, found: &mut Found, kept: &[bool]) {
+    fn doubt(&self, scene: &Scene, found: &mut Detection, kept: &[bool]) {
         let KnownObject { cloud, coarse, .. } = &*self.object;
         let refiner = Refiner {
             scene,
@@ -559,7 +559,7 @@ mod tests {
     fn told(configuration: Option<f64>, stripes_end: bool) -> Option<f64> {
         let object = slider();
         let articulated = Articulated::new(&object.model);
-        let found = Found {
+        let found = Detection {
             state: State { camera_from_object: crate::math::rigid::Pose::identity(), q: vec![0.0] },
             score: 1.0,
             inliers: 0,

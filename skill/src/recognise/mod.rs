@@ -40,7 +40,7 @@ use kinematics::{Articulated, ChainJoint, State};
 use matching::{Compared, FeatureTable, Match};
 use nalgebra::UnitVector3;
 use normal_equations::System;
-use occupied_space::Taken;
+use occupied_space::OccupiedVoxels;
 use rayon::prelude::*;
 use refine::Refiner;
 use serde::{Deserialize, Serialize};
@@ -243,13 +243,13 @@ pub fn recognise(
     config: &RecogniseConfig,
     seed: u64,
 ) -> Recognition {
-    let mut looks: Vec<Look> =
-        objects.par_iter().map(|object| Look::new(scene, object, config, seed)).collect();
-    if !looks.iter().any(Look::is_recognised) {
-        looks.par_iter_mut().for_each(Look::try_all_matches);
+    let mut looks: Vec<ObjectSearch> =
+        objects.par_iter().map(|object| ObjectSearch::new(scene, object, config, seed)).collect();
+    if !looks.iter().any(ObjectSearch::is_recognised) {
+        looks.par_iter_mut().for_each(ObjectSearch::try_all_matches);
     }
     let found: Vec<(Vec<Recognised>, f64)> =
-        looks.into_par_iter().map(Look::all_of_its_make).collect();
+        looks.into_par_iter().map(ObjectSearch::all_of_its_make).collect();
     let best_refused = found.iter().map(|(_, refused)| *refused).fold(0.0, f64::max);
     let matches = found.into_iter().flat_map(|(matches, _)| matches).collect();
     Recognition { best_refused, ..Recognition::new(matches) }
@@ -263,7 +263,7 @@ pub fn find(
     config: &RecogniseConfig,
     seed: u64,
 ) -> Option<Recognised> {
-    let mut look = Look::new(scene, object, config, seed);
+    let mut look = ObjectSearch::new(scene, object, config, seed);
     if !look.is_recognised() {
         look.try_all_matches();
     }
@@ -271,7 +271,7 @@ pub fn find(
 }
 
 /// One object looked for in a scene.
-struct Look<'l> {
+struct ObjectSearch<'l> {
     scene: &'l Scene,
     object: &'l KnownObject,
     config: &'l RecogniseConfig,
@@ -283,10 +283,10 @@ struct Look<'l> {
     /// Hypotheses that were followed.
     tried: Vec<(usize, Pose)>,
     /// The best of them.
-    found: Option<Found>,
+    found: Option<Detection>,
 }
 
-impl<'l> Look<'l> {
+impl<'l> ObjectSearch<'l> {
     /// By distinct matches.
     fn new(
         scene: &'l Scene,
@@ -335,9 +335,9 @@ impl<'l> Look<'l> {
         let settled = best_settled(&of_all, config.min_inliers + 1, &mut self.tried, self.seed);
         let found = settled.map(|settled| {
             let score = settled.score * settled.verdict.unhidden();
-            concluded(&refiner, Settled { score, ..settled })
+            decide(&refiner, RefinedPose { score, ..settled })
         });
-        let is_certain = |f: &Found| is_believed(f.score, config) && f.evident.contains(&true);
+        let is_certain = |f: &Detection| is_believed(f.score, config) && f.evident.contains(&true);
         if let Some(found) = found.filter(is_certain) {
             self.found = Some(found);
         }
@@ -351,7 +351,7 @@ impl<'l> Look<'l> {
         let Some(first) = self.found else { return (Vec::new(), 0.0) };
         let mut config = self.config.clone();
         config.min_inliers = config.min_inliers.max(first.inliers.div_ceil(2));
-        let (mut taken, mut all, mut next) = (Taken::default(), Vec::new(), Some(first));
+        let (mut taken, mut all, mut next) = (OccupiedVoxels::default(), Vec::new(), Some(first));
         while let Some(found) = next.take() {
             let recognised = report(object, &articulated, &found);
             if recognised.score < config.min_score {
@@ -384,12 +384,12 @@ fn by_distinct(
     config: &RecogniseConfig,
     tried: &mut Vec<(usize, Pose)>,
     seed: u64,
-) -> Option<Found> {
+) -> Option<Detection> {
     let KnownObject { cloud, coarse, .. } = object;
     let found = if scene.has_depth() {
         let refiner = Refiner { scene, articulated, cloud, coarse, matches, config };
         best_settled(&refiner, config.min_inliers.saturating_sub(1), tried, seed)
-            .map(|settled| concluded(&refiner, settled))
+            .map(|settled| decide(&refiner, settled))
     } else {
         pnp::find(scene, articulated, cloud, matches)
     }?;
@@ -409,7 +409,7 @@ fn by_distinct(
 const MAX_SHARED: f64 = 0.3;
 
 /// A state that a hypothesis led to.
-struct Settled {
+struct RefinedPose {
     state: State,
     score: f64,
     inliers: usize,
@@ -417,7 +417,7 @@ struct Settled {
 }
 
 /// A state of the object with its evidence.
-struct Found {
+struct Detection {
     state: State,
     score: f64,
     inliers: usize,
@@ -448,7 +448,7 @@ fn best_settled(
     least_support: usize,
     tried: &mut Vec<(usize, Pose)>,
     seed: u64,
-) -> Option<Settled> {
+) -> Option<RefinedPose> {
     let Refiner { scene, articulated, cloud, matches, config, .. } = *refiner;
     let hypotheses = hypothesis::all(articulated, matches, seed);
     tracing::debug!(
@@ -459,7 +459,7 @@ fn best_settled(
     let most_support = hypotheses.first().map_or(0, |h| h.support);
     let mut followed = 0;
     let mut least_support = least_support;
-    let mut best: Option<(f64, Settled)> = None;
+    let mut best: Option<(f64, RefinedPose)> = None;
     for h in &hypotheses {
         if followed == config.hypotheses || h.support < least_support {
             break;
@@ -489,7 +489,7 @@ fn best_settled(
         // what counts is how much is explained, and how well.
         let explained = score * refine::explained(&verdict, inliers);
         if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-            best = Some((explained, Settled { state, score, inliers, verdict }));
+            best = Some((explained, RefinedPose { state, score, inliers, verdict }));
         }
     }
     let least = config.min_inliers.max((SHARE_OF_MOST * most_support as f64) as usize);
@@ -497,13 +497,13 @@ fn best_settled(
 }
 
 /// What of a state can be told.
-fn concluded(refiner: &Refiner, settled: Settled) -> Found {
+fn decide(refiner: &Refiner, settled: RefinedPose) -> Detection {
     let Refiner { scene, articulated, cloud, config, .. } = *refiner;
-    let Settled { state, score, inliers, verdict } = settled;
+    let RefinedPose { state, score, inliers, verdict } = settled;
     let placed = placed_parts(articulated, refiner.matches, &state, &verdict);
     let evident = evident_joints(articulated, &placed);
     let deviations = configuration_deviations(articulated, &refiner.system(&state));
-    let mut found = Found { state, score, inliers, verdict, placed, evident, deviations };
+    let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
     if config.check_rivals && is_believed(found.score, config) {
         doubt_rivalled(refiner, &mut found, 0..articulated.joints.len());
     }
@@ -553,7 +553,11 @@ fn evident_joints(articulated: &Articulated, placed: &[bool]) -> Vec<bool> {
 }
 
 /// Parts that could as well be elsewhere, by these joints, do not tell where they are.
-fn doubt_rivalled(refiner: &Refiner, found: &mut Found, joints: impl IntoIterator<Item = usize>) {
+fn doubt_rivalled(
+    refiner: &Refiner,
+    found: &mut Detection,
+    joints: impl IntoIterator<Item = usize>,
+) {
     for joint in joints {
         if found.evident[joint] {
             for part in ambiguity::adrift(refiner, &found.state, joint) {
@@ -587,7 +591,7 @@ fn configuration_deviations(articulated: &Articulated, system: &System) -> Vec<O
 
 /// Tells configurations that nothing seen beyond the joint shows, where all others can be
 /// ruled out.
-fn eliminate(scene: &Scene, articulated: &Articulated, cloud: &Cloud, found: &mut Found) {
+fn eliminate(scene: &Scene, articulated: &Articulated, cloud: &Cloud, found: &mut Detection) {
     for j in 0..articulated.joints.len() {
         let moved = articulated.moved_by(j);
         let held = (0..articulated.parts).any(|p| found.placed[p] && !moved.contains(&p));
@@ -615,7 +619,7 @@ fn probability(score: f64) -> f64 {
 }
 
 /// Something tells where the base is, or a part from which told configurations lead to it.
-fn base_is_known(articulated: &Articulated, found: &Found) -> bool {
+fn base_is_known(articulated: &Articulated, found: &Detection) -> bool {
     let leads = |part: usize| {
         (0..found.evident.len())
             .all(|j| found.evident[j] || !articulated.moved_by(j).contains(&part))
@@ -624,7 +628,12 @@ fn base_is_known(articulated: &Articulated, found: &Found) -> bool {
 }
 
 /// Why a joint's configuration is not told.
-fn reason(model: &ObjectModel, articulated: &Articulated, found: &Found, joint: usize) -> String {
+fn reason(
+    model: &ObjectModel,
+    articulated: &Articulated,
+    found: &Detection,
+    joint: usize,
+) -> String {
     let moved = articulated.moved_by(joint);
     let is_hidden =
         |side: bool| (0..articulated.parts).all(|p| !found.placed[p] || moved.contains(&p) != side);
@@ -638,7 +647,7 @@ fn reason(model: &ObjectModel, articulated: &Articulated, found: &Found, joint: 
     }
 }
 
-fn report(object: &KnownObject, articulated: &Articulated, found: &Found) -> Recognised {
+fn report(object: &KnownObject, articulated: &Articulated, found: &Detection) -> Recognised {
     let motions = object.model.part_motions(&found.state.q);
     let joints = object
         .model

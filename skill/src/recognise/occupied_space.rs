@@ -12,7 +12,7 @@ type Cell = [i32; 3];
 
 /// Cells, camera frame.
 #[derive(Default)]
-pub struct Taken {
+pub struct OccupiedVoxels {
     cells: HashSet<Cell>,
 }
 
@@ -31,7 +31,7 @@ pub fn places_of(cloud: &Cloud, articulated: &Articulated, state: &State) -> Vec
     cloud.surfels.iter().map(|s| poses[s.part] * s.point).collect()
 }
 
-impl Taken {
+impl OccupiedVoxels {
     /// Takes places and what touches them.
     pub fn add(&mut self, places: &[Point3<f64>]) {
         let own: HashSet<Cell> = places.iter().map(cell_of).collect();
@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn what_stands_in_a_place_takes_it_and_what_touches_it() {
-        let mut taken = Taken::default();
+        let mut taken = OccupiedVoxels::default();
         let place = Point3::new(-0.01, 0.2, 1.0);
         assert!(!taken.holds(&place));
         taken.add(&[place]);

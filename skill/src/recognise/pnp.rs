@@ -7,7 +7,7 @@ use super::matching::Match;
 use super::normal_equations::System;
 use super::scene::Scene;
 use super::verify::{Cloud, verify_looks};
-use super::{Found, evident_joints};
+use super::{Detection, evident_joints};
 use crate::math::rigid::Pose;
 use linkage_driver::PinholeCamera;
 use nalgebra::{Matrix2x3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -37,7 +37,7 @@ pub fn find(
     articulated: &Articulated,
     cloud: &Cloud,
     matches: &[Match],
-) -> Option<Found> {
+) -> Option<Detection> {
     let camera = &scene.frame.camera;
     let (state, inliers) = place(camera, articulated, matches)?;
     let verdict = verify_looks(scene, articulated, cloud, &state);
@@ -50,7 +50,7 @@ pub fn find(
     let evident = evident_joints(articulated, &placed);
     let score = verdict.looks() * (1.0 - (-(inliers as f64) / 10.0).exp());
     let deviations = vec![None; articulated.joints.len()];
-    Some(Found { state, score, inliers, verdict, placed, evident, deviations })
+    Some(Detection { state, score, inliers, verdict, placed, evident, deviations })
 }
 
 /// The state that most matches agree with, and how many.

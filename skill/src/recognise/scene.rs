@@ -3,7 +3,7 @@
 use super::matching::Queries;
 use super::surface_cache::Surfaces;
 use crate::features::{DescribedFeature, FeatureDensity, Keypoints};
-use crate::image::cielab::LabPicture;
+use crate::image::cielab::CielabImage;
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::{NormalMap, SurfacePatch};
 use nalgebra::Vector3;
@@ -15,7 +15,7 @@ pub struct Scene {
     /// Its features.
     pub features: Vec<DescribedFeature>,
     /// Its colour.
-    pub lab: LabPicture,
+    pub lab: CielabImage,
     surfaces: Surfaces,
     queries: Queries,
 }
@@ -31,7 +31,7 @@ impl Scene {
     pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
         let (keypoints, (normals, lab)) = rayon::join(
             || Keypoints::new(frame, FeatureDensity::Query, |_, _| true),
-            || (NormalMap::new(&frame.depth, &frame.camera), LabPicture::new(&frame.color)),
+            || (NormalMap::new(&frame.depth, &frame.camera), CielabImage::new(&frame.color)),
         );
         let features = keypoints?.describe(frame, &normals)?;
         Ok(Self::of(frame, features, normals, lab?))
@@ -44,7 +44,7 @@ impl Scene {
     pub fn plain(frame: &RgbdFrame) -> opencv::Result<Self> {
         let (normals, lab) = rayon::join(
             || NormalMap::new(&frame.depth, &frame.camera),
-            || LabPicture::new(&frame.color),
+            || CielabImage::new(&frame.color),
         );
         Ok(Self::of(frame, Vec::new(), normals, lab?))
     }
@@ -53,7 +53,7 @@ impl Scene {
         frame: &RgbdFrame,
         features: Vec<DescribedFeature>,
         normals: NormalMap,
-        lab: LabPicture,
+        lab: CielabImage,
     ) -> Self {
         let surfaces = Surfaces::new(normals, frame.depth.width(), frame.depth.height());
         Self { frame: frame.clone(), queries: Queries::new(&features), features, lab, surfaces }

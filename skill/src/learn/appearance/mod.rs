@@ -6,7 +6,7 @@ mod part_labels;
 use super::demonstration::Demonstration;
 use crate::features::quantised::{product, quantise, similarity};
 use crate::features::{FeatureDensity, FeatureKind, Keypoints};
-use crate::image::cielab::LabPicture;
+use crate::image::cielab::CielabImage;
 use crate::math::rigid::plane_through;
 use crate::math::robust::without_strays;
 use crate::object::appearance::{Appearance, AppearanceConfig, ModelFeature, Surfel};
@@ -136,8 +136,8 @@ pub fn build(
     for some in labelled.chunks(AT_ONCE) {
         let seen = some
             .par_iter()
-            .map(|(index, grid)| Seen::new(&posed[*index], grid, &region))
-            .collect::<opencv::Result<Vec<Seen>>>()?;
+            .map(|(index, grid)| BaseObservation::new(&posed[*index], grid, &region))
+            .collect::<opencv::Result<Vec<BaseObservation>>>()?;
         for ((index, _), seen) in some.iter().zip(seen) {
             builder.take(*index, seen);
         }
@@ -436,12 +436,12 @@ struct SeenSurfel {
 }
 
 /// What one keyframe shows of the object.
-struct Seen {
+struct BaseObservation {
     features: Vec<ModelFeature>,
     surface: Vec<SeenSurfel>,
 }
 
-impl Seen {
+impl BaseObservation {
     fn new(posed: &PosedFrame, grid: &LabelGrid, region: &Region) -> opencv::Result<Self> {
         let normals = NormalMap::new(&posed.frame.depth, &posed.frame.camera);
         Ok(Self {
@@ -484,7 +484,7 @@ fn seen_surface(
     normals: &NormalMap,
 ) -> opencv::Result<Vec<SeenSurfel>> {
     let frame = posed.frame;
-    let lab = LabPicture::new(&frame.color)?;
+    let lab = CielabImage::new(&frame.color)?;
     let mut surface = Vec::new();
     for v in (STEP / 2..frame.camera.height).step_by(STEP / 2) {
         for u in (STEP / 2..frame.camera.width).step_by(STEP / 2) {
@@ -513,7 +513,7 @@ struct Builder {
 }
 
 impl Builder {
-    fn take(&mut self, keyframe: usize, seen: Seen) {
+    fn take(&mut self, keyframe: usize, seen: BaseObservation) {
         self.features.extend(seen.features.into_iter().map(|f| (f, keyframe)));
         for s in seen.surface {
             let side = s.normal.iamax() as u8 * 2 + u8::from(s.normal[s.normal.iamax()] > 0.0);

@@ -13,7 +13,7 @@ use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
 use nalgebra::Point3;
-pub use observation::{Precision, Seen};
+pub use observation::{BaseObservation, Information};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// Values of this stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct BaseConfig {
+pub struct EgoMotionConfig {
     /// Samples per frame.
     pub ransac_iterations: usize,
     /// Points of a frame that vote.
@@ -36,7 +36,7 @@ pub struct BaseConfig {
     pub min_extent_sigmas: f64,
 }
 
-impl Default for BaseConfig {
+impl Default for EgoMotionConfig {
     fn default() -> Self {
         Self { ransac_iterations: 30, max_points: 900, min_extent_m: 0.015, min_extent_sigmas: 4.0 }
     }
@@ -58,20 +58,20 @@ pub fn across_sigma(z: f64) -> f64 {
 
 /// A track as seen from the base.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct BaseTrack {
+pub struct TrackInBase {
     /// Number of the track; stays when other tracks are dropped.
     pub id: usize,
     /// First frame of `points`.
     pub first_frame: usize,
     /// Place in the base frame, a frame each; `None` without depth.
-    pub points: Vec<Option<Seen>>,
+    pub points: Vec<Option<BaseObservation>>,
     /// True when its path is longer than noise explains.
     pub moves: bool,
 }
 
-impl BaseTrack {
+impl TrackInBase {
     /// The observation of a frame.
-    pub fn at(&self, frame: usize) -> Option<&Seen> {
+    pub fn at(&self, frame: usize) -> Option<&BaseObservation> {
         self.points.get(frame.checked_sub(self.first_frame)?)?.as_ref()
     }
 
@@ -81,7 +81,7 @@ impl BaseTrack {
     }
 
     /// Observations with their frames.
-    pub fn seen(&self) -> impl Iterator<Item = (usize, &Seen)> {
+    pub fn seen(&self) -> impl Iterator<Item = (usize, &BaseObservation)> {
         let first = self.first_frame;
         self.points.iter().enumerate().filter_map(move |(i, p)| Some((first + i, p.as_ref()?)))
     }
@@ -89,12 +89,12 @@ impl BaseTrack {
 
 /// The camera's motion and every track seen from the base.
 #[derive(Debug, Clone, Default)]
-pub struct BaseMotion {
+pub struct EgoMotion {
     /// Maps base coordinates into the camera frame of each frame; identity in the first.
     pub camera_from_base: Vec<Pose>,
     /// As many as the tracks they were made from, in the same order; those that have ended are
     /// shared with the motion that this one extends.
-    pub tracks: Vec<Arc<BaseTrack>>,
+    pub tracks: Vec<Arc<TrackInBase>>,
     /// Tracks that stay where they are in the base.
     pub static_count: usize,
 }
@@ -107,17 +107,17 @@ struct MapPoint {
 }
 
 /// Registers frames to the base as they come.
-pub struct BaseFinder {
-    config: BaseConfig,
+pub struct EgoMotionEstimator {
+    config: EgoMotionConfig,
     rng: ChaCha8Rng,
     /// By number of the track.
     map: Vec<Option<MapPoint>>,
     camera_from_base: Vec<Pose>,
 }
 
-impl BaseFinder {
+impl EgoMotionEstimator {
     /// One that has seen nothing.
-    pub fn new(config: &BaseConfig, seed: u64) -> Self {
+    pub fn new(config: &EgoMotionConfig, seed: u64) -> Self {
         Self {
             config: config.clone(),
             rng: ChaCha8Rng::seed_from_u64(seed),
@@ -182,18 +182,18 @@ impl BaseFinder {
     }
 }
 
-impl BaseMotion {
+impl EgoMotion {
     /// The same with what was seen since: `set` holds these tracks, or some of them, and later
     /// ones; of the base's poses those that are known stay.
     pub fn extended(
         &self,
         set: &TrackSet,
         camera_from_base: Vec<Pose>,
-        config: &BaseConfig,
+        config: &EgoMotionConfig,
     ) -> Self {
-        let before: HashMap<usize, &Arc<BaseTrack>> =
+        let before: HashMap<usize, &Arc<TrackInBase>> =
             self.tracks.iter().map(|t| (t.id, t)).collect();
-        let tracks: Vec<Arc<BaseTrack>> = set
+        let tracks: Vec<Arc<TrackInBase>> = set
             .tracks
             .par_iter()
             .map(|track| match before.get(&track.id) {
@@ -231,22 +231,22 @@ pub fn coarse_sigma(z: f64) -> f64 {
 /// A track of which the first points are known.
 fn into_base(
     track: &Track,
-    known: &[Option<Seen>],
+    known: &[Option<BaseObservation>],
     camera_from_base: &[Pose],
-    config: &BaseConfig,
-) -> BaseTrack {
+    config: &EgoMotionConfig,
+) -> TrackInBase {
     let mut points = Vec::with_capacity(track.observations.len());
     points.extend_from_slice(known);
     let since = track.observations.iter().enumerate().skip(known.len());
     points.extend(since.map(|(i, seen)| {
         let camera_from_base = &camera_from_base[track.first_frame + i];
-        Some(Seen::by_camera(&seen.point_in_camera?, camera_from_base))
+        Some(BaseObservation::by_camera(&seen.point_in_camera?, camera_from_base))
     }));
     let moves = extent_exceeds_noise(&points, config);
-    BaseTrack { id: track.id, first_frame: track.first_frame, points, moves }
+    TrackInBase { id: track.id, first_frame: track.first_frame, points, moves }
 }
 
-fn extent_exceeds_noise(points: &[Option<Seen>], config: &BaseConfig) -> bool {
+fn extent_exceeds_noise(points: &[Option<BaseObservation>], config: &EgoMotionConfig) -> bool {
     let path: Vec<(Point3<f64>, f64)> =
         points.iter().flatten().map(|p| (p.point, p.sigma())).collect();
     path_moves(&path, config.min_extent_m, config.min_extent_sigmas)
@@ -327,9 +327,9 @@ mod tests {
 
     #[test]
     fn what_is_extended_is_what_would_have_been_seen_at_once() {
-        let config = BaseConfig::default();
+        let config = EgoMotionConfig::default();
         let poses = |until: usize| (0..until).map(pose).collect::<Vec<_>>();
-        let none = BaseMotion::default();
+        let none = EgoMotion::default();
         let early = none.extended(&tracks(15), poses(15), &config);
         let extended = early.extended(&tracks(FRAMES), poses(FRAMES), &config);
         let at_once = none.extended(&tracks(FRAMES), poses(FRAMES), &config);

@@ -14,17 +14,17 @@ const MOVED_SIGMAS: f64 = 3.0;
 
 /// One observation of a track in the frame of the base, or of a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct BaseObservation {
     /// Place, metres.
     pub point: Point3<f64>,
     /// Inverse covariance there.
-    pub precision: Precision,
+    pub precision: Information,
     sigma: f32,
 }
 
-impl Seen {
+impl BaseObservation {
     /// An observation with one figure for its noise, metres.
-    pub fn new(point: Point3<f64>, precision: Precision, sigma: f64) -> Self {
+    pub fn new(point: Point3<f64>, precision: Information, sigma: f64) -> Self {
         Self { point, precision, sigma: sigma as f32 }
     }
 
@@ -32,7 +32,7 @@ impl Seen {
     pub fn by_camera(in_camera: &Point3<f64>, camera_from_base: &Pose) -> Self {
         let base_from_camera = camera_from_base.inverse();
         let ray = base_from_camera * in_camera.coords.normalize();
-        let precision = Precision::new(&ray, across_sigma(in_camera.z), ray_sigma(in_camera.z));
+        let precision = Information::new(&ray, across_sigma(in_camera.z), ray_sigma(in_camera.z));
         let sigma = TRACKED_SHARE * coarse_sigma(in_camera.z);
         Self::new(base_from_camera * in_camera, precision, sigma)
     }
@@ -61,7 +61,7 @@ impl Seen {
 
 /// Inverse covariance of what a camera saw: tight across the viewing ray, loose along it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Precision {
+pub struct Information {
     /// Unit direction of the ray.
     pub(crate) ray: Vector3<f32>,
     /// Inverse variance across the ray,
@@ -70,7 +70,7 @@ pub struct Precision {
     pub(crate) excess: f32,
 }
 
-impl Precision {
+impl Information {
     /// From a unit direction and standard deviations, metres.
     pub fn new(ray: &Vector3<f64>, across_sigma: f64, ray_sigma: f64) -> Self {
         let (across, along) = (across_sigma.powi(-2), ray_sigma.powi(-2));
@@ -116,7 +116,7 @@ mod tests {
             z in 0.4..4.0_f64,
         ) {
             let (rotation, vector) = (Rotation3::new(turn.into()), Vector3::from(vector));
-            let of_camera = Precision::new(&Vector3::z(), across_sigma(z), ray_sigma(z));
+            let of_camera = Information::new(&Vector3::z(), across_sigma(z), ray_sigma(z));
             let across = across_sigma(z).powi(-2);
             let expected = Matrix3::from_diagonal(&[across, across, ray_sigma(z).powi(-2)].into());
             let turned = rotation.matrix() * expected * rotation.matrix().transpose();

@@ -1,10 +1,10 @@
 //! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every
 //! frame and the part points, which are eliminated by Schur complement. A screw's pitch stays.
 
-use super::estimate::Grown;
-use super::screw_joint::Moved;
-use super::tracks_in_part_frame::View;
-use crate::learn::ego_motion::Seen;
+use super::estimate::JointEstimate;
+use super::screw_joint::ScrewMotion;
+use super::tracks_in_part_frame::TracksInFrame;
+use crate::learn::ego_motion::BaseObservation;
 use crate::math::rigid::orthonormal_basis;
 use crate::math::robust::median_point;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, SVector, Vector3};
@@ -23,13 +23,15 @@ const SKETCH: usize = 24;
 
 /// Part points of tracks given joint and configurations: robust means of where each
 /// observation says the point is, from the component-wise median of some of them.
-pub fn locate_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
+pub fn locate_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
     place(joint, tracks, |joint, t| {
-        let known: Vec<(usize, &Seen)> = view.life(t).filter(|(f, _)| joint.known[*f]).collect();
+        let known: Vec<(usize, &BaseObservation)> =
+            view.life(t).filter(|(f, _)| joint.known[*f]).collect();
         let stride = known.len().div_ceil(SKETCH).max(1);
         let sketch = || known.iter().copied().step_by(stride);
-        let carried: Vec<Point3<f64>> = sketch().map(|(f, s)| motions[f].back(&s.point)).collect();
+        let carried: Vec<Point3<f64>> =
+            sketch().map(|(f, s)| motions[f].inverse_transform(&s.point)).collect();
         let middle = median_point(&carried)?;
         let nearer = settled(&motions, sketch(), middle, cut);
         Some(settled(&motions, known.iter().copied(), nearer, cut))
@@ -37,7 +39,7 @@ pub fn locate_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64)
 }
 
 /// The same from where the points are, which is nearly right.
-fn follow_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
+fn follow_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
     place(joint, tracks, |joint, t| {
         let known = view.life(t).filter(|(f, _)| joint.known[*f]);
@@ -46,9 +48,9 @@ fn follow_points(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64) {
 }
 
 fn place(
-    joint: &mut Grown,
+    joint: &mut JointEstimate,
     tracks: &[usize],
-    located: impl Fn(&Grown, usize) -> Option<Point3<f64>> + Sync,
+    located: impl Fn(&JointEstimate, usize) -> Option<Point3<f64>> + Sync,
 ) {
     let points: Vec<Option<Point3<f64>>> = tracks.par_iter().map(|&t| located(joint, t)).collect();
     for (&t, p) in tracks.iter().zip(points) {
@@ -60,16 +62,16 @@ fn place(
 
 /// Mean of where observations in frames say a point is, each weighed by how near it is to `point`.
 fn settled<'s>(
-    motions: &[Moved],
-    observations: impl Iterator<Item = (usize, &'s Seen)>,
+    motions: &[ScrewMotion],
+    observations: impl Iterator<Item = (usize, &'s BaseObservation)>,
     point: Point3<f64>,
     cut: f64,
 ) -> Point3<f64> {
     let (mut sum, mut total) = (Vector3::zeros(), 0.0);
     for (f, s) in observations {
-        let w = weight(s.distance_sq(&motions[f].forth(&point)), cut);
+        let w = weight(s.distance_sq(&motions[f].transform(&point)), cut);
         if w > 0.0 {
-            sum += w * motions[f].back(&s.point).coords;
+            sum += w * motions[f].inverse_transform(&s.point).coords;
             total += w;
         }
     }
@@ -99,7 +101,7 @@ struct Turn {
     rotation: Matrix3<f64>,
 }
 
-fn turns(joint: &Grown) -> Vec<Turn> {
+fn turns(joint: &JointEstimate) -> Vec<Turn> {
     joint
         .q
         .iter()
@@ -115,7 +117,13 @@ fn turns(joint: &Grown) -> Vec<Turn> {
         .collect()
 }
 
-fn reduce(joint: &Grown, turns: &[Turn], view: &View, track: usize, cut: f64) -> Option<Reduced> {
+fn reduce(
+    joint: &JointEstimate,
+    turns: &[Turn],
+    view: &TracksInFrame,
+    track: usize,
+    cut: f64,
+) -> Option<Reduced> {
     let dof = &joint.dof;
     let (u, v) = orthonormal_basis(&dof.axis);
     let point = joint.points[track];
@@ -204,7 +212,7 @@ struct System {
 const PIECE: usize = 24;
 
 impl System {
-    fn of(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> Self {
+    fn of(joint: &JointEstimate, view: &TracksInFrame, tracks: &[usize], cut: f64) -> Self {
         let turns = turns(joint);
         let mut system = Self::empty(joint);
         let pieces: Vec<Self> = tracks
@@ -224,7 +232,7 @@ impl System {
         system
     }
 
-    fn empty(joint: &Grown) -> Self {
+    fn empty(joint: &JointEstimate) -> Self {
         let mut size = LINE;
         let rows = joint
             .known
@@ -260,7 +268,7 @@ impl System {
     }
 
     /// The configuration at the anchor stays: q has no zero of its own.
-    fn pin(&mut self, joint: &Grown) {
+    fn pin(&mut self, joint: &JointEstimate) {
         if joint.known[joint.anchor] {
             let row = self.rows[joint.anchor];
             self.hessian[(row, row)] += 1e9;
@@ -269,7 +277,13 @@ impl System {
 }
 
 /// One damped step; `None` when the system cannot be solved.
-fn step(joint: &Grown, view: &View, tracks: &[usize], cut: f64, damping: f64) -> Option<Grown> {
+fn step(
+    joint: &JointEstimate,
+    view: &TracksInFrame,
+    tracks: &[usize],
+    cut: f64,
+    damping: f64,
+) -> Option<JointEstimate> {
     let mut system = System::of(joint, view, tracks, cut);
     for k in 0..system.hessian.nrows() {
         system.hessian[(k, k)] += damping * system.hessian[(k, k)] + 1e-6;
@@ -302,7 +316,13 @@ const SETTLED: f64 = 0.999;
 
 /// Refines a joint on the given tracks by at most `steps` steps, the first half with a wide
 /// cut. Part points of the tracks follow.
-pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps: usize) {
+pub fn refine(
+    joint: &mut JointEstimate,
+    view: &TracksInFrame,
+    tracks: &[usize],
+    cut: f64,
+    steps: usize,
+) {
     if tracks.len() < 3 || joint.known.iter().filter(|k| **k).count() < 3 {
         return;
     }
@@ -313,7 +333,7 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
     let mut damping = 1e-4;
     for i in 0..steps {
         let cut = if i < steps / 2 { 4.0 * cut } else { cut };
-        let total = |j: &Grown| -> f64 {
+        let total = |j: &JointEstimate| -> f64 {
             let motions = j.motions();
             tracks.par_iter().map(|&t| j.cost_of(&motions, view, t, cut).sum).sum()
         };
@@ -351,7 +371,12 @@ pub fn refine(joint: &mut Grown, view: &View, tracks: &[usize], cut: f64, steps:
 /// A track's errors are one draw, however long it lives: a feature that slides along an edge
 /// is off in all of its frames. So the spread is taken between tracks (the sandwich estimator
 /// of Liang & Zeger 1986, one cluster a track), not from the noise of observations.
-pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMatrix<f64> {
+pub fn covariance(
+    joint: &JointEstimate,
+    view: &TracksInFrame,
+    tracks: &[usize],
+    cut: f64,
+) -> DMatrix<f64> {
     let zero = DMatrix::zeros(6, 6);
     let turns = turns(joint);
     let reduced: Vec<Reduced> =
@@ -396,12 +421,12 @@ pub fn covariance(joint: &Grown, view: &View, tracks: &[usize], cut: f64) -> DMa
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_moving;
     use crate::math::rigid::line_angle;
 
     /// A door of 12 points turning by 60 degrees in 30 frames, with 2 mm of noise.
-    fn door(hinge: &Dof) -> (View, Vec<f64>) {
+    fn door(hinge: &ScrewJoint) -> (TracksInFrame, Vec<f64>) {
         let q: Vec<f64> = (0..30).map(|f| f64::from(f) * 0.035).collect();
         let places: Vec<Point3<f64>> = (0..12)
             .map(f64::from)
@@ -412,14 +437,14 @@ mod tests {
 
     #[test]
     fn a_rough_hinge_is_refined_to_the_true_one() {
-        let truth = Dof::hinge(Vector3::y(), Point3::new(0.05, 0.0, 1.15));
+        let truth = ScrewJoint::hinge(Vector3::y(), Point3::new(0.05, 0.0, 1.15));
         let (view, q) = door(&truth);
-        let rough = Dof {
+        let rough = ScrewJoint {
             axis: Vector3::new(0.1, 1.0, -0.08).normalize(),
             origin: Point3::new(0.02, 0.0, 1.18),
             ..truth
         };
-        let mut joint = Grown::new(rough, &view, 0);
+        let mut joint = JointEstimate::new(rough, &view, 0);
         joint.q = q.iter().map(|q| 0.9 * q).collect();
         joint.known = vec![true; 30];
         let all: Vec<usize> = (0..12).collect();

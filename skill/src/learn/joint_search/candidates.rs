@@ -1,11 +1,11 @@
 //! What is suspected in the frames of parts, and what it grows to.
 
-use super::estimate::Grown;
+use super::estimate::JointEstimate;
 use super::motion_hypotheses;
 use super::motion_hypotheses::Hypothesis;
 use super::search::Search;
-use super::tracks_in_part_frame::View;
-use super::warm_start::Dismissed;
+use super::tracks_in_part_frame::TracksInFrame;
+use super::warm_start::RejectedHypothesis;
 use super::{grow, verification};
 use crate::math::robust::overlap;
 use rayon::prelude::*;
@@ -27,10 +27,10 @@ pub const COVERED: f64 = 0.6;
 const SAME: f64 = 0.9;
 
 /// What is suspected in the frame of a part.
-struct Suspicions {
+struct FrameCandidates {
     /// `None`: of the base.
     parent: Option<usize>,
-    view: Arc<View>,
+    view: Arc<TracksInFrame>,
     /// Tracks that move in it.
     candidates: Vec<usize>,
     /// The strongest first.
@@ -41,27 +41,27 @@ impl Search<'_> {
     /// Joints in the frames of parts: those that are known in each, and what else can be grown.
     pub(super) fn in_frames(
         &mut self,
-        known: Vec<(Option<usize>, Vec<Grown>)>,
+        known: Vec<(Option<usize>, Vec<JointEstimate>)>,
         rest: &[usize],
         round: usize,
-    ) -> Vec<Grown> {
-        let mut frames: Vec<(Suspicions, Vec<Grown>)> = known
+    ) -> Vec<JointEstimate> {
+        let mut frames: Vec<(FrameCandidates, Vec<JointEstimate>)> = known
             .into_par_iter()
             .filter_map(|(parent, known)| Some((self.suspicions(parent, rest, round)?, known)))
             .collect();
         for (suspicions, _) in &mut frames {
-            self.fallen.retain(|p| *p != suspicions.parent);
+            self.invalidated.retain(|p| *p != suspicions.parent);
             let hypotheses = &mut suspicions.hypotheses;
             self.best_rank = hypotheses.first().map_or(0.0, |h| h.rank).max(self.best_rank);
             let least_rank = self.config.joints.min_rank_share * self.best_rank;
             hypotheses.retain(|h| h.rank >= least_rank);
         }
-        let found: Vec<(Vec<Grown>, Vec<Dismissed>)> =
+        let found: Vec<(Vec<JointEstimate>, Vec<RejectedHypothesis>)> =
             frames.into_par_iter().map(|(s, known)| self.grown_in(&s, known)).collect();
         let mut joints = Vec::new();
-        for (grown, mut dismissed) in found {
+        for (grown, mut rejected) in found {
             joints.extend(grown);
-            self.dismissed.append(&mut dismissed);
+            self.rejected.append(&mut rejected);
         }
         joints
     }
@@ -72,27 +72,31 @@ impl Search<'_> {
         parent: Option<usize>,
         rest: &[usize],
         round: usize,
-    ) -> Option<Suspicions> {
+    ) -> Option<FrameCandidates> {
         let config = &self.config.joints;
         let view = self.view_from(parent);
         let candidates = self.movers(parent, &view, rest);
         if candidates.len() < 4 {
             return None;
         }
-        let since = match self.former(parent) {
-            Some(former) if !self.looks_back && !self.fallen.contains(&parent) => {
-                self.earlier.since(former)
+        let since = match self.previous_id(parent) {
+            Some(previous_id) if !self.looks_back && !self.invalidated.contains(&parent) => {
+                self.earlier.since(previous_id)
             }
             _ => 0,
         };
         let seed = self.config.seed.wrapping_add(round as u64);
         let hypotheses = motion_hypotheses::hypotheses(&view, &candidates, since, config, seed);
-        Some(Suspicions { parent, view, candidates, hypotheses })
+        Some(FrameCandidates { parent, view, candidates, hypotheses })
     }
 
     /// What is `known` and what the suspicions grow to, and those of them that are not believed.
-    fn grown_in(&self, suspicions: &Suspicions, known: Vec<Grown>) -> (Vec<Grown>, Vec<Dismissed>) {
-        let Suspicions { parent, view, hypotheses, .. } = suspicions;
+    fn grown_in(
+        &self,
+        suspicions: &FrameCandidates,
+        known: Vec<JointEstimate>,
+    ) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
+        let FrameCandidates { parent, view, hypotheses, .. } = suspicions;
         let config = &self.config.joints;
         let mut queue = hypotheses.iter().filter(|h| self.tells(h, *parent, view));
         let mut limit = match (self.looks_back && self.earlier.frames > 0, self.is_the_end()) {
@@ -101,7 +105,7 @@ impl Search<'_> {
             (true, true) => LOOKS_BACK_AT_END,
         };
         let mut tried: Vec<&[usize]> = Vec::new();
-        let (mut grown, mut dismissed) = (known, Vec::new());
+        let (mut grown, mut rejected) = (known, Vec::new());
         loop {
             let mut batch: Vec<&Hypothesis> = Vec::new();
             while batch.len() < BATCH.min(limit) {
@@ -118,14 +122,14 @@ impl Search<'_> {
                 }
             }
             if batch.is_empty() || self.is_cancelled() {
-                return (grown, dismissed);
+                return (grown, rejected);
             }
             limit -= batch.len();
-            let more: Vec<Option<Grown>> =
+            let more: Vec<Option<JointEstimate>> =
                 batch.par_iter().map(|h| self.grown_from(h, suspicions)).collect();
             for (h, joint) in batch.iter().zip(&more) {
                 if parent.is_none() && !joint.as_ref().is_some_and(|j| self.witness.accepts(j)) {
-                    dismissed.push(Dismissed::new(h, joint.as_ref(), view, config));
+                    rejected.push(RejectedHypothesis::new(h, joint.as_ref(), view, config));
                 }
             }
             grown.extend(more.into_iter().flatten());
@@ -133,13 +137,14 @@ impl Search<'_> {
     }
 
     /// What a hypothesis grows to; `None` where nothing follows it.
-    fn grown_from(&self, h: &Hypothesis, suspicions: &Suspicions) -> Option<Grown> {
+    fn grown_from(&self, h: &Hypothesis, suspicions: &FrameCandidates) -> Option<JointEstimate> {
         if self.is_cancelled() {
             return None;
         }
-        let Suspicions { parent, view, candidates, .. } = suspicions;
-        let is_hopeless = |j: &Grown| {
-            self.is_cancelled() || !verification::MAY_FOLLOW.contains(&self.coupling(j, *parent))
+        let FrameCandidates { parent, view, candidates, .. } = suspicions;
+        let is_hopeless = |j: &JointEstimate| {
+            self.is_cancelled()
+                || !verification::ALLOWED_CORRELATION.contains(&self.coupling(j, *parent))
         };
         let config = &self.config.joints;
         let mut joint = grow::grow_hypothesis(view, h, candidates, config, is_hopeless)?;
@@ -152,7 +157,7 @@ impl Search<'_> {
 
     /// While a part rests, what moves on it and what moves on its parent are the same. What stands
     /// still beside the part mirrors its joint.
-    fn tells(&self, h: &Hypothesis, part: Option<usize>, view: &View) -> bool {
+    fn tells(&self, h: &Hypothesis, part: Option<usize>, view: &TracksInFrame) -> bool {
         part.map(|p| &self.joints[p]).is_none_or(|joint| {
             !h.is_still_in(&self.view_from(joint.parent))
                 && verification::moves_beside(joint, view, &h.tracks)
@@ -160,14 +165,20 @@ impl Search<'_> {
     }
 
     /// Neither what was adopted nor what is grown tells already what a hypothesis would grow to.
-    fn is_new(&self, h: &Hypothesis, parent: Option<usize>, view: &View, grown: &[Grown]) -> bool {
+    fn is_new(
+        &self,
+        h: &Hypothesis,
+        parent: Option<usize>,
+        view: &TracksInFrame,
+        grown: &[JointEstimate],
+    ) -> bool {
         let mut adopted = self.joints.iter().filter(|j| j.parent == parent);
         if adopted.any(|j| h.is_explained_by(j, view, SOUND_SHARE)) {
             return false;
         }
         !grown.iter().any(|g| {
             // What a hypothesis shares with a sound joint would draw it there again.
-            let sound = self.witness.accepts(g) || g.coupling > verification::MAX_COUPLING;
+            let sound = self.witness.accepts(g) || g.coupling > verification::MAX_CORRELATION;
             let shared = overlap(&h.tracks, &g.members);
             shared > COVERED && (sound || is_found_again(g, grown))
                 || sound && shared > 0.5 * COVERED
@@ -179,10 +190,10 @@ impl Search<'_> {
 
 /// Another hypothesis grew to the same already: a person who walks by is suspected in every
 /// window.
-fn is_found_again(joint: &Grown, grown: &[Grown]) -> bool {
+fn is_found_again(joint: &JointEstimate, grown: &[JointEstimate]) -> bool {
     grown.iter().any(|o| !std::ptr::eq(o, joint) && same_tracks(o, joint))
 }
 
-fn same_tracks(a: &Grown, b: &Grown) -> bool {
+fn same_tracks(a: &JointEstimate, b: &JointEstimate) -> bool {
     overlap(&a.members, &b.members) > SAME && overlap(&b.members, &a.members) > SAME
 }

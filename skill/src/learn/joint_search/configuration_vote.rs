@@ -1,10 +1,10 @@
 //! The configuration of one frame: each track proposes one, most agree on the answer.
 
 use super::bundle_adjustment::weight;
-use super::estimate::Grown;
-use super::screw_joint::Moved;
-use super::tracks_in_part_frame::View;
-use crate::learn::ego_motion::Seen;
+use super::estimate::JointEstimate;
+use super::screw_joint::ScrewMotion;
+use super::tracks_in_part_frame::TracksInFrame;
+use crate::learn::ego_motion::BaseObservation;
 use nalgebra::Point3;
 
 /// A configuration and how it was agreed on.
@@ -24,22 +24,22 @@ const MAX_PROPOSALS: usize = 60;
 /// The configuration of `frame` that most weight of `tracks` agrees on; `guess` is tried
 /// first.
 pub fn agree(
-    joint: &Grown,
-    view: &View,
+    joint: &JointEstimate,
+    view: &TracksInFrame,
     tracks: &[usize],
     weights: &[f64],
     frame: usize,
     guess: Option<f64>,
     cut: f64,
 ) -> Agreement {
-    let voters: Vec<(&Point3<f64>, &Seen, f64)> = tracks
+    let voters: Vec<(&Point3<f64>, &BaseObservation, f64)> = tracks
         .iter()
         .zip(weights)
         .filter_map(|(&t, &w)| Some((&joint.points[t], view.at(t, frame)?, w)))
         .collect();
-    let benches: Vec<Bench> = voters.chunks(SEATS).map(Bench::of).collect();
+    let blocks: Vec<SimdBlock> = voters.chunks(LANES).map(SimdBlock::of).collect();
     let support = |q: f64| {
-        let (score, agreeing) = support(&benches, &joint.dof.at(q), cut);
+        let (score, agreeing) = support(&blocks, &joint.dof.at(q), cut);
         (score, Agreement { q, agreeing })
     };
     let mut best = support(guess.unwrap_or(0.0));
@@ -58,7 +58,7 @@ pub fn agree(
         let (mut numerator, mut denominator) = (0.0, 0.0);
         let at = joint.dof.at(agreement.q);
         for (p, s, w) in &voters {
-            let moved = at.forth(p);
+            let moved = at.transform(p);
             let w = w * weight(s.distance_sq(&moved), cut);
             if w > 0.0 {
                 let direction = s.precision.times(&joint.dof.velocity(&moved));
@@ -74,30 +74,30 @@ pub fn agree(
 }
 
 /// Voters whose sums are taken side by side.
-const SEATS: usize = 8;
+const LANES: usize = 8;
 /// One figure of each.
-type Row = [f64; SEATS];
+type Lane = [f64; LANES];
 
 /// A few tracks in one frame, figure by figure. An empty seat has no place and agrees with nothing.
-struct Bench {
+struct SimdBlock {
     /// Part points.
-    point: [Row; 3],
+    point: [Lane; 3],
     /// Where they are seen.
-    place: [Row; 3],
+    place: [Lane; 3],
     /// Rays that they are seen along,
-    ray: [Row; 3],
+    ray: [Lane; 3],
     /// inverse variances across these, and how much more they are along them.
-    across: Row,
-    excess: Row,
-    weight: Row,
+    across: Lane,
+    excess: Lane,
+    weight: Lane,
 }
 
-impl Bench {
-    fn of(voters: &[(&Point3<f64>, &Seen, f64)]) -> Self {
-        let zeros = [0.0; SEATS];
-        let mut bench = Self {
+impl SimdBlock {
+    fn of(voters: &[(&Point3<f64>, &BaseObservation, f64)]) -> Self {
+        let zeros = [0.0; LANES];
+        let mut block = Self {
             point: [zeros; 3],
-            place: [[f64::NAN; SEATS]; 3],
+            place: [[f64::NAN; LANES]; 3],
             ray: [zeros; 3],
             across: zeros,
             excess: zeros,
@@ -105,23 +105,23 @@ impl Bench {
         };
         for (i, (point, seen, weight)) in voters.iter().enumerate() {
             for r in 0..3 {
-                bench.point[r][i] = point[r];
-                bench.place[r][i] = seen.point[r];
-                bench.ray[r][i] = f64::from(seen.precision.ray[r]);
+                block.point[r][i] = point[r];
+                block.place[r][i] = seen.point[r];
+                block.ray[r][i] = f64::from(seen.precision.ray[r]);
             }
-            bench.across[i] = f64::from(seen.precision.across);
-            bench.excess[i] = f64::from(seen.precision.excess);
-            bench.weight[i] = *weight;
+            block.across[i] = f64::from(seen.precision.across);
+            block.excess[i] = f64::from(seen.precision.excess);
+            block.weight[i] = *weight;
         }
-        bench
+        block
     }
 
     /// Where a joint's motion puts the points.
     #[inline(always)]
-    fn moved(&self, motion: &Moved) -> [Row; 3] {
+    fn moved(&self, motion: &ScrewMotion) -> [Lane; 3] {
         let [x, y, z] = motion.rotation.data.0;
         let shift = motion.shift.data.0[0];
-        let mut moved = [[0.0; SEATS]; 3];
+        let mut moved = [[0.0; LANES]; 3];
         for (r, row) in moved.iter_mut().enumerate() {
             for (i, m) in row.iter_mut().enumerate() {
                 let [px, py, pz] = [self.point[0][i], self.point[1][i], self.point[2][i]];
@@ -134,21 +134,21 @@ impl Bench {
 
 /// Weight of the voters that agree with a joint's motion, and how many they are.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
-fn support(benches: &[Bench], motion: &Moved, cut: f64) -> (f64, usize) {
+fn support(blocks: &[SimdBlock], motion: &ScrewMotion, cut: f64) -> (f64, usize) {
     let (mut score, mut agreeing) = (0.0, 0);
-    for bench in benches {
-        let error = difference(&bench.moved(motion), &bench.place);
-        let (norm_sq, along) = (dot(&error, &error), dot(&bench.ray, &error));
-        let mut distance_sq = [0.0; SEATS];
-        for i in 0..SEATS {
-            distance_sq[i] = bench.across[i] * norm_sq[i] + bench.excess[i] * along[i] * along[i];
+    for block in blocks {
+        let error = difference(&block.moved(motion), &block.place);
+        let (norm_sq, along) = (dot(&error, &error), dot(&block.ray, &error));
+        let mut distance_sq = [0.0; LANES];
+        for i in 0..LANES {
+            distance_sq[i] = block.across[i] * norm_sq[i] + block.excess[i] * along[i] * along[i];
         }
-        let mut scores = [0.0; SEATS];
-        for i in 0..SEATS {
-            let agrees = bench.weight[i] * (1.0 - distance_sq[i] / cut);
+        let mut scores = [0.0; LANES];
+        for i in 0..LANES {
+            let agrees = block.weight[i] * (1.0 - distance_sq[i] / cut);
             scores[i] = if distance_sq[i] < cut { agrees } else { 0.0 };
         }
-        for i in 0..SEATS {
+        for i in 0..LANES {
             score += scores[i];
             agreeing += usize::from(distance_sq[i] < cut);
         }
@@ -157,10 +157,10 @@ fn support(benches: &[Bench], motion: &Moved, cut: f64) -> (f64, usize) {
 }
 
 #[inline(always)]
-fn difference(a: &[Row; 3], b: &[Row; 3]) -> [Row; 3] {
-    let mut difference = [[0.0; SEATS]; 3];
+fn difference(a: &[Lane; 3], b: &[Lane; 3]) -> [Lane; 3] {
+    let mut difference = [[0.0; LANES]; 3];
     for r in 0..3 {
-        for i in 0..SEATS {
+        for i in 0..LANES {
             difference[r][i] = a[r][i] - b[r][i];
         }
     }
@@ -168,9 +168,9 @@ fn difference(a: &[Row; 3], b: &[Row; 3]) -> [Row; 3] {
 }
 
 #[inline(always)]
-fn dot(a: &[Row; 3], b: &[Row; 3]) -> Row {
-    let mut dot = [0.0; SEATS];
-    for i in 0..SEATS {
+fn dot(a: &[Lane; 3], b: &[Lane; 3]) -> Lane {
+    let mut dot = [0.0; LANES];
+    for i in 0..LANES {
         dot[i] = a[0][i] * b[0][i] + a[1][i] * b[1][i] + a[2][i] * b[2][i];
     }
     dot
@@ -179,7 +179,7 @@ fn dot(a: &[Row; 3], b: &[Row; 3]) -> Row {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_moving;
     use nalgebra::Vector3;
     use proptest::prelude::*;
@@ -196,13 +196,13 @@ mod tests {
         ) {
             let axis = Vector3::new(0.1, 1.0, -0.2).normalize();
             let origin = Point3::new(0.05, 0.0, 1.3);
-            let dof = Dof { hinge, axis, origin, pitch: pitch.filter(|_| hinge) };
+            let dof = ScrewJoint { hinge, axis, origin, pitch: pitch.filter(|_| hinge) };
             let places: Vec<Point3<f64>> = (0..21)
                 .map(f64::from)
                 .map(|i| Point3::new(0.2 + 0.02 * i, 0.3 * (i * 1.3).sin(), 1.2 + 0.02 * i))
                 .collect();
             let view = seen_moving(&dof, &places, &[0.0, q]);
-            let mut joint = Grown::new(dof, &view, 0);
+            let mut joint = JointEstimate::new(dof, &view, 0);
             joint.points = places;
             for (i, stray) in joint.points.iter_mut().enumerate().take(strays) {
                 *stray += Vector3::new(0.3, 0.1 * i as f64, -0.2);

@@ -1,15 +1,15 @@
 //! A joint hypothesis with all that it has gathered.
 
-use super::screw_joint::{Dof, Moved};
-use super::tracks_in_part_frame::View;
+use super::screw_joint::{ScrewJoint, ScrewMotion};
+use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::Pose;
 use nalgebra::Point3;
 
 /// A joint, its configuration over time, and the tracks that follow it.
 #[derive(Debug, Clone)]
-pub struct Grown {
+pub struct JointEstimate {
     /// The joint, in its parent's frame.
-    pub dof: Dof,
+    pub dof: ScrewJoint,
     /// Configuration by frame; meaningful where `known`.
     pub q: Vec<f64>,
     /// Frames with a configuration.
@@ -50,9 +50,9 @@ pub struct Grown {
     pub contradicted: Vec<usize>,
 }
 
-impl Grown {
+impl JointEstimate {
     /// A joint that nothing follows yet.
-    pub fn new(dof: Dof, view: &View, anchor: usize) -> Self {
+    pub fn new(dof: ScrewJoint, view: &TracksInFrame, anchor: usize) -> Self {
         Self {
             dof,
             q: vec![0.0; view.frames],
@@ -114,16 +114,22 @@ impl Grown {
     }
 
     /// What the joint does in each frame; meaningful where `known`.
-    pub fn motions(&self) -> Vec<Moved> {
+    pub fn motions(&self) -> Vec<ScrewMotion> {
         self.q.iter().map(|&q| self.dof.at(q)).collect()
     }
 
     /// Truncated cost, observations and inliers of a track under the joint, whose `motions` are
     /// given.
-    pub fn cost_of(&self, motions: &[Moved], view: &View, track: usize, cut: f64) -> TrackCost {
+    pub fn cost_of(
+        &self,
+        motions: &[ScrewMotion],
+        view: &TracksInFrame,
+        track: usize,
+        cut: f64,
+    ) -> TrackCost {
         let mut cost = TrackCost::default();
         for (f, s) in view.life(track).filter(|(f, _)| self.known[*f]) {
-            let r = s.distance_sq(&motions[f].forth(&self.points[track]));
+            let r = s.distance_sq(&motions[f].transform(&self.points[track]));
             cost.sum += r.min(cut);
             cost.observations += 1;
             cost.inliers += usize::from(r < cut);
@@ -132,7 +138,7 @@ impl Grown {
     }
 
     /// What `unruly` is now.
-    pub fn unruly_share(&self, view: &View) -> f64 {
+    pub fn unruly_share(&self, view: &TracksInFrame) -> f64 {
         let (mut all, mut unruly) = (0_usize, 0_usize);
         for (f, _) in self.members.iter().flat_map(|&t| view.life(t)) {
             all += 1;
@@ -142,7 +148,7 @@ impl Grown {
     }
 
     /// Length that a track's point travels over the frames in which it is seen.
-    pub fn travel(&self, view: &View, track: usize) -> f64 {
+    pub fn travel(&self, view: &TracksInFrame, track: usize) -> f64 {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for (f, _) in view.life(track).filter(|(f, _)| self.known[*f]) {
             low = low.min(self.q[f]);
@@ -164,7 +170,7 @@ pub struct TrackCost {
 }
 
 /// Part motions in the base since the first frame, by joint and frame.
-pub fn base_from_part(joints: &[Grown], index: usize, frame: usize) -> Pose {
+pub fn base_from_part(joints: &[JointEstimate], index: usize, frame: usize) -> Pose {
     let joint = &joints[index];
     let own = joint.dof.geometry().motion(joint.filled[frame]);
     match joint.parent {

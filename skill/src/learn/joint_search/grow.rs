@@ -5,11 +5,11 @@
 use super::bundle_adjustment::{locate_points, refine};
 use super::config::JointsConfig;
 use super::configuration_vote::agree;
-use super::estimate::{Grown, TrackCost};
+use super::estimate::{JointEstimate, TrackCost};
 use super::helical_pitch;
 use super::motion_hypotheses::Hypothesis;
-use super::screw_joint::Dof;
-use super::tracks_in_part_frame::View;
+use super::screw_joint::ScrewJoint;
+use super::tracks_in_part_frame::TracksInFrame;
 use super::verification;
 use crate::math::rigid::{distance_to_line, screw_of};
 use nalgebra::{Point3, Vector3};
@@ -62,13 +62,13 @@ const HINGE_ADVANTAGE: f64 = 1.03;
 /// The better of slide and hinge grown from a hypothesis; one that `is_hopeless` is not refined
 /// in the end.
 pub fn grow_hypothesis(
-    view: &View,
+    view: &TracksInFrame,
     hypothesis: &Hypothesis,
     candidates: &[usize],
     config: &JointsConfig,
-    is_hopeless: impl Fn(&Grown) -> bool,
-) -> Option<Grown> {
-    let mut best: Option<Grown> = None;
+    is_hopeless: impl Fn(&JointEstimate) -> bool,
+) -> Option<JointEstimate> {
+    let mut best: Option<JointEstimate> = None;
     for (start, cost) in window_fits(view, hypothesis, config) {
         if cost > MAX_WINDOW_COST {
             continue;
@@ -109,7 +109,7 @@ fn sweepers(suspected: &[usize], candidates: &[usize]) -> Vec<usize> {
 }
 
 /// It fits so poorly that more tracks cannot make a joint of it.
-fn is_poor(view: &View, grown: &Grown, config: &JointsConfig) -> bool {
+fn is_poor(view: &TracksInFrame, grown: &JointEstimate, config: &JointsConfig) -> bool {
     grown.members.len() >= 4
         && (grown.cost > 1.2 * verification::most_tolerated(config)
             || grown.unruly_share(view) > HOPELESSLY_UNRULY)
@@ -117,7 +117,12 @@ fn is_poor(view: &View, grown: &Grown, config: &JointsConfig) -> bool {
 
 /// A joint that advances as it turns, grown on as the screw that it is: as a hinge it loses what
 /// has advanced.
-fn with_pitch(view: &View, grown: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+fn with_pitch(
+    view: &TracksInFrame,
+    grown: JointEstimate,
+    candidates: &[usize],
+    config: &JointsConfig,
+) -> JointEstimate {
     if !config.screws || !helical_pitch::can_be_told(&grown) {
         return grown;
     }
@@ -140,7 +145,11 @@ fn with_pitch(view: &View, grown: Grown, candidates: &[usize], config: &JointsCo
 }
 
 /// Slide and hinge fitted to the window alone, with their cost an observation.
-fn window_fits(view: &View, h: &Hypothesis, config: &JointsConfig) -> Vec<(Grown, f64)> {
+fn window_fits(
+    view: &TracksInFrame,
+    h: &Hypothesis,
+    config: &JointsConfig,
+) -> Vec<(JointEstimate, f64)> {
     let at = |t: usize, f: usize| view.at(t, f).map(|s| s.point.coords);
     let n = h.tracks.len() as f64;
     let start: Vector3<f64> =
@@ -149,13 +158,13 @@ fn window_fits(view: &View, h: &Hypothesis, config: &JointsConfig) -> Vec<(Grown
     let centre = Point3::from(start);
     let mut fits = Vec::new();
     if let Some(axis) = (end - start).try_normalize(1e-6) {
-        fits.push(window_fit(view, Dof::slide(axis, centre), h, config));
+        fits.push(window_fit(view, ScrewJoint::slide(axis, centre), h, config));
     }
     if let Some(screw) = screw_of(&h.motion)
         && screw.angle > MIN_SCREW_ANGLE
         && distance_to_line(&screw.origin, &screw.axis, &centre) < MAX_LEVER
     {
-        let dof = Dof::hinge(screw.axis.into_inner(), screw.origin);
+        let dof = ScrewJoint::hinge(screw.axis.into_inner(), screw.origin);
         let hinge = window_fit(view, dof, h, config);
         let slide_cost = fits.first().map_or(f64::INFINITY, |(_, c)| *c);
         if slide_cost > 1.3 * hinge.1 + 0.2 {
@@ -168,8 +177,13 @@ fn window_fits(view: &View, h: &Hypothesis, config: &JointsConfig) -> Vec<(Grown
     fits
 }
 
-fn window_fit(view: &View, dof: Dof, h: &Hypothesis, config: &JointsConfig) -> (Grown, f64) {
-    let mut joint = Grown::new(dof, view, h.from);
+fn window_fit(
+    view: &TracksInFrame,
+    dof: ScrewJoint,
+    h: &Hypothesis,
+    config: &JointsConfig,
+) -> (JointEstimate, f64) {
+    let mut joint = JointEstimate::new(dof, view, h.from);
     for &t in &h.tracks {
         if let Some(s) = view.at(t, h.from) {
             joint.points[t] = s.point;
@@ -203,7 +217,7 @@ fn window_fit(view: &View, dof: Dof, h: &Hypothesis, config: &JointsConfig) -> (
 }
 
 /// What is known of each track while a joint grows.
-struct Book {
+struct TrackScores {
     known: Vec<bool>,
     hits: Vec<usize>,
     misses: Vec<usize>,
@@ -211,8 +225,8 @@ struct Book {
     high: Vec<f64>,
 }
 
-impl Book {
-    fn new(view: &View, joint: &Grown, cut: f64) -> Self {
+impl TrackScores {
+    fn new(view: &TracksInFrame, joint: &JointEstimate, cut: f64) -> Self {
         let n = view.len();
         let mut book = Self {
             known: vec![false; n],
@@ -240,7 +254,7 @@ impl Book {
     }
 
     /// Right four times, mostly right, and moved by a centimetre.
-    fn trusted(&self, joint: &Grown, t: usize) -> bool {
+    fn trusted(&self, joint: &JointEstimate, t: usize) -> bool {
         self.right(t) && (self.high[t] - self.low[t]) * joint.dof.lever(&joint.points[t]) > 0.01
     }
 
@@ -261,7 +275,14 @@ impl Book {
     }
 
     /// New tracks get their part point from the frame that they are first seen in.
-    fn welcome(&mut self, view: &View, joint: &mut Grown, candidates: &[usize], f: usize, q: f64) {
+    fn admit_new_tracks(
+        &mut self,
+        view: &TracksInFrame,
+        joint: &mut JointEstimate,
+        candidates: &[usize],
+        f: usize,
+        q: f64,
+    ) {
         for &t in candidates {
             if let (false, Some(s)) = (self.known[t], view.at(t, f)) {
                 joint.points[t] = joint.dof.move_point(-q, &s.point);
@@ -275,12 +296,12 @@ impl Book {
 /// Carries a joint to all frames, from those in which it is known; `was_certain`: those told its
 /// line so well that a few more frames hardly move it.
 pub fn grow(
-    view: &View,
-    joint: Grown,
+    view: &TracksInFrame,
+    joint: JointEstimate,
     was_certain: bool,
     candidates: &[usize],
     config: &JointsConfig,
-) -> Grown {
+) -> JointEstimate {
     let rounds = if was_certain { RENEWAL_ROUNDS } else { GROWTH_ROUNDS };
     let joint = carried_on(view, joint, candidates, config, rounds);
     with_pitch(view, joint, candidates, config)
@@ -288,22 +309,27 @@ pub fn grow(
 
 /// The same as the kind of joint that it is taken for.
 fn carried_on(
-    view: &View,
-    joint: Grown,
+    view: &TracksInFrame,
+    joint: JointEstimate,
     candidates: &[usize],
     config: &JointsConfig,
     rounds: usize,
-) -> Grown {
+) -> JointEstimate {
     let mut joint = swept(view, joint, candidates, config);
     finish(view, &mut joint, candidates, config, rounds);
     joint
 }
 
 /// The same, not yet refined.
-fn swept(view: &View, mut joint: Grown, candidates: &[usize], config: &JointsConfig) -> Grown {
+fn swept(
+    view: &TracksInFrame,
+    mut joint: JointEstimate,
+    candidates: &[usize],
+    config: &JointsConfig,
+) -> JointEstimate {
     let known = joint.known_frames();
     let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return joint };
-    let mut book = Book::new(view, &joint, config.cut);
+    let mut book = TrackScores::new(view, &joint, config.cut);
     let mut rng = ChaCha8Rng::seed_from_u64(first as u64);
     sweep(view, &mut joint, &mut book, candidates, config, &mut rng, first..view.frames);
     sweep(view, &mut joint, &mut book, candidates, config, &mut rng, (0..last + 1).rev());
@@ -311,9 +337,9 @@ fn swept(view: &View, mut joint: Grown, candidates: &[usize], config: &JointsCon
 }
 
 fn sweep(
-    view: &View,
-    joint: &mut Grown,
-    book: &mut Book,
+    view: &TracksInFrame,
+    joint: &mut JointEstimate,
+    book: &mut TrackScores,
     candidates: &[usize],
     config: &JointsConfig,
     rng: &mut ChaCha8Rng,
@@ -328,7 +354,7 @@ fn sweep(
         if joint.known[f] {
             q = joint.q[f];
             lost = 0;
-            book.welcome(view, joint, candidates, f, q);
+            book.admit_new_tracks(view, joint, candidates, f, q);
             continue;
         }
         match next_configuration(view, joint, book, candidates, config, f, q) {
@@ -337,7 +363,7 @@ fn sweep(
                 lost = 0;
                 joint.q[f] = q;
                 joint.known[f] = true;
-                book.welcome(view, joint, candidates, f, q);
+                book.admit_new_tracks(view, joint, candidates, f, q);
             }
             None => lost += 1,
         }
@@ -357,9 +383,9 @@ fn sweep(
 }
 
 fn next_configuration(
-    view: &View,
-    joint: &Grown,
-    book: &mut Book,
+    view: &TracksInFrame,
+    joint: &JointEstimate,
+    book: &mut TrackScores,
     candidates: &[usize],
     config: &JointsConfig,
     f: usize,
@@ -407,9 +433,9 @@ fn next_configuration(
 }
 
 fn refine_while_growing(
-    view: &View,
-    joint: &mut Grown,
-    book: &Book,
+    view: &TracksInFrame,
+    joint: &mut JointEstimate,
+    book: &TrackScores,
     candidates: &[usize],
     config: &JointsConfig,
     rng: &mut ChaCha8Rng,
@@ -440,7 +466,12 @@ struct Follower {
 
 /// Tracks that follow the joint: seen often enough, mostly right, better off than standing
 /// still, and moved by more than a centimetre. Candidates that hardly ever do are dropped.
-fn gather(view: &View, joint: &mut Grown, candidates: &mut Vec<usize>, cut: f64) -> Vec<Follower> {
+fn gather(
+    view: &TracksInFrame,
+    joint: &mut JointEstimate,
+    candidates: &mut Vec<usize>,
+    cut: f64,
+) -> Vec<Follower> {
     locate_points(joint, view, candidates, 2.0 * cut);
     let motions = joint.motions();
     let judged: Vec<(bool, Option<Follower>)> = candidates
@@ -459,8 +490,8 @@ fn gather(view: &View, joint: &mut Grown, candidates: &mut Vec<usize>, cut: f64)
 }
 
 fn follower(
-    view: &View,
-    joint: &Grown,
+    view: &TracksInFrame,
+    joint: &JointEstimate,
     track: usize,
     cost: &TrackCost,
     cut: f64,
@@ -472,8 +503,8 @@ fn follower(
 
 /// Gathers members, refines on them, recomputes every frame's configuration; `rounds` times.
 pub fn finish(
-    view: &View,
-    joint: &mut Grown,
+    view: &TracksInFrame,
+    joint: &mut JointEstimate,
     candidates: &[usize],
     config: &JointsConfig,
     rounds: usize,
@@ -512,7 +543,11 @@ pub fn finish(
 }
 
 /// Refines a joint on more of its members in more frames than while it grew.
-pub fn polish(view: &View, mut joint: Grown, config: &JointsConfig) -> Grown {
+pub fn polish(
+    view: &TracksInFrame,
+    mut joint: JointEstimate,
+    config: &JointsConfig,
+) -> JointEstimate {
     let members = joint.members.clone();
     let some = some_of(members.clone(), POLISH_TRACKS);
     let known = joint.known.clone();
@@ -542,7 +577,13 @@ pub fn thinned(known: &[bool], anchor: usize, most: usize) -> Vec<bool> {
     known.iter().enumerate().map(&mut kept).collect()
 }
 
-fn configure_all(view: &View, joint: &mut Grown, members: &[usize], cut: f64, voters: usize) {
+fn configure_all(
+    view: &TracksInFrame,
+    joint: &mut JointEstimate,
+    members: &[usize],
+    cut: f64,
+    voters: usize,
+) {
     let configured: Vec<Option<f64>> = (0..view.frames)
         .into_par_iter()
         .map(|f| configuration(view, joint, members, cut, voters, f))
@@ -555,8 +596,8 @@ fn configure_all(view: &View, joint: &mut Grown, members: &[usize], cut: f64, vo
 
 /// The configuration of a frame that enough members agree on.
 fn configuration(
-    view: &View,
-    joint: &Grown,
+    view: &TracksInFrame,
+    joint: &JointEstimate,
     members: &[usize],
     cut: f64,
     voters: usize,

@@ -2,8 +2,8 @@
 //! believed. Fitted together with the axis the pitch would follow tracks that slip along edges,
 //! which a tilted axis explains as well.
 
-use super::estimate::Grown;
-use super::tracks_in_part_frame::View;
+use super::estimate::JointEstimate;
+use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::distance_to_line;
 use crate::math::robust::median;
@@ -31,13 +31,17 @@ const MIN_SPREAD: f64 = 0.15;
 const MAX_DRIFT_M: f64 = 0.03;
 
 /// It turned far enough to tell whether it advances.
-pub fn can_be_told(joint: &Grown) -> bool {
+pub fn can_be_told(joint: &JointEstimate) -> bool {
     joint.dof.hinge && joint.span() >= MIN_TURN
 }
 
 /// The direction that a joint's tracks turn about, whatever they advance: a hinge's axis leans so
 /// as to explain that, too.
-pub fn turning_axis(joint: &Grown, view: &View, tracks: &[usize]) -> Option<Vector3<f64>> {
+pub fn turning_axis(
+    joint: &JointEstimate,
+    view: &TracksInFrame,
+    tracks: &[usize],
+) -> Option<Vector3<f64>> {
     let mut by_q = joint.known_frames();
     by_q.sort_by(|&a, &b| joint.q[a].total_cmp(&joint.q[b]));
     let turns: Vec<Vector3<f64>> = (0..PAIRS)
@@ -53,7 +57,12 @@ pub fn turning_axis(joint: &Grown, view: &View, tracks: &[usize]) -> Option<Vect
 }
 
 /// Axis times angle of the rigid motion of tracks between two frames.
-fn turn_between(view: &View, tracks: &[usize], from: usize, to: usize) -> Option<Vector3<f64>> {
+fn turn_between(
+    view: &TracksInFrame,
+    tracks: &[usize],
+    from: usize,
+    to: usize,
+) -> Option<Vector3<f64>> {
     let pairs: Vec<Correspondence> = tracks
         .iter()
         .filter_map(|&t| {
@@ -68,7 +77,7 @@ fn turn_between(view: &View, tracks: &[usize], from: usize, to: usize) -> Option
 }
 
 /// What a joint advances, metres a radian; `None`: it is a hinge.
-pub fn pitch_of(joint: &Grown, view: &View, tracks: &[usize]) -> Option<f64> {
+pub fn pitch_of(joint: &JointEstimate, view: &TracksInFrame, tracks: &[usize]) -> Option<f64> {
     let mut told: Vec<f64> =
         tracks.par_iter().filter_map(|&t| advance_of(joint, view, t)).collect();
     if told.len() < MIN_TRACKS {
@@ -83,7 +92,7 @@ pub fn pitch_of(joint: &Grown, view: &View, tracks: &[usize]) -> Option<f64> {
 }
 
 /// Slope of a track's place along the axis over the configuration, metres a radian.
-fn advance_of(joint: &Grown, view: &View, track: usize) -> Option<f64> {
+fn advance_of(joint: &JointEstimate, view: &TracksInFrame, track: usize) -> Option<f64> {
     let dof = &joint.dof;
     let (mut near, mut far) = (f64::INFINITY, 0.0_f64);
     let seen: Vec<(f64, f64)> = view
@@ -108,21 +117,23 @@ fn advance_of(joint: &Grown, view: &View, track: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_moving;
     use nalgebra::Point3;
 
     /// What is told of twenty points that turn by `angle` in thirty frames.
     fn told(pitch: f64, angle: f64) -> Option<f64> {
-        let line =
-            Dof { pitch: Some(pitch), ..Dof::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5)) };
+        let line = ScrewJoint {
+            pitch: Some(pitch),
+            ..ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5))
+        };
         let q: Vec<f64> = (0..30).map(|f| angle * f64::from(f) / 29.0).collect();
         let places: Vec<Point3<f64>> = (0..20)
             .map(f64::from)
             .map(|i| Point3::new(0.1 + 0.03 * i, 0.2 * (1.3 * i).sin(), 1.5))
             .collect();
         let view = seen_moving(&line, &places, &q);
-        let mut joint = Grown::new(Dof { pitch: None, ..line }, &view, 0);
+        let mut joint = JointEstimate::new(ScrewJoint { pitch: None, ..line }, &view, 0);
         joint.q = q;
         joint.known = vec![true; 30];
         joint.summarise();

@@ -4,9 +4,9 @@
 
 use super::bundle_adjustment::refine;
 use super::config::JointsConfig;
-use super::estimate::Grown;
+use super::estimate::JointEstimate;
 use super::grow::finish;
-use super::tracks_in_part_frame::View;
+use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::{distance_to_line, line_angle, nearest_on_line};
 use crate::math::robust::median;
 use crate::math::robust::overlap;
@@ -25,7 +25,7 @@ const TRACKS_EACH: usize = 75;
 
 /// How near two joints' lines are to be those of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Kinship {
+pub enum LineMatch {
     /// Same line within what a joint is usually known to.
     Same,
     /// Short stretches or grazing views may have drawn the lines apart: they are one joint if
@@ -33,7 +33,7 @@ pub enum Kinship {
     Possible,
 }
 
-impl Kinship {
+impl LineMatch {
     fn slack(self) -> f64 {
         match self {
             Self::Same => 1.0,
@@ -42,7 +42,7 @@ impl Kinship {
     }
 
     /// Share of the lesser gain that the merged joint must add to the greater.
-    pub fn owed(self) -> f64 {
+    pub fn required_gain(self) -> f64 {
         match self {
             Self::Same => 0.0,
             Self::Possible => 0.5,
@@ -52,19 +52,19 @@ impl Kinship {
 
 /// How two joints are akin: same kind, near lines, and configurations that run alike over
 /// common frames.
-pub fn kinship(a: &Grown, b: &Grown) -> Option<Kinship> {
-    [Kinship::Same, Kinship::Possible].into_iter().find(|k| are_akin(a, b, k.slack()))
+pub fn line_match(a: &JointEstimate, b: &JointEstimate) -> Option<LineMatch> {
+    [LineMatch::Same, LineMatch::Possible].into_iter().find(|k| lines_match(a, b, k.slack()))
 }
 
 /// The other joint is known where this one is not: its tracks this one would have gathered
 /// itself.
-pub fn adds_frames(joint: &Grown, other: &Grown) -> bool {
+pub fn adds_frames(joint: &JointEstimate, other: &JointEstimate) -> bool {
     let beyond = joint.known.iter().zip(&other.known).filter(|(here, there)| !**here && **there);
     beyond.count() >= LEAST_MORE
 }
 
 /// Same kind and near lines.
-pub fn shares_line(a: &Grown, b: &Grown, slack: f64) -> bool {
+pub fn shares_line(a: &JointEstimate, b: &JointEstimate, slack: f64) -> bool {
     if a.dof.hinge != b.dof.hinge || line_angle(&a.dof.axis, &b.dof.axis) > slack * MAX_ANGLE {
         return false;
     }
@@ -78,7 +78,7 @@ pub fn shares_line(a: &Grown, b: &Grown, slack: f64) -> bool {
     distance_to_line(&a.dof.origin, &a.dof.axis, &on_b) <= slack * MAX_DISTANCE
 }
 
-fn are_akin(a: &Grown, b: &Grown, slack: f64) -> bool {
+fn lines_match(a: &JointEstimate, b: &JointEstimate, slack: f64) -> bool {
     if !shares_line(a, b, slack) {
         return false;
     }
@@ -96,24 +96,24 @@ fn are_akin(a: &Grown, b: &Grown, slack: f64) -> bool {
     strays[strays.len() * 9 / 10] < 0.25 * a.span().max(b.span())
 }
 
-fn sign(a: &Grown, b: &Grown) -> f64 {
+fn sign(a: &JointEstimate, b: &JointEstimate) -> f64 {
     if a.dof.axis.dot(&b.dof.axis) > 0.0 { 1.0 } else { -1.0 }
 }
 
 /// a's configuration less b's (its sign following the axis) over common frames.
-fn differences(a: &Grown, b: &Grown) -> Vec<f64> {
+fn differences(a: &JointEstimate, b: &JointEstimate) -> Vec<f64> {
     let s = sign(a, b);
     (0..a.q.len()).filter(|&f| a.known[f] && b.known[f]).map(|f| a.q[f] - s * b.q[f]).collect()
 }
 
 /// The joint of both stretches; `None` when nothing remains of it.
 pub fn merged(
-    view: &View,
-    a: &Grown,
-    b: &Grown,
+    view: &TracksInFrame,
+    a: &JointEstimate,
+    b: &JointEstimate,
     candidates: &[usize],
     config: &JointsConfig,
-) -> Option<Grown> {
+) -> Option<JointEstimate> {
     let s = sign(a, b);
     let mut common = differences(a, b);
     let offset = if common.len() >= 3 {

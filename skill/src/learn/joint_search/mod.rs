@@ -25,7 +25,7 @@ mod type_selection;
 mod verification;
 mod warm_start;
 
-use super::ego_motion::BaseMotion;
+use super::ego_motion::EgoMotion;
 use super::keyframes::Keyframes;
 use super::learned_joint::LearnedJoint;
 use super::tracking::TrackSet;
@@ -35,8 +35,8 @@ pub use config::JointsConfig;
 use search::Search;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use tracks_in_part_frame::View;
-pub use warm_start::Memory;
+use tracks_in_part_frame::TracksInFrame;
+pub use warm_start::WarmStart;
 
 /// The frames of a demonstration, or those of it that there are by now.
 #[derive(Clone, Copy)]
@@ -44,7 +44,7 @@ pub struct Watched<'s> {
     /// Tracks.
     pub set: &'s TrackSet,
     /// The same from the base.
-    pub base: &'s BaseMotion,
+    pub base: &'s EgoMotion,
     /// Whole frames.
     pub keyframes: &'s Keyframes,
     /// Configuration.
@@ -53,14 +53,14 @@ pub struct Watched<'s> {
 
 impl Watched<'_> {
     /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
-    pub fn joints(&self, earlier: &Memory) -> Vec<LearnedJoint> {
+    pub fn joints(&self, earlier: &WarmStart) -> Vec<LearnedJoint> {
         let view = self.view();
-        let dismissed: Memory;
+        let rejected: WarmStart;
         let mut search = Search::new(*self, &view, earlier, None);
         search.run();
         if search.joints.is_empty() && earlier.frames > 0 {
-            dismissed = search.remember().without_joints();
-            search = Search::new(*self, &view, &dismissed, None);
+            rejected = search.remember().without_joints();
+            search = Search::new(*self, &view, &rejected, None);
             search.run();
         }
         search.polish();
@@ -71,15 +71,15 @@ impl Watched<'_> {
     /// what it believes by then, if asked to. When `cancelled`, what is found is of no use.
     pub fn remember(
         &self,
-        earlier: &Memory,
+        earlier: &WarmStart,
         cancelled: &AtomicBool,
         tell: Option<&dyn Fn(Vec<Joint>)>,
-    ) -> Memory {
+    ) -> WarmStart {
         let view = self.view();
         let mut search = Search::new(*self, &view, earlier, Some(cancelled));
         search.run();
         if search.is_cancelled() {
-            return Memory::default();
+            return WarmStart::default();
         }
         if let Some(tell) = tell {
             tell(search.learned().into_iter().map(|l| l.joint).collect());
@@ -87,9 +87,9 @@ impl Watched<'_> {
         search.remember()
     }
 
-    fn view(&self) -> Arc<View> {
+    fn view(&self) -> Arc<TracksInFrame> {
         let tracks = &self.base.tracks;
         let moving = (0..tracks.len()).filter(|&t| tracks[t].moves).collect();
-        Arc::new(View::from_base(self.base, moving))
+        Arc::new(TracksInFrame::from_base(self.base, moving))
     }
 }

@@ -2,8 +2,8 @@
 //! near one another.
 
 use super::config::JointsConfig;
-use super::estimate::Grown;
-use super::tracks_in_part_frame::View;
+use super::estimate::JointEstimate;
+use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use nalgebra::Point3;
@@ -30,11 +30,16 @@ pub struct Hypothesis {
 impl Hypothesis {
     /// A joint moves most of its tracks as they were seen to move in its window. Being among
     /// a joint's members does not suffice: a poor joint takes in whatever is near.
-    pub fn is_explained_by(&self, joint: &Grown, view: &View, max_share: f64) -> bool {
+    pub fn is_explained_by(
+        &self,
+        joint: &JointEstimate,
+        view: &TracksInFrame,
+        max_share: f64,
+    ) -> bool {
         let mut known = (self.from..=self.to).filter(|&f| joint.known[f]);
         let (Some(first), Some(last)) = (known.next(), known.next_back()) else { return false };
         let (at_first, at_last) = (joint.dof.at(joint.q[first]), joint.dof.at(joint.q[last]));
-        let carried = |p: &Point3<f64>| at_last.forth(&at_first.back(p));
+        let carried = |p: &Point3<f64>| at_last.transform(&at_first.inverse_transform(p));
         2 * (last - first) >= self.to - self.from
             && self.most_tracks(|t| {
                 let (Some(a), Some(b)) = (view.at(t, first), view.at(t, last)) else {
@@ -47,7 +52,7 @@ impl Hypothesis {
     }
 
     /// Most of its tracks stand still in a view.
-    pub fn is_still_in(&self, view: &View) -> bool {
+    pub fn is_still_in(&self, view: &TracksInFrame) -> bool {
         self.most_tracks(|t| {
             let (Some(a), Some(b)) = (view.at(t, self.from), view.at(t, self.to)) else {
                 return false;
@@ -71,7 +76,7 @@ const MODES: usize = 3;
 
 /// All hypotheses of windows that end after `since`, strongest first.
 pub fn hypotheses(
-    view: &View,
+    view: &TracksInFrame,
     candidates: &[usize],
     since: usize,
     config: &JointsConfig,
@@ -96,7 +101,7 @@ pub fn hypotheses(
 }
 
 fn in_window(
-    view: &View,
+    view: &TracksInFrame,
     candidates: &[usize],
     resting: &[bool],
     from: usize,

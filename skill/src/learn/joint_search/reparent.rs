@@ -1,7 +1,7 @@
 //! What hangs on what? A part that goes along with another hangs on it, even where it was found
 //! while the other rested, when nothing told that from hanging on the base.
 
-use super::estimate::Grown;
+use super::estimate::JointEstimate;
 use super::estimate::base_from_part;
 use super::grow;
 use super::search::Search;
@@ -23,8 +23,8 @@ impl Search<'_> {
     }
 
     /// A joint of the base as one of the part that it goes along with; `None` where there is none.
-    fn hung_on_another(&self, joint: usize) -> Option<Grown> {
-        let carries = |j: &Grown| j.parent == Some(joint);
+    fn hung_on_another(&self, joint: usize) -> Option<JointEstimate> {
+        let carries = |j: &JointEstimate| j.parent == Some(joint);
         if self.joints[joint].parent.is_some() || self.joints.iter().any(carries) {
             return None;
         }
@@ -34,7 +34,7 @@ impl Search<'_> {
             .max_by_key(|hung| hung.known_frames().len())
     }
 
-    fn hung(&self, joint: usize, parent: usize) -> Option<Grown> {
+    fn hung(&self, joint: usize, parent: usize) -> Option<JointEstimate> {
         let alone = &self.joints[joint];
         if !self.is_lost_beside(alone, parent) {
             return None;
@@ -77,36 +77,36 @@ impl Search<'_> {
 
     /// A joint is lost for most of the time that another's part moves: its own part may hang on
     /// that.
-    pub(super) fn is_lost_beside(&self, alone: &Grown, other: usize) -> bool {
+    pub(super) fn is_lost_beside(&self, alone: &JointEstimate, other: usize) -> bool {
         let away = verification::away(&self.joints[other], alone);
         let lost = lost(alone, &away);
         lost >= LEAST_LOST && 2 * lost >= away.iter().filter(|a| **a).count()
     }
 
     /// Puts a joint in place of another, after its new parent.
-    fn hang(&mut self, former: usize, hung: Grown) {
-        self.joints.remove(former);
+    fn hang(&mut self, previous_id: usize, hung: JointEstimate) {
+        self.joints.remove(previous_id);
         self.joints.push(hung);
         for parent in self.joints.iter_mut().filter_map(|j| j.parent.as_mut()) {
-            *parent -= usize::from(*parent > former);
+            *parent -= usize::from(*parent > previous_id);
         }
         self.look_from(0);
     }
 }
 
 /// Of these frames, those in which a joint's configuration is not known.
-fn lost(joint: &Grown, frames: &[bool]) -> usize {
+fn lost(joint: &JointEstimate, frames: &[bool]) -> usize {
     frames.iter().zip(&joint.known).filter(|(among, known)| **among && !**known).count()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Memory, Watched};
+    use super::super::{WarmStart, Watched};
     use super::*;
     use crate::config::SkillConfig;
-    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_along;
-    use crate::learn::joint_search::tracks_in_part_frame::View;
+    use crate::learn::joint_search::tracks_in_part_frame::TracksInFrame;
     use crate::learn::keyframes::Keyframes;
     use crate::learn::tracking::{Track, TrackSet};
     use crate::test_data::seen;
@@ -126,10 +126,14 @@ mod tests {
         0.03 * f.saturating_sub(45) as f64
     }
 
-    fn joint(dof: Dof, q: fn(usize) -> f64, members: std::ops::Range<usize>) -> Grown {
+    fn joint(
+        dof: ScrewJoint,
+        q: fn(usize) -> f64,
+        members: std::ops::Range<usize>,
+    ) -> JointEstimate {
         let paths = vec![vec![Point3::origin(); FRAMES]; 2 * POINTS];
-        let view = View::from_base(&seen_along(&paths), (0..2 * POINTS).collect());
-        let mut joint = Grown::new(dof, &view, 0);
+        let view = TracksInFrame::from_base(&seen_along(&paths), (0..2 * POINTS).collect());
+        let mut joint = JointEstimate::new(dof, &view, 0);
         joint.q = (0..FRAMES).map(q).collect();
         joint.known = vec![true; FRAMES];
         joint.points = places();
@@ -170,7 +174,7 @@ mod tests {
     }
 
     /// Paths of the points of the seat, then of the back.
-    fn paths(seat: &Dof, back: &Dof, case: Back) -> Vec<Vec<Point3<f64>>> {
+    fn paths(seat: &ScrewJoint, back: &ScrewJoint, case: Back) -> Vec<Vec<Point3<f64>>> {
         let path = |(i, place): (usize, &Point3<f64>)| -> Vec<Point3<f64>> {
             let turned = |f: usize, p: &Point3<f64>| seat.move_point(seat_turn(f), p);
             let at = |f: usize| match (i < POINTS, case.goes_along()) {
@@ -193,8 +197,8 @@ mod tests {
 
     /// Who carries the back, found on the base while the seat rested.
     fn carrier_of_back(case: Back) -> Option<usize> {
-        let seat = Dof::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
-        let back = Dof::hinge(Vector3::x(), Point3::new(0.0, -0.2, 1.5));
+        let seat = ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
+        let back = ScrewJoint::hinge(Vector3::x(), Point3::new(0.0, -0.2, 1.5));
         let paths = paths(&seat, &back, case);
         let mut base = seen_along(&paths);
         let mut keyframes = Keyframes::new(FRAMES);
@@ -219,7 +223,7 @@ mod tests {
         let mut config = SkillConfig::default();
         config.joints.min_gain = 10.0;
         let watched = Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
-        let nothing = Memory::default();
+        let nothing = WarmStart::default();
         let mut search = Search::new(watched, &watched.view(), &nothing, None);
         let mut alone = joint(back, lean, POINTS..2 * POINTS);
         alone.known.iter_mut().enumerate().for_each(|(f, known)| *known = seat_turn(f) == 0.0);

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 /// A slide, a hinge or a screw.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Dof {
+pub struct ScrewJoint {
     /// True for what turns.
     pub hinge: bool,
     /// Unit direction.
@@ -19,24 +19,24 @@ pub struct Dof {
 
 /// What a joint does to points at one configuration.
 #[derive(Debug, Clone, Copy)]
-pub struct Moved {
+pub struct ScrewMotion {
     pub(super) rotation: Matrix3<f64>,
     pub(super) shift: Vector3<f64>,
 }
 
-impl Moved {
+impl ScrewMotion {
     /// Where a point of the part is.
-    pub fn forth(&self, p: &Point3<f64>) -> Point3<f64> {
+    pub fn transform(&self, p: &Point3<f64>) -> Point3<f64> {
         Point3::from(self.rotation * p.coords + self.shift)
     }
 
     /// The point of the part that is there.
-    pub fn back(&self, p: &Point3<f64>) -> Point3<f64> {
+    pub fn inverse_transform(&self, p: &Point3<f64>) -> Point3<f64> {
         Point3::from(self.rotation.tr_mul(&(p.coords - self.shift)))
     }
 }
 
-impl Dof {
+impl ScrewJoint {
     /// A slide.
     pub fn slide(axis: Vector3<f64>, origin: Point3<f64>) -> Self {
         Self { hinge: false, axis, origin, pitch: None }
@@ -67,14 +67,14 @@ impl Dof {
     }
 
     /// [`Self::move_point`] for many points at one configuration.
-    pub fn at(&self, q: f64) -> Moved {
+    pub fn at(&self, q: f64) -> ScrewMotion {
         if !self.hinge {
-            return Moved { rotation: Matrix3::identity(), shift: self.axis * q };
+            return ScrewMotion { rotation: Matrix3::identity(), shift: self.axis * q };
         }
         let axis = Unit::new_unchecked(self.axis);
         let rotation = Rotation3::from_axis_angle(&axis, q).into_inner();
         let shift = self.origin.coords - rotation * self.origin.coords + self.advance(q);
-        Moved { rotation, shift }
+        ScrewMotion { rotation, shift }
     }
 
     /// The configuration that takes `part_point` closest to `seen`; of a screw that which turns
@@ -136,11 +136,11 @@ mod tests {
             prop_assume!(Vector3::from(axis).norm() > 0.1);
             let axis = Vector3::from(axis).normalize();
             let (origin, point) = (Point3::from(origin), Point3::from(point));
-            let dof = Dof { hinge, axis, origin, pitch };
+            let dof = ScrewJoint { hinge, axis, origin, pitch };
             let moved = dof.move_point(q, &point);
             prop_assert!((dof.move_point(-q, &moved) - point).norm() < 1e-12);
-            prop_assert!((dof.at(q).forth(&point) - moved).norm() < 1e-12);
-            prop_assert!((dof.at(q).back(&moved) - point).norm() < 1e-12);
+            prop_assert!((dof.at(q).transform(&point) - moved).norm() < 1e-12);
+            prop_assert!((dof.at(q).inverse_transform(&moved) - point).norm() < 1e-12);
             let geometry = dof.geometry();
             prop_assert!((geometry.motion(q) * point - moved).norm() < 1e-12);
             let step = (dof.move_point(q + 1e-6, &point) - moved) / 1e-6;

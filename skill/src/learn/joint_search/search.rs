@@ -1,11 +1,11 @@
 //! The search: hypotheses are grown, the joint of most gain is adopted, and what it leaves is
 //! searched again, from the base and from each part that moves.
 
-use super::estimate::Grown;
-use super::merge_segments::Kinship;
-use super::tracks_in_part_frame::View;
-use super::verification::Witness;
-use super::warm_start::{Dismissed, Memory};
+use super::estimate::JointEstimate;
+use super::merge_segments::LineMatch;
+use super::tracks_in_part_frame::TracksInFrame;
+use super::verification::FreeSpaceCheck;
+use super::warm_start::{RejectedHypothesis, WarmStart};
 use super::{Watched, bundle_adjustment, grow, merge_segments, to_model, verification};
 use crate::config::SkillConfig;
 use crate::learn::learned_joint::LearnedJoint;
@@ -18,37 +18,40 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Search<'s> {
     seen: Watched<'s>,
     /// The view from the base,
-    view: Arc<View>,
+    view: Arc<TracksInFrame>,
     /// and that from each joint's part.
-    views: Vec<Arc<View>>,
-    pub(super) witness: Witness<'s>,
+    views: Vec<Arc<TracksInFrame>>,
+    pub(super) witness: FreeSpaceCheck<'s>,
     pub(super) config: &'s SkillConfig,
-    pub(super) earlier: &'s Memory,
+    pub(super) earlier: &'s WarmStart,
     cancelled: Option<&'s AtomicBool>,
     /// Joints that were adopted, parents first.
-    pub joints: Vec<Grown>,
+    pub joints: Vec<JointEstimate>,
     /// Rank of the strongest hypothesis so far.
     pub(super) best_rank: f64,
     /// What is left is sought in all windows, those of the earlier search too.
     pub(super) looks_back: bool,
     /// What earlier searches grew and did not believe,
-    pub(super) dismissed_before: Vec<Dismissed>,
+    pub(super) dismissed_before: Vec<RejectedHypothesis>,
     /// and what this one did.
-    pub(super) dismissed: Vec<Dismissed>,
+    pub(super) rejected: Vec<RejectedHypothesis>,
     /// Parts in whose frames not all of the earlier search's joints are joints still.
-    pub(super) fallen: Vec<Option<usize>>,
+    pub(super) invalidated: Vec<Option<usize>>,
 }
 
 impl<'s> Search<'s> {
     /// A search that has found nothing; `cancelled` ends it soon.
     pub fn new(
         seen: Watched<'s>,
-        view: &Arc<View>,
-        earlier: &'s Memory,
+        view: &Arc<TracksInFrame>,
+        earlier: &'s WarmStart,
         cancelled: Option<&'s AtomicBool>,
     ) -> Self {
-        let witness =
-            Witness { base: seen.base, keyframes: seen.keyframes, config: &seen.config.joints };
+        let witness = FreeSpaceCheck {
+            base: seen.base,
+            keyframes: seen.keyframes,
+            config: &seen.config.joints,
+        };
         Self {
             seen,
             view: Arc::clone(view),
@@ -61,8 +64,8 @@ impl<'s> Search<'s> {
             best_rank: earlier.best_rank,
             looks_back: earlier.frames == 0,
             dismissed_before: earlier.dismissed_in(view, seen.set),
-            dismissed: Vec::new(),
-            fallen: Vec::new(),
+            rejected: Vec::new(),
+            invalidated: Vec::new(),
         }
     }
 
@@ -78,7 +81,7 @@ impl<'s> Search<'s> {
         let config = &self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
         // What one round grew, the next need not grow again.
-        let mut grown = self.recall(&mut rest);
+        let mut grown = self.reuse(&mut rest);
         for round in 0..config.rounds {
             if self.is_cancelled() {
                 return;
@@ -108,20 +111,20 @@ impl<'s> Search<'s> {
     /// Carries the earlier search's joints on to the present. Those that are beyond doubt are
     /// adopted; the others are to compete with what else can be grown, and so are those that are
     /// lost while what was adopted moves.
-    fn recall(&mut self, rest: &mut Vec<usize>) -> Vec<Grown> {
-        let mut doubtful: Vec<Grown> = Vec::new();
+    fn reuse(&mut self, rest: &mut Vec<usize>) -> Vec<JointEstimate> {
+        let mut doubtful: Vec<JointEstimate> = Vec::new();
         let mut parents = vec![None];
         let mut visited = 0;
         while let Some(&parent) = parents.get(visited) {
             visited += 1;
-            let Some(former) = self.former(parent) else { continue };
+            let Some(previous_id) = self.previous_id(parent) else { continue };
             let view = self.view_from(parent);
             let candidates = self.movers(parent, &view, rest);
             if candidates.len() < 4 {
                 continue;
             }
             let (mut sound, mut others) = (Vec::new(), Vec::new());
-            let recalled = self.recalled(former, parent, &view, &candidates);
+            let recalled = self.recalled(previous_id, parent, &view, &candidates);
             if self.is_cancelled() {
                 return Vec::new();
             }
@@ -132,12 +135,12 @@ impl<'s> Search<'s> {
             while let Some(best) = self.best_among(sound.iter().collect()) {
                 let explained = self.explained(&best, rest);
                 rest.retain(|t| !explained.contains(t));
-                let apart = |j: &Grown| overlap(&j.members, &explained) < 0.3;
+                let apart = |j: &JointEstimate| overlap(&j.members, &explained) < 0.3;
                 sound.retain(|j| j.dof != best.dof && apart(j));
                 others.retain(apart);
                 doubtful.retain(apart);
                 let adopted = self.adopt(best, rest);
-                let (lost, found): (Vec<Grown>, Vec<Grown>) =
+                let (lost, found): (Vec<JointEstimate>, Vec<JointEstimate>) =
                     sound.into_iter().partition(|j| self.is_lost_beside(j, adopted));
                 sound = found;
                 others.extend(lost);
@@ -146,7 +149,7 @@ impl<'s> Search<'s> {
                 }
             }
             if !others.iter().all(|j| self.witness.accepts(j)) {
-                self.fallen.push(parent);
+                self.invalidated.push(parent);
             }
             doubtful.append(&mut others);
             doubtful.append(&mut sound);
@@ -166,7 +169,7 @@ impl<'s> Search<'s> {
 
     /// A joint of the earlier search does in the frames since what it did before. While more
     /// frames come it may do so less well: what moves on its part is only just beginning to.
-    fn goes_on(&self, joint: &Grown) -> bool {
+    fn goes_on(&self, joint: &JointEstimate) -> bool {
         let new = &joint.known[self.earlier.frames..];
         let followed = new.iter().filter(|k| **k).count();
         let is_borne = || {
@@ -182,12 +185,12 @@ impl<'s> Search<'s> {
     }
 
     /// The view from a part.
-    pub(super) fn view_from(&self, parent: Option<usize>) -> Arc<View> {
+    pub(super) fn view_from(&self, parent: Option<usize>) -> Arc<TracksInFrame> {
         parent.map_or_else(|| Arc::clone(&self.view), |p| Arc::clone(&self.views[p]))
     }
 
     /// What a part was in the earlier search; `None`: not known to it.
-    pub(super) fn former(&self, parent: Option<usize>) -> Option<Option<usize>> {
+    pub(super) fn previous_id(&self, parent: Option<usize>) -> Option<Option<usize>> {
         match parent {
             None => (self.earlier.frames > 0).then_some(None),
             Some(p) => {
@@ -200,12 +203,12 @@ impl<'s> Search<'s> {
     /// their types were certain.
     fn recalled(
         &self,
-        former: Option<usize>,
+        previous_id: Option<usize>,
         parent: Option<usize>,
-        view: &View,
+        view: &TracksInFrame,
         candidates: &[usize],
-    ) -> Vec<(Grown, bool)> {
-        let mut joints = self.earlier.recalled(former, view, self.seen.set);
+    ) -> Vec<(JointEstimate, bool)> {
+        let mut joints = self.earlier.recalled(previous_id, view, self.seen.set);
         joints.par_iter_mut().filter(|_| !self.is_cancelled()).for_each(|(joint, was_certain)| {
             joint.parent = parent;
             let config = &self.config.joints;
@@ -217,7 +220,12 @@ impl<'s> Search<'s> {
     }
 
     /// Those of `rest` that move as seen from a part.
-    pub(super) fn movers(&self, parent: Option<usize>, view: &View, rest: &[usize]) -> Vec<usize> {
+    pub(super) fn movers(
+        &self,
+        parent: Option<usize>,
+        view: &TracksInFrame,
+        rest: &[usize],
+    ) -> Vec<usize> {
         let base = &self.config.base;
         let moves = |&t: &usize| view.moves(t, base.min_extent_m, base.min_extent_sigmas);
         rest.iter().copied().filter(|t| parent.is_none() || moves(t)).collect()
@@ -227,7 +235,7 @@ impl<'s> Search<'s> {
     pub fn polish(&mut self) {
         let mut generation = self.carried_by(|parent| parent.is_none());
         while !generation.is_empty() {
-            let polished: Vec<Grown> = generation
+            let polished: Vec<JointEstimate> = generation
                 .par_iter()
                 .map(|&i| {
                     let joint = self.joints[i].clone();
@@ -258,18 +266,18 @@ impl<'s> Search<'s> {
     }
 
     /// What it found, for a search over more frames.
-    pub fn remember(&self) -> Memory {
-        Memory::of(
+    pub fn remember(&self) -> WarmStart {
+        WarmStart::of(
             self.seen.set,
             |parent| self.view_from(parent),
             &self.joints,
-            self.dismissed_before.iter().chain(&self.dismissed),
+            self.dismissed_before.iter().chain(&self.rejected),
             self.best_rank,
             &self.config.joints,
         )
     }
 
-    pub(super) fn report(&self, how: &str, joint: &Grown) {
+    pub(super) fn report(&self, how: &str, joint: &JointEstimate) {
         tracing::debug!(
             how,
             parent = joint.parent.map_or(0, |p| p + 1),
@@ -293,7 +301,12 @@ impl<'s> Search<'s> {
 
     /// Confronts a joint with the depth pictures; takes back configurations that they
     /// contradict.
-    pub(super) fn question(&self, view: &View, joint: &mut Grown, candidates: &[usize]) {
+    pub(super) fn question(
+        &self,
+        view: &TracksInFrame,
+        joint: &mut JointEstimate,
+        candidates: &[usize],
+    ) {
         if self.is_cancelled() {
             return;
         }
@@ -327,12 +340,12 @@ impl<'s> Search<'s> {
     }
 
     /// Share of a joint's configuration that is a function of its parent's.
-    pub(super) fn coupling(&self, joint: &Grown, parent: Option<usize>) -> f64 {
+    pub(super) fn coupling(&self, joint: &JointEstimate, parent: Option<usize>) -> f64 {
         parent.map_or(0.0, |p| verification::coupling(joint, &self.joints[p]))
     }
 
     /// Takes out what only held the part, and lets the rest settle: strangers drew the line.
-    fn dismiss_strangers(&self, view: &View, joint: &mut Grown) {
+    fn dismiss_strangers(&self, view: &TracksInFrame, joint: &mut JointEstimate) {
         if !self.config.joints.dismiss_strangers {
             return;
         }
@@ -345,19 +358,19 @@ impl<'s> Search<'s> {
     }
 
     /// The accepted joint of most gain.
-    fn best_of(&self, candidates: &[Grown]) -> Option<Grown> {
+    fn best_of(&self, candidates: &[JointEstimate]) -> Option<JointEstimate> {
         self.best_among(candidates.iter().filter(|j| self.witness.accepts(j)).collect())
     }
 
     /// The joint of most gain; one of the base is preferred to one of a part that explains the
     /// same tracks.
-    fn best_among(&self, believed: Vec<&Grown>) -> Option<Grown> {
-        let known = |j: &Grown| j.known_frames().len() as f64;
-        let same_tracks = |a: &Grown, b: &Grown| {
+    fn best_among(&self, believed: Vec<&JointEstimate>) -> Option<JointEstimate> {
+        let known = |j: &JointEstimate| j.known_frames().len() as f64;
+        let same_tracks = |a: &JointEstimate, b: &JointEstimate| {
             overlap(&a.members, &b.members) > 0.35 || overlap(&b.members, &a.members) > 0.6
         };
         // Where a joint of the base is lost for long, its part hangs on one that moved then.
-        let shadowed = |j: &Grown| {
+        let shadowed = |j: &JointEstimate| {
             believed.iter().filter(|o| o.parent.is_some() != j.parent.is_some()).any(|o| {
                 let enough = if j.parent.is_some() { BASE_SUFFICES } else { 1.0 / BASE_SUFFICES };
                 same_tracks(j, o) && known(o) > enough * known(j)
@@ -376,7 +389,7 @@ impl<'s> Search<'s> {
     /// Or the pictures show it on that joint's part wherever that goes. Or it is next to nothing
     /// beside one that it follows, or whose line it turns about: corners that a part's rim makes
     /// with what is behind it.
-    fn is_an_appendage(&self, joint: &Grown) -> bool {
+    fn is_an_appendage(&self, joint: &JointEstimate) -> bool {
         let seen = verification::is_found_everywhere(joint);
         self.joints.iter().enumerate().any(|(i, o)| {
             let little = joint.gain < MIN_STANDING * o.gain;
@@ -392,7 +405,7 @@ impl<'s> Search<'s> {
     }
 
     /// Gain in one currency: cost against standing still in the base.
-    fn gain_over_base(&self, joint: &Grown) -> f64 {
+    fn gain_over_base(&self, joint: &JointEstimate) -> f64 {
         if joint.parent.is_none() {
             return joint.gain;
         }
@@ -413,14 +426,14 @@ impl<'s> Search<'s> {
 
     fn merged_with_its_stretches(
         &self,
-        mut best: Grown,
-        candidates: &[Grown],
+        mut best: JointEstimate,
+        candidates: &[JointEstimate],
         rest: &[usize],
-    ) -> Grown {
+    ) -> JointEstimate {
         if !self.config.joints.merge {
             return best;
         }
-        let mut others: Vec<&Grown> = candidates
+        let mut others: Vec<&JointEstimate> = candidates
             .iter()
             .filter(|j| j.parent == best.parent && self.witness.tolerates(j))
             .collect();
@@ -430,9 +443,9 @@ impl<'s> Search<'s> {
             if !merge_segments::adds_frames(&best, other) {
                 continue;
             }
-            let Some(kinship) = merge_segments::kinship(&best, other) else { continue };
+            let Some(line_match) = merge_segments::line_match(&best, other) else { continue };
             if overlap(&other.members, &best.members) < 0.7 {
-                best = self.try_merge(&view, &best, other, kinship, rest).unwrap_or(best);
+                best = self.try_merge(&view, &best, other, line_match, rest).unwrap_or(best);
             }
         }
         best
@@ -440,12 +453,12 @@ impl<'s> Search<'s> {
 
     fn try_merge(
         &self,
-        view: &View,
-        a: &Grown,
-        b: &Grown,
-        kinship: Kinship,
+        view: &TracksInFrame,
+        a: &JointEstimate,
+        b: &JointEstimate,
+        line_match: LineMatch,
         rest: &[usize],
-    ) -> Option<Grown> {
+    ) -> Option<JointEstimate> {
         let config = &self.config.joints;
         let mut candidates = rest.to_vec();
         candidates.extend(a.members.iter().chain(&b.members));
@@ -456,7 +469,8 @@ impl<'s> Search<'s> {
         self.witness.examine(&mut merged, &self.joints);
         merged.coupling = a.coupling;
         merged.unruly = merged.unruly_share(view);
-        let better = merged.gain > a.gain.max(b.gain) + kinship.owed() * a.gain.min(b.gain)
+        let better = merged.gain
+            > a.gain.max(b.gain) + line_match.required_gain() * a.gain.min(b.gain)
             && merged.cost < config.max_cost + 0.6
             && merged.through < config.max_through + 0.03;
         tracing::debug!(gain = merged.gain as i64, before = a.gain as i64, better, "merge");
@@ -464,21 +478,21 @@ impl<'s> Search<'s> {
     }
 
     /// Adds a joint, or makes it part of one that is there already. Returns its number.
-    fn adopt(&mut self, joint: Grown, rest: &[usize]) -> usize {
-        let kin: Vec<(usize, Kinship)> = (0..self.joints.len())
+    fn adopt(&mut self, joint: JointEstimate, rest: &[usize]) -> usize {
+        let kin: Vec<(usize, LineMatch)> = (0..self.joints.len())
             .filter(|_| self.config.joints.merge)
-            .filter_map(|i| Some((i, merge_segments::kinship(&self.joints[i], &joint)?)))
+            .filter_map(|i| Some((i, merge_segments::line_match(&self.joints[i], &joint)?)))
             .collect();
         let view = self.view_from(joint.parent);
-        for &(i, kinship) in kin.iter().filter(|(i, _)| self.joints[*i].parent == joint.parent) {
-            if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, kinship, rest) {
+        for &(i, line_match) in kin.iter().filter(|(i, _)| self.joints[*i].parent == joint.parent) {
+            if let Some(merged) = self.try_merge(&view, &self.joints[i], &joint, line_match, rest) {
                 self.joints[i] = merged;
                 self.look_from(i);
                 return i;
             }
         }
         // What cannot be merged with its twin is not a joint beside it.
-        if let Some((i, _)) = kin.iter().find(|(_, kinship)| *kinship == Kinship::Same) {
+        if let Some((i, _)) = kin.iter().find(|(_, line_match)| *line_match == LineMatch::Same) {
             return *i;
         }
         self.joints.push(joint);
@@ -496,7 +510,7 @@ impl<'s> Search<'s> {
     }
 
     /// Tracks that a joint explains, short ones too: they drop out.
-    fn explained(&self, joint: &Grown, rest: &[usize]) -> Vec<usize> {
+    fn explained(&self, joint: &JointEstimate, rest: &[usize]) -> Vec<usize> {
         let cut = self.config.joints.cut;
         let view = self.view_from(joint.parent);
         let mut located = joint.clone();

@@ -2,11 +2,11 @@
 //! first frame at configuration 0.
 
 use super::config::JointsConfig;
-use super::estimate::{Grown, base_from_part};
-use super::tracks_in_part_frame::View;
+use super::estimate::{JointEstimate, base_from_part};
+use super::tracks_in_part_frame::TracksInFrame;
 use super::{bundle_adjustment, type_selection};
 use crate::config::SkillConfig;
-use crate::learn::ego_motion::BaseMotion;
+use crate::learn::ego_motion::EgoMotion;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
 use crate::learn::tracking::{TrackSet, Trajectory};
 use crate::math::rigid::Pose;
@@ -21,9 +21,9 @@ const COVARIANCE_TRACKS: usize = 300;
 /// The learned joints, parents before children; `view_from` gives the view from each one's part.
 pub fn to_learned(
     set: &TrackSet,
-    base: &BaseMotion,
-    view_from: impl Fn(Option<usize>) -> Arc<View> + Sync,
-    joints: &[Grown],
+    base: &EgoMotion,
+    view_from: impl Fn(Option<usize>) -> Arc<TracksInFrame> + Sync,
+    joints: &[JointEstimate],
     config: &SkillConfig,
 ) -> Vec<LearnedJoint> {
     let view = view_from(None);
@@ -51,9 +51,9 @@ pub fn to_learned(
 /// A joint, not yet numbered, and its part's poses in the base since the first frame.
 fn learned(
     set: &TrackSet,
-    base: &BaseMotion,
-    own_view: &View,
-    joints: &[Grown],
+    base: &EgoMotion,
+    own_view: &TracksInFrame,
+    joints: &[JointEstimate],
     index: usize,
     config: &SkillConfig,
 ) -> (Joint, Trajectory) {
@@ -102,7 +102,7 @@ fn learned(
 }
 
 /// Covariance of (axis, origin) from errors that all of a camera's readings share.
-fn systematic(joint: &Grown, config: &JointsConfig) -> DMatrix<f64> {
+fn systematic(joint: &JointEstimate, config: &JointsConfig) -> DMatrix<f64> {
     let across = Matrix3::identity() - joint.dof.axis * joint.dof.axis.transpose();
     let mut covariance = DMatrix::zeros(6, 6);
     covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * config.systematic_rad.powi(2)));
@@ -125,12 +125,12 @@ fn carried(covariance: &DMatrix<f64>, other_from_this: &Pose, reversed: bool) ->
     &turn * covariance * turn.transpose()
 }
 
-fn mean_point(joint: &Grown) -> Point3<f64> {
+fn mean_point(joint: &JointEstimate) -> Point3<f64> {
     let sum: Vector3<f64> = joint.members.iter().map(|&t| joint.points[t].coords).sum();
     Point3::from(sum / joint.members.len().max(1) as f64)
 }
 
-fn position_rmse(joint: &Grown, view: &View) -> f64 {
+fn position_rmse(joint: &JointEstimate, view: &TracksInFrame) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for &t in &joint.members {
         for (f, s) in view.life(t).filter(|(f, _)| joint.known[*f]) {
@@ -144,7 +144,7 @@ fn position_rmse(joint: &Grown, view: &View) -> f64 {
     (sum / f64::from(count.max(1))).sqrt()
 }
 
-fn parents_first(joints: &[Grown]) -> Vec<usize> {
+fn parents_first(joints: &[JointEstimate]) -> Vec<usize> {
     let depth = |mut i: usize| {
         let mut depth = 0;
         while let Some(p) = joints[i].parent {

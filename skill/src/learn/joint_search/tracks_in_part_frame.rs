@@ -1,7 +1,7 @@
 //! The moving tracks as seen from a part: from the base, or from a part that moves itself.
 
-use super::estimate::Grown;
-use crate::learn::ego_motion::{BaseMotion, BaseTrack, Seen, path_moves, rest_length};
+use super::estimate::JointEstimate;
+use crate::learn::ego_motion::{BaseObservation, EgoMotion, TrackInBase, path_moves, rest_length};
 use crate::math::rigid::matrix_pose;
 use crate::math::robust::median_point;
 use nalgebra::{IsometryMatrix3, Point3};
@@ -18,13 +18,13 @@ struct Life {
 }
 
 /// Tracks by frames.
-pub struct View {
+pub struct TracksInFrame {
     /// Frames of the recording.
     pub frames: usize,
     /// Numbers of the tracks in the track set.
     pub track_ids: Arc<Vec<usize>>,
     /// The lives of all tracks, one after the other.
-    seen: Vec<Option<Seen>>,
+    seen: Vec<Option<BaseObservation>>,
     /// The frame of each observation.
     frame_of: Arc<Vec<u32>>,
     lives: Arc<Vec<Life>>,
@@ -32,14 +32,14 @@ pub struct View {
     pub usable: Vec<bool>,
 }
 
-impl View {
+impl TracksInFrame {
     /// The given tracks from the base.
-    pub fn from_base(base: &BaseMotion, track_ids: Vec<usize>) -> Self {
+    pub fn from_base(base: &EgoMotion, track_ids: Vec<usize>) -> Self {
         let frames = base.camera_from_base.len();
         let mut lives = Vec::with_capacity(track_ids.len());
         let mut start = 0;
         for &id in &track_ids {
-            let track: &BaseTrack = &base.tracks[id];
+            let track: &TrackInBase = &base.tracks[id];
             let (first, end) = (track.first_frame, track.end_frame());
             lives.push(Life { first, end, start });
             start += end - first;
@@ -55,12 +55,12 @@ impl View {
     }
 
     /// The same tracks from a part that moves in this view.
-    pub fn seen_from(&self, part: &Grown) -> Self {
+    pub fn seen_from(&self, part: &JointEstimate) -> Self {
         let both = self.usable.iter().zip(&part.known).map(|(usable, known)| usable & known);
         let geometry = part.dof.geometry();
         let motion = |&q: &f64| matrix_pose(&geometry.motion(-q));
         let part_from_view: Vec<IsometryMatrix3<f64>> = part.filled.iter().map(motion).collect();
-        let from_part = |(seen, frame): (&Option<Seen>, &u32)| {
+        let from_part = |(seen, frame): (&Option<BaseObservation>, &u32)| {
             seen.map(|s| s.moved(&part_from_view[*frame as usize]))
         };
         Self {
@@ -79,14 +79,14 @@ impl View {
     }
 
     /// A track in a frame.
-    pub fn at(&self, track: usize, frame: usize) -> Option<&Seen> {
+    pub fn at(&self, track: usize, frame: usize) -> Option<&BaseObservation> {
         let life = self.lives[track];
         let alive = life.first <= frame && frame < life.end;
         if alive { self.seen[life.start + frame - life.first].as_ref() } else { None }
     }
 
     /// A track's observations in usable frames.
-    pub fn life(&self, track: usize) -> impl Iterator<Item = (usize, &Seen)> + '_ {
+    pub fn life(&self, track: usize) -> impl Iterator<Item = (usize, &BaseObservation)> + '_ {
         let life = self.lives[track];
         let seen = &self.seen[life.start..life.start + life.end - life.first];
         seen.iter()
@@ -116,7 +116,7 @@ impl View {
 
     /// Truncated cost of a track that stays where it is, over the frames that count.
     pub fn static_cost(&self, track: usize, counts: &[bool], cut: f64) -> f64 {
-        let life: Vec<&Seen> =
+        let life: Vec<&BaseObservation> =
             self.life(track).filter(|(f, _)| counts[*f]).map(|(_, s)| s).collect();
         let places: Vec<Point3<f64>> = life.iter().map(|s| s.point).collect();
         let Some(middle) = median_point(&places) else { return 0.0 };

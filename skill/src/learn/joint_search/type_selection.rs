@@ -3,10 +3,10 @@
 
 use super::bundle_adjustment::{locate_points, refine};
 use super::config::JointsConfig;
-use super::estimate::Grown;
+use super::estimate::JointEstimate;
 use super::grow;
-use super::screw_joint::Dof;
-use super::tracks_in_part_frame::View;
+use super::screw_joint::ScrewJoint;
+use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointKind;
 use nalgebra::{Point3, Vector3};
@@ -21,15 +21,15 @@ const FAR_HINGES_M: [f64; 2] = [0.5, 2.0];
 const STEPS: usize = 10;
 /// Probability of each kind by the BIC of all (Kass & Raftery 1995).
 pub fn type_probabilities(
-    joint: &Grown,
-    view: &View,
+    joint: &JointEstimate,
+    view: &TracksInFrame,
     config: &JointsConfig,
 ) -> BTreeMap<JointKind, f64> {
     let mut sampled = joint.clone();
     sampled.known = grow::thinned(&joint.known, joint.anchor, grow::FINISH_FRAMES);
     let sample = Sample::of(joint, &sampled, view, config);
     let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(&sampled))]);
-    let explained = |start: Grown| {
+    let explained = |start: JointEstimate| {
         let other = sample.refined(start);
         (kind(&other), sample.criterion(&other))
     };
@@ -47,13 +47,13 @@ pub fn type_probabilities(
     likely
 }
 
-fn kind(joint: &Grown) -> JointKind {
+fn kind(joint: &JointEstimate) -> JointKind {
     joint.dof.geometry().kind
 }
 
 /// Some of a joint's tracks in some of its frames, which all kinds are to explain.
 struct Sample<'s> {
-    view: &'s View,
+    view: &'s TracksInFrame,
     config: &'s JointsConfig,
     tracks: Vec<usize>,
     /// Observations that each one stands for.
@@ -63,11 +63,16 @@ struct Sample<'s> {
 }
 
 impl<'s> Sample<'s> {
-    fn of(joint: &Grown, sampled: &Grown, view: &'s View, config: &'s JointsConfig) -> Self {
+    fn of(
+        joint: &JointEstimate,
+        sampled: &JointEstimate,
+        view: &'s TracksInFrame,
+        config: &'s JointsConfig,
+    ) -> Self {
         let stride = joint.members.len().div_ceil(TRACKS).max(1);
         let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
         let observed =
-            |joint: &Grown, t: usize| view.life(t).filter(|(f, _)| joint.known[*f]).count();
+            |joint: &JointEstimate, t: usize| view.life(t).filter(|(f, _)| joint.known[*f]).count();
         let observations = |joint| tracks.iter().map(|&t| observed(joint, t)).sum::<usize>() as f64;
         let all = observations(joint);
         Self {
@@ -79,14 +84,14 @@ impl<'s> Sample<'s> {
         }
     }
 
-    fn refined(&self, mut joint: Grown) -> Grown {
+    fn refined(&self, mut joint: JointEstimate) -> JointEstimate {
         locate_points(&mut joint, self.view, &self.tracks, 4.0 * self.config.cut);
         refine(&mut joint, self.view, &self.tracks, self.config.cut, STEPS);
         joint
     }
 
     /// Bayesian information criterion, less what all kinds share.
-    fn criterion(&self, joint: &Grown) -> f64 {
+    fn criterion(&self, joint: &JointEstimate) -> f64 {
         let motions = joint.motions();
         let cost = |&t: &usize| joint.cost_of(&motions, self.view, t, self.config.cut).sum;
         let cost: f64 = self.tracks.par_iter().map(cost).sum();
@@ -101,13 +106,13 @@ impl<'s> Sample<'s> {
 }
 
 /// Where the search for the best joints of the other kinds starts.
-fn others(joint: &Grown, tracks: &[usize]) -> Vec<Grown> {
+fn others(joint: &JointEstimate, tracks: &[usize]) -> Vec<JointEstimate> {
     let n = tracks.len().max(1) as f64;
     let middle = 0.5 * (joint.range[0] + joint.range[1]);
     let sum: Vector3<f64> =
         tracks.iter().map(|&t| joint.dof.move_point(middle, &joint.points[t]).coords).sum();
     let centre = Point3::from(sum / n);
-    let with = |dof: Dof, scale: f64| {
+    let with = |dof: ScrewJoint, scale: f64| {
         let mut other = joint.clone();
         other.dof = dof;
         for q in &mut other.q {
@@ -118,8 +123,8 @@ fn others(joint: &Grown, tracks: &[usize]) -> Vec<Grown> {
     if joint.dof.hinge {
         let velocity = joint.dof.velocity(&centre);
         let lever = velocity.norm().max(1e-6);
-        let slide = with(Dof::slide(velocity / lever, centre), lever);
-        let hinge = joint.dof.pitch.map(|_| with(Dof { pitch: None, ..joint.dof }, 1.0));
+        let slide = with(ScrewJoint::slide(velocity / lever, centre), lever);
+        let hinge = joint.dof.pitch.map(|_| with(ScrewJoint { pitch: None, ..joint.dof }, 1.0));
         return std::iter::once(slide).chain(hinge).collect();
     }
     let (u, v) = orthonormal_basis(&joint.dof.axis);
@@ -128,7 +133,7 @@ fn others(joint: &Grown, tracks: &[usize]) -> Vec<Grown> {
         for lever in FAR_HINGES_M {
             // The hinge's axis x arm is the slide's direction.
             let axis = side.cross(&joint.dof.axis);
-            starts.push(with(Dof::hinge(axis, centre - side * lever), 1.0 / lever));
+            starts.push(with(ScrewJoint::hinge(axis, centre - side * lever), 1.0 / lever));
         }
     }
     starts
@@ -140,14 +145,14 @@ mod tests {
     use crate::learn::joint_search::test_data::seen_moving;
 
     /// Twelve points that turn by `angle` in thirty frames, seen with 2 mm of noise.
-    fn seen_turning(line: &Dof, angle: f64) -> (View, Grown) {
+    fn seen_turning(line: &ScrewJoint, angle: f64) -> (TracksInFrame, JointEstimate) {
         let q: Vec<f64> = (0..30).map(|f| angle * f64::from(f) / 29.0).collect();
         let places: Vec<Point3<f64>> = (0..12)
             .map(f64::from)
             .map(|i| Point3::new(0.1 + 0.04 * i, 0.2 * (1.3 * i).sin(), 1.5))
             .collect();
         let view = seen_moving(line, &places, &q);
-        let mut joint = Grown::new(*line, &view, 0);
+        let mut joint = JointEstimate::new(*line, &view, 0);
         joint.q = q;
         joint.known = vec![true; 30];
         joint.members = (0..12).collect();
@@ -156,7 +161,7 @@ mod tests {
         (view, joint)
     }
 
-    const DOOR: Dof = Dof {
+    const DOOR: ScrewJoint = ScrewJoint {
         hinge: true,
         axis: Vector3::new(0.0, 1.0, 0.0),
         origin: Point3::new(0.0, 0.0, 1.5),
@@ -181,7 +186,7 @@ mod tests {
 
     #[test]
     fn what_advances_as_it_turns_is_a_screw() {
-        let lift = Dof { pitch: Some(-0.02), ..DOOR };
+        let lift = ScrewJoint { pitch: Some(-0.02), ..DOOR };
         let (view, joint) = seen_turning(&lift, 1.2);
         let of_types = type_probabilities(&joint, &view, &JointsConfig::default());
         assert!(of_types[&JointKind::Helical] > 0.99);

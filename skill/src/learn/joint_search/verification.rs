@@ -1,11 +1,11 @@
 //! Is it a joint of an object? The depth pictures are asked, and limits are kept.
 
 use super::config::JointsConfig;
-use super::estimate::Grown;
+use super::estimate::JointEstimate;
 use super::estimate::base_from_part;
-use super::tracks_in_part_frame::View;
-use crate::learn::ego_motion::BaseMotion;
-use crate::learn::free_space::{Probed, probe_points};
+use super::tracks_in_part_frame::TracksInFrame;
+use crate::learn::ego_motion::EgoMotion;
+use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::keyframes::Keyframes;
 use crate::math::rigid::Pose;
 use crate::math::robust::{Moments, median};
@@ -15,9 +15,9 @@ use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
 /// Keyframes and limits.
-pub struct Witness<'w> {
+pub struct FreeSpaceCheck<'w> {
     /// Camera motion.
-    pub base: &'w BaseMotion,
+    pub base: &'w EgoMotion,
     /// Whole frames.
     pub keyframes: &'w Keyframes,
     /// Limits.
@@ -25,9 +25,9 @@ pub struct Witness<'w> {
 }
 
 /// Largest share of a child's configuration that may be a function of its parent's.
-pub const MAX_COUPLING: f64 = 0.85;
+pub const MAX_CORRELATION: f64 = 0.85;
 /// What a coupling may be: below, the parent rests whenever the child is known.
-pub const MAY_FOLLOW: RangeInclusive<f64> = 0.0..=MAX_COUPLING;
+pub const ALLOWED_CORRELATION: RangeInclusive<f64> = 0.0..=MAX_CORRELATION;
 /// Share of points that tells for sure where they are.
 const WELL_TOLD: f64 = 0.6;
 /// Share of points below which the pictures tell nothing of where they are.
@@ -53,18 +53,18 @@ const BEYOND_TURN: f64 = 1.6;
 const BEYOND_SLIDE: f64 = 0.4;
 
 /// What a picture tells of a joint.
-struct Testimony {
+struct FrameEvidence {
     frame: usize,
     /// The configuration, or the one at which most is found where it is not known.
     q: f64,
-    found: Probed,
+    found: FreeSpaceCounts,
     /// What is found half the range aside; `None` where the configuration is not known.
-    aside: Option<Probed>,
+    aside: Option<FreeSpaceCounts>,
 }
 
-impl Witness<'_> {
+impl FreeSpaceCheck<'_> {
     /// Fills `through`, `hidden`, `tells`, `scanned` and `contradicted` from the keyframes.
-    pub fn examine(&self, joint: &mut Grown, joints: &[Grown]) {
+    pub fn examine(&self, joint: &mut JointEstimate, joints: &[JointEstimate]) {
         let stride = joint.members.len().div_ceil(MAX_POINTS).max(1);
         let points: Vec<Point3<f64>> =
             joint.members.iter().step_by(stride).map(|&t| joint.points[t]).collect();
@@ -74,10 +74,11 @@ impl Witness<'_> {
         }
         let testimonies = self.testimonies(joint, &points, joints);
         joint.contradicted.clear();
-        let (mut there, mut aside, mut blind) = (Probed::default(), Probed::default(), 0);
+        let (mut there, mut aside, mut blind) =
+            (FreeSpaceCounts::default(), FreeSpaceCounts::default(), 0);
         let mut blind_agrees = 0;
         for testimony in &testimonies {
-            let Testimony { frame, q, found, .. } = *testimony;
+            let FrameEvidence { frame, q, found, .. } = *testimony;
             joint.scanned[frame] = q;
             there.add(found);
             if let Some(elsewhere) = testimony.aside {
@@ -100,10 +101,10 @@ impl Witness<'_> {
     /// What each picture tells of a joint's points.
     fn testimonies(
         &self,
-        joint: &Grown,
+        joint: &JointEstimate,
         points: &[Point3<f64>],
-        joints: &[Grown],
-    ) -> Vec<Testimony> {
+        joints: &[JointEstimate],
+    ) -> Vec<FrameEvidence> {
         let (near, far) = (near_scan(joint), far_scan(joint));
         let aside = 0.5 * joint.span();
         let pictures: Vec<(usize, &RgbdFrame)> = self.keyframes.iter().collect();
@@ -114,13 +115,13 @@ impl Witness<'_> {
                     self.base.camera_from_base[frame] * parent_motion(joint, joints, frame);
                 let probe = |q: f64| {
                     let camera_from_part = camera_from_parent * joint.dof.geometry().motion(q);
-                    probe_points(picture, points, &camera_from_part)
+                    count_free_space(picture, points, &camera_from_part)
                 };
                 let known = joint.q[frame];
                 if joint.known[frame] {
                     let [low, high] = [-aside, aside].map(|d| probe(known + d));
                     let aside = Some(if high.through > low.through { high } else { low });
-                    return Testimony { frame, q: known, found: probe(known), aside };
+                    return FrameEvidence { frame, q: known, found: probe(known), aside };
                 }
                 let best_of = |scan: &[f64]| {
                     scan.iter()
@@ -135,14 +136,14 @@ impl Witness<'_> {
                         (q, found) = beyond;
                     }
                 }
-                Testimony { frame, q, found, aside: None }
+                FrameEvidence { frame, q, found, aside: None }
             })
             .collect()
     }
 
     /// Takes out members that the pictures contradict one by one, where most of the joint
     /// stands: a hand moves with what it holds, but comes and leaves.
-    pub fn dismiss_strangers(&self, joint: &mut Grown, joints: &[Grown]) {
+    pub fn dismiss_strangers(&self, joint: &mut JointEstimate, joints: &[JointEstimate]) {
         let pictures: Vec<(Pose, &RgbdFrame)> = self
             .keyframes
             .iter()
@@ -154,9 +155,9 @@ impl Witness<'_> {
             })
             .collect();
         let stands = |t: &usize| {
-            let mut all = Probed::default();
+            let mut all = FreeSpaceCounts::default();
             for (camera_from_part, picture) in &pictures {
-                all.add(probe_points(picture, &[joint.points[*t]], camera_from_part));
+                all.add(count_free_space(picture, &[joint.points[*t]], camera_from_part));
             }
             all.mostly_agrees()
         };
@@ -167,15 +168,15 @@ impl Witness<'_> {
     }
 
     /// The depth pictures could still make a joint of it, or a stretch of one.
-    pub fn is_worth_asking(&self, joint: &Grown) -> bool {
+    pub fn is_worth_asking(&self, joint: &JointEstimate) -> bool {
         joint.members.len() >= 5
             && joint.gain > self.config.min_gain / 3.0
             && joint.cost <= 1.2 * most_tolerated(self.config)
-            && joint.coupling <= MAX_COUPLING
+            && joint.coupling <= MAX_CORRELATION
     }
 
     /// All limits are kept.
-    pub fn accepts(&self, joint: &Grown) -> bool {
+    pub fn accepts(&self, joint: &JointEstimate) -> bool {
         let config = self.config;
         let known = joint.known_frames().len();
         let coverage = known as f64 / joint.known.len() as f64;
@@ -196,7 +197,7 @@ impl Witness<'_> {
             && joint.gain >= self.least_gain(joint)
             && joint.cost <= max_cost
             && known >= 15
-            && MAY_FOLLOW.contains(&joint.coupling)
+            && ALLOWED_CORRELATION.contains(&joint.coupling)
             && travels_enough(joint)
             && joint.through <= config.max_through
             && joint.hidden <= config.max_hidden
@@ -206,7 +207,7 @@ impl Witness<'_> {
     /// What its tracks must earn: less where the pictures alone would tell it, more where they
     /// are silent and it was seen for a short while; most for a slide along a wall, as corners
     /// seem to that somebody's outline makes with it.
-    pub fn least_gain(&self, joint: &Grown) -> f64 {
+    pub fn least_gain(&self, joint: &JointEstimate) -> f64 {
         let least = self.config.min_gain;
         let coverage = joint.known_frames().len() as f64 / joint.known.len() as f64;
         match joint.tells {
@@ -219,7 +220,7 @@ impl Witness<'_> {
 
     /// The pictures show its points where another joint would put them: a hand that rests on a
     /// part is no part. Where they are silent they do not tell that either.
-    pub fn is_on(&self, joint: &Grown, index: usize, joints: &[Grown]) -> bool {
+    pub fn is_on(&self, joint: &JointEstimate, index: usize, joints: &[JointEstimate]) -> bool {
         if joint.tells < SILENT {
             return false;
         }
@@ -231,11 +232,11 @@ impl Witness<'_> {
         let other_from_joint =
             base_from_part(joints, index, start).inverse() * base_from_joint(start);
         let points: Vec<Point3<f64>> = joint.members.iter().map(|&t| joint.points[t]).collect();
-        let (mut own, mut others) = (Probed::default(), Probed::default());
+        let (mut own, mut others) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
         for (frame, picture) in self.keyframes.iter().filter(|(f, _)| both(*f)) {
             let camera_from_base = self.base.camera_from_base[frame];
             let ask = |base_from_points: Pose| {
-                probe_points(picture, &points, &(camera_from_base * base_from_points))
+                count_free_space(picture, &points, &(camera_from_base * base_from_points))
             };
             own.add(ask(base_from_joint(frame)));
             others.add(ask(base_from_part(joints, index, frame) * other_from_joint));
@@ -246,14 +247,14 @@ impl Witness<'_> {
     }
 
     /// Good enough to be a stretch of a joint that is accepted.
-    pub fn tolerates(&self, joint: &Grown) -> bool {
+    pub fn tolerates(&self, joint: &JointEstimate) -> bool {
         joint.members.len() >= 5
             && joint.gain > self.config.min_gain / 3.0
             && joint.cost < most_tolerated(self.config)
             && joint.through < self.config.max_through + 0.03
             && joint.hidden < self.config.max_hidden + 0.05
             && joint.known_frames().len() >= 10
-            && joint.coupling < MAX_COUPLING
+            && joint.coupling < MAX_CORRELATION
     }
 }
 
@@ -263,36 +264,36 @@ pub fn most_tolerated(config: &JointsConfig) -> f64 {
 }
 
 /// In all pictures the part is where the joint puts it, and would not be elsewhere.
-pub fn is_found_everywhere(joint: &Grown) -> bool {
+pub fn is_found_everywhere(joint: &JointEstimate) -> bool {
     joint.through <= 0.1 && joint.hidden <= 0.3 && joint.tells >= 0.3
 }
 
 /// Of two ways to hang one part, the pictures miss more of it where the other puts it.
-pub fn is_missed_less(joint: &Grown, other: &Grown) -> bool {
+pub fn is_missed_less(joint: &JointEstimate, other: &JointEstimate) -> bool {
     missing(other) > MAX_MISSING && 3.0 * missing(joint) < 2.0 * missing(other)
 }
 
 /// Share of its points in all pictures that are not found.
-fn missing(joint: &Grown) -> f64 {
+fn missing(joint: &JointEstimate) -> f64 {
     let known = joint.known_frames().len() as f64;
     joint.hidden * (1.0 - known / joint.known.len() as f64)
 }
 
 /// It explains all that its tracks do and is never seen through: round things look the same
 /// wherever they are turned to.
-fn is_there_throughout(joint: &Grown) -> bool {
+fn is_there_throughout(joint: &JointEstimate) -> bool {
     joint.through <= 0.05 && joint.hidden <= 0.05 && joint.unruly <= 0.05
 }
 
 /// Configurations in and about the range known so far.
-fn near_scan(joint: &Grown) -> Vec<f64> {
+fn near_scan(joint: &JointEstimate) -> Vec<f64> {
     let pad = (0.5 * joint.span()).max(if joint.dof.hinge { 0.2 } else { 0.05 });
     let (low, high) = (joint.range[0] - pad, joint.range[1] + pad);
     (0..SCAN).map(|i| low + (high - low) * i as f64 / (SCAN - 1) as f64).collect()
 }
 
 /// Configurations beyond: while a part is not tracked it may have gone anywhere.
-fn far_scan(joint: &Grown) -> Vec<f64> {
+fn far_scan(joint: &JointEstimate) -> Vec<f64> {
     let beyond = if joint.dof.hinge { BEYOND_TURN } else { BEYOND_SLIDE };
     let step = beyond / SCAN as f64;
     (1..=SCAN)
@@ -302,7 +303,7 @@ fn far_scan(joint: &Grown) -> Vec<f64> {
 }
 
 /// 6 cm for a slide; 0.12 rad and 3 cm of arc for a hinge.
-fn travels_enough(joint: &Grown) -> bool {
+fn travels_enough(joint: &JointEstimate) -> bool {
     if !joint.dof.hinge {
         return joint.span() >= 0.06;
     }
@@ -313,13 +314,13 @@ fn travels_enough(joint: &Grown) -> bool {
     joint.span() >= 0.12 && joint.span() * lever >= 0.03
 }
 
-fn parent_motion(joint: &Grown, joints: &[Grown], frame: usize) -> Pose {
+fn parent_motion(joint: &JointEstimate, joints: &[JointEstimate], frame: usize) -> Pose {
     joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, frame))
 }
 
 /// Share of a child's configuration that is a function of its parent's: in a moving part's
 /// frame, what stands still makes a perfect mirror of the part's own joint.
-pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
+pub fn coupling(joint: &JointEstimate, parent: &JointEstimate) -> f64 {
     let common: Vec<usize> =
         joint.known_frames().into_iter().filter(|&f| parent.known[f]).collect();
     if common.len() < 5 {
@@ -335,12 +336,12 @@ pub fn coupling(joint: &Grown, parent: &Grown) -> f64 {
 }
 
 /// Spread of a configuration that counts as rest.
-fn resting(joint: &Grown) -> f64 {
+fn resting(joint: &JointEstimate) -> f64 {
     if joint.dof.hinge { 0.04 } else { 0.02 }
 }
 
 /// Whether a parent moves while some of its view's tracks live.
-pub fn moves_beside(parent: &Grown, view: &View, tracks: &[usize]) -> bool {
+pub fn moves_beside(parent: &JointEstimate, view: &TracksInFrame, tracks: &[usize]) -> bool {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for (f, _) in tracks.iter().flat_map(|&t| view.life(t)) {
         low = low.min(parent.filled[f]);
@@ -350,7 +351,7 @@ pub fn moves_beside(parent: &Grown, view: &View, tracks: &[usize]) -> bool {
 }
 
 /// Frames in which a part is away from where it mostly is while a joint's configuration is known.
-pub fn away(part: &Grown, joint: &Grown) -> Vec<bool> {
+pub fn away(part: &JointEstimate, joint: &JointEstimate) -> Vec<bool> {
     let mut beside: Vec<f64> = joint.known_frames().iter().map(|&f| part.filled[f]).collect();
     let usual = median(&mut beside).unwrap_or(0.0);
     part.filled.iter().map(|q| (q - usual).abs() > resting(part)).collect()
@@ -358,7 +359,7 @@ pub fn away(part: &Grown, joint: &Grown) -> Vec<bool> {
 
 /// Share of a joint's configuration that is a smooth function of another's, while nearly all
 /// that it does happens beside the other: a hand follows what it holds.
-pub fn follows(joint: &Grown, other: &Grown) -> f64 {
+pub fn follows(joint: &JointEstimate, other: &JointEstimate) -> f64 {
     let known = joint.known_frames();
     let common: Vec<usize> = known.iter().copied().filter(|&f| other.known[f]).collect();
     if common.len() < 10 || 5 * common.len() < 4 * known.len() {
@@ -372,8 +373,8 @@ pub fn follows(joint: &Grown, other: &Grown) -> f64 {
 }
 
 /// The same while the parent moves: a part that hangs on it goes along and rests in its
-/// frame; one that hangs on the base moves back as fast as the parent goes forth.
-fn mirrored(joint: &Grown, parent: &Grown, common: &[usize]) -> f64 {
+/// frame; one that hangs on the base moves back as fast as the parent goes transform.
+fn mirrored(joint: &JointEstimate, parent: &JointEstimate, common: &[usize]) -> f64 {
     const LAG: usize = 5;
     const CHILD_NOISE: f64 = 0.01;
     let (mut pp, mut cc, mut pc) = (0.0, 0.0, 0.0);
@@ -394,29 +395,27 @@ fn mirrored(joint: &Grown, parent: &Grown, common: &[usize]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_moving;
     use crate::test_data::{board, seen};
     use nalgebra::Vector3;
 
     const FRAMES: usize = 100;
 
-    fn is_accepted(joint: &Grown) -> bool {
-        let base = BaseMotion {
-            camera_from_base: vec![Pose::identity(); FRAMES],
-            ..BaseMotion::default()
-        };
+    fn is_accepted(joint: &JointEstimate) -> bool {
+        let base =
+            EgoMotion { camera_from_base: vec![Pose::identity(); FRAMES], ..EgoMotion::default() };
         let (keyframes, config) = (Keyframes::new(2), JointsConfig::default());
-        Witness { base: &base, keyframes: &keyframes, config: &config }.accepts(joint)
+        FreeSpaceCheck { base: &base, keyframes: &keyframes, config: &config }.accepts(joint)
     }
 
     /// A drawer that was followed for a share of the recording, and whose tracks cost more than
     /// its own motion explains; the pictures show it wherever it is.
-    fn drawer(coverage: f64, hidden: f64) -> Grown {
+    fn drawer(coverage: f64, hidden: f64) -> JointEstimate {
         let front = Point3::new(0.0, 0.0, 1.5);
-        let slide = Dof::slide(Vector3::z(), front);
+        let slide = ScrewJoint::slide(Vector3::z(), front);
         let view = seen_moving(&slide, &[front; 60], &[0.0; FRAMES]);
-        let mut joint = Grown::new(slide, &view, 0);
+        let mut joint = JointEstimate::new(slide, &view, 0);
         joint.known = (0..FRAMES).map(|f| (f as f64) < coverage * FRAMES as f64).collect();
         joint.members = (0..60).collect();
         joint.range = [0.0, 0.2];
@@ -430,17 +429,20 @@ mod tests {
         assert!(is_accepted(&drawer(0.5, 0.0)));
         assert!(is_accepted(&drawer(0.7, 0.0)));
         assert!(is_accepted(&drawer(0.95, 0.3)));
-        let told_well = Grown { tells: 0.9, ..drawer(0.5, 0.2) };
+        let told_well = JointEstimate { tells: 0.9, ..drawer(0.5, 0.2) };
         assert!(is_accepted(&told_well));
     }
 
     #[test]
     fn corners_along_a_wall_need_more_tracks_than_a_drawer() {
-        let along_a_wall = Grown { tells: 0.02, ..drawer(0.8, 0.0) };
+        let along_a_wall = JointEstimate { tells: 0.02, ..drawer(0.8, 0.0) };
         assert!(!is_accepted(&along_a_wall));
-        assert!(is_accepted(&Grown { gain: 16_000.0, ..along_a_wall.clone() }), "a sliding door");
-        let wheel = Dof::hinge(Vector3::z(), Point3::new(0.2, 0.0, 1.5));
-        assert!(is_accepted(&Grown { dof: wheel, range: [0.0, 0.6], ..along_a_wall }));
+        assert!(
+            is_accepted(&JointEstimate { gain: 16_000.0, ..along_a_wall.clone() }),
+            "a sliding door"
+        );
+        let wheel = ScrewJoint::hinge(Vector3::z(), Point3::new(0.2, 0.0, 1.5));
+        assert!(is_accepted(&JointEstimate { dof: wheel, range: [0.0, 0.6], ..along_a_wall }));
     }
 
     #[test]
@@ -460,13 +462,15 @@ mod tests {
         opened.q = (0..FRAMES).map(|f| front(f) - front(0)).collect();
         opened.filled = opened.q.clone();
         opened.points = vec![Point3::new(0.0, 0.0, front(0)); 60];
-        let along = Grown { tells, ..opened.clone() };
-        let base = BaseMotion {
-            camera_from_base: vec![Pose::identity(); FRAMES],
-            ..BaseMotion::default()
-        };
+        let along = JointEstimate { tells, ..opened.clone() };
+        let base =
+            EgoMotion { camera_from_base: vec![Pose::identity(); FRAMES], ..EgoMotion::default() };
         let config = JointsConfig::default();
-        Witness { base: &base, keyframes: &keyframes, config: &config }.is_on(&along, 0, &[opened])
+        FreeSpaceCheck { base: &base, keyframes: &keyframes, config: &config }.is_on(
+            &along,
+            0,
+            &[opened],
+        )
     }
 
     #[test]

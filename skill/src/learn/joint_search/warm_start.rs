@@ -3,9 +3,9 @@
 
 use super::candidates::COVERED;
 use super::config::JointsConfig;
-use super::estimate::Grown;
+use super::estimate::JointEstimate;
 use super::motion_hypotheses::Hypothesis;
-use super::tracks_in_part_frame::View;
+use super::tracks_in_part_frame::TracksInFrame;
 use super::{grow, type_selection, verification};
 use crate::learn::tracking::TrackSet;
 use crate::math::rigid::line_angle;
@@ -24,19 +24,19 @@ const SAME_AXIS: f64 = 0.2;
 /// Joints of an earlier search. What it suspected and did not believe is not carried on: from
 /// search to search, any hand would come to look like a joint. It only need not be asked again.
 #[derive(Debug, Clone, Default)]
-pub struct Memory {
+pub struct WarmStart {
     /// Frames that were searched.
     pub frames: usize,
     /// Rank of the strongest hypothesis.
     pub best_rank: f64,
-    joints: Vec<Remembered>,
-    /// Suspicions of the base's frame, their tracks by number in the track set.
-    dismissed: Vec<Dismissed>,
+    joints: Vec<CachedJoint>,
+    /// FrameCandidates of the base's frame, their tracks by number in the track set.
+    rejected: Vec<RejectedHypothesis>,
 }
 
 /// Tracks that were suspected of a joint, and frames over which they are none.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Dismissed {
+pub struct RejectedHypothesis {
     tracks: Vec<usize>,
     first: usize,
     last: usize,
@@ -46,10 +46,15 @@ pub struct Dismissed {
     for_good: bool,
 }
 
-impl Dismissed {
+impl RejectedHypothesis {
     /// A hypothesis and what it grew to, which is not believed.
-    pub fn new(h: &Hypothesis, grown: Option<&Grown>, view: &View, config: &JointsConfig) -> Self {
-        let known = grown.map(Grown::known_frames).unwrap_or_default();
+    pub fn new(
+        h: &Hypothesis,
+        grown: Option<&JointEstimate>,
+        view: &TracksInFrame,
+        config: &JointsConfig,
+    ) -> Self {
+        let known = grown.map(JointEstimate::known_frames).unwrap_or_default();
         let first = known.first().map_or(h.from, |f| h.from.min(*f));
         let last = known.last().map_or(h.to, |f| h.to.max(*f));
         let is_lost = last + grow::MAX_LOST < view.frames;
@@ -59,7 +64,7 @@ impl Dismissed {
     }
 
     /// Nothing that was seen since may tell more of it.
-    fn still_holds(&self, view: &View) -> bool {
+    fn still_holds(&self, view: &TracksInFrame) -> bool {
         let moved = |t: &&usize| view.moved_since(**t, self.frames - 1);
         self.for_good || 4 * self.tracks.iter().filter(moved).count() <= self.tracks.len()
     }
@@ -76,24 +81,28 @@ impl Dismissed {
 
 /// A grown joint without the rows of its view.
 #[derive(Debug, Clone)]
-struct Remembered {
-    joint: Grown,
+struct CachedJoint {
+    joint: JointEstimate,
     /// Its tracks by their numbers in the track set, with their points on the part.
     members: Vec<(usize, Point3<f64>)>,
     /// Its type is certain.
     is_certain: bool,
 }
 
-impl Remembered {
-    fn new(joint: &Grown, is_certain: bool, view: &View, set: &TrackSet) -> Self {
+impl CachedJoint {
+    fn new(joint: &JointEstimate, is_certain: bool, view: &TracksInFrame, set: &TrackSet) -> Self {
         let id = |t: usize| set.tracks[view.track_ids[t]].id;
         let members = joint.members.iter().map(|&t| (id(t), joint.points[t])).collect();
-        let bare =
-            Grown { points: Vec::new(), members: Vec::new(), seed: Vec::new(), ..joint.clone() };
+        let bare = JointEstimate {
+            points: Vec::new(),
+            members: Vec::new(),
+            seed: Vec::new(),
+            ..joint.clone()
+        };
         Self { joint: bare, members, is_certain }
     }
 
-    fn in_view(&self, view: &View, rows: &HashMap<usize, usize>) -> Grown {
+    fn in_view(&self, view: &TracksInFrame, rows: &HashMap<usize, usize>) -> JointEstimate {
         let mut joint = self.joint.clone();
         joint.points = vec![Point3::origin(); view.len()];
         for (id, point) in &self.members {
@@ -110,40 +119,40 @@ impl Remembered {
     }
 }
 
-impl Memory {
+impl WarmStart {
     /// What a search found. Joints of a type not yet certain are to be found anew: a short
     /// motion may have been told wrong.
     pub fn of<'d>(
         set: &TrackSet,
-        view_from: impl Fn(Option<usize>) -> Arc<View>,
-        joints: &[Grown],
-        dismissed: impl Iterator<Item = &'d Dismissed>,
+        view_from: impl Fn(Option<usize>) -> Arc<TracksInFrame>,
+        joints: &[JointEstimate],
+        rejected: impl Iterator<Item = &'d RejectedHypothesis>,
         best_rank: f64,
         config: &JointsConfig,
     ) -> Self {
         let view = view_from(None);
         let id = |row: usize| Some(set.tracks[view.track_ids[row]].id);
-        let remembered = |j: &Grown| {
+        let remembered = |j: &JointEstimate| {
             let of_types = type_selection::type_probabilities(j, &view_from(j.parent), config);
-            Remembered::new(j, of_types.values().any(|p| *p >= CERTAIN), &view, set)
+            CachedJoint::new(j, of_types.values().any(|p| *p >= CERTAIN), &view, set)
         };
         Self {
             frames: view.frames,
             best_rank,
             joints: joints.iter().map(remembered).collect(),
-            dismissed: dismissed.map(|d| d.renumbered(id)).collect(),
+            rejected: rejected.map(|d| d.renumbered(id)).collect(),
         }
     }
 
     /// Only what need not be asked again, for a search anew.
     pub fn without_joints(&self) -> Self {
-        Self { dismissed: self.dismissed.clone(), ..Self::default() }
+        Self { rejected: self.rejected.clone(), ..Self::default() }
     }
 
     /// What need not be asked again, its tracks by their rows in the base's view.
-    pub fn dismissed_in(&self, view: &View, set: &TrackSet) -> Vec<Dismissed> {
+    pub fn dismissed_in(&self, view: &TracksInFrame, set: &TrackSet) -> Vec<RejectedHypothesis> {
         let rows = rows_by_id(view, set);
-        self.dismissed
+        self.rejected
             .iter()
             .map(|d| d.renumbered(|id| rows.get(&id).copied()))
             .filter(|d| d.still_holds(view))
@@ -152,7 +161,7 @@ impl Memory {
 
     /// The first frame whose windows are new in the frame of a part.
     pub fn since(&self, parent: Option<usize>) -> usize {
-        let is_open = |r: &Remembered| r.joint.parent == parent && !r.is_certain;
+        let is_open = |r: &CachedJoint| r.joint.parent == parent && !r.is_certain;
         if self.joints.iter().any(is_open) { 0 } else { self.frames }
     }
 
@@ -161,9 +170,9 @@ impl Memory {
     pub fn recalled(
         &self,
         parent: Option<usize>,
-        view: &View,
+        view: &TracksInFrame,
         set: &TrackSet,
-    ) -> Vec<(Grown, bool)> {
+    ) -> Vec<(JointEstimate, bool)> {
         let rows = rows_by_id(view, set);
         self.joints
             .iter()
@@ -173,7 +182,12 @@ impl Memory {
     }
 
     /// The joint of the earlier search that a joint was.
-    pub fn counterpart(&self, joint: &Grown, view: &View, set: &TrackSet) -> Option<usize> {
+    pub fn counterpart(
+        &self,
+        joint: &JointEstimate,
+        view: &TracksInFrame,
+        set: &TrackSet,
+    ) -> Option<usize> {
         let ids: HashSet<usize> =
             joint.members.iter().map(|&t| set.tracks[view.track_ids[t]].id).collect();
         self.joints.iter().position(|r| {
@@ -185,32 +199,32 @@ impl Memory {
     }
 }
 
-fn rows_by_id(view: &View, set: &TrackSet) -> HashMap<usize, usize> {
+fn rows_by_id(view: &TracksInFrame, set: &TrackSet) -> HashMap<usize, usize> {
     view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::joint_search::screw_joint::Dof;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_moving;
     use crate::learn::tracking::Track;
     use crate::math::rigid::Pose;
     use nalgebra::Vector3;
 
-    const HINGE: Dof = Dof {
+    const HINGE: ScrewJoint = ScrewJoint {
         hinge: true,
         axis: Vector3::new(0.0, 1.0, 0.0),
         origin: Point3::new(0.0, 0.0, 1.5),
         pitch: None,
     };
 
-    fn view(frames: usize) -> Arc<View> {
+    fn view(frames: usize) -> Arc<TracksInFrame> {
         view_until(frames, frames)
     }
 
     /// What turns until a frame.
-    fn view_until(stop: usize, frames: usize) -> Arc<View> {
+    fn view_until(stop: usize, frames: usize) -> Arc<TracksInFrame> {
         let q: Vec<f64> = (0..frames).map(|f| 0.03 * f.min(stop) as f64).collect();
         let places: Vec<Point3<f64>> =
             (0..8).map(|i| Point3::new(0.1 + 0.05 * f64::from(i), 0.1, 1.5)).collect();
@@ -226,13 +240,13 @@ mod tests {
     #[test]
     fn a_joint_is_called_back_with_its_tracks_when_more_frames_have_come() {
         let early = view(20);
-        let mut door = Grown::new(HINGE, &early, 0);
+        let mut door = JointEstimate::new(HINGE, &early, 0);
         door.members = vec![1, 4, 6];
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
         let config = JointsConfig::default();
         let memory =
-            Memory::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
+            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
         let joints = memory.recalled(None, &view(30), &tracks());
         let (door, _) = &joints[0];
         assert_eq!(door.members, [1, 4, 6]);
@@ -244,26 +258,26 @@ mod tests {
     #[test]
     fn windows_are_searched_again_where_the_type_is_not_certain() {
         let early = view(20);
-        let still = Grown::new(HINGE, &early, 0);
-        let of = |joints: &[Grown]| {
+        let still = JointEstimate::new(HINGE, &early, 0);
+        let of = |joints: &[JointEstimate]| {
             let config = JointsConfig::default();
-            Memory::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
+            WarmStart::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
         };
         assert_eq!(of(&[still]).since(None), 0);
         assert_eq!(of(&[]).since(None), 20);
     }
 
-    /// Suspicions that stand after more frames, of one that was dismissed after 40: it had been
+    /// FrameCandidates that stand after more frames, of one that was rejected after 40: it had been
     /// followed until a frame.
-    fn dismissed(last: usize, now: &View) -> Vec<Dismissed> {
+    fn rejected(last: usize, now: &TracksInFrame) -> Vec<RejectedHypothesis> {
         let early = view(40);
-        let mut hand = Grown::new(HINGE, &early, 0);
+        let mut hand = JointEstimate::new(HINGE, &early, 0);
         hand.known = (0..40).map(|f| (5..=last).contains(&f)).collect();
         hand.cost = 3.0;
         let config = JointsConfig::default();
-        let dismissed = Dismissed::new(&suspicion(6, 12), Some(&hand), &early, &config);
+        let rejected = RejectedHypothesis::new(&suspicion(6, 12), Some(&hand), &early, &config);
         let of_early =
-            Memory::of(&tracks(), |_| Arc::clone(&early), &[], [dismissed].iter(), 7.0, &config);
+            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[], [rejected].iter(), 7.0, &config);
         of_early.dismissed_in(now, &tracks())
     }
 
@@ -273,14 +287,14 @@ mod tests {
 
     #[test]
     fn what_was_lost_before_the_last_frame_is_not_asked_about_those_frames_again() {
-        let dismissed = dismissed(20, &view(60));
-        assert!(dismissed[0].covers(&suspicion(8, 14)));
-        assert!(!dismissed[0].covers(&suspicion(30, 42)), "it may be a joint later");
+        let rejected = rejected(20, &view(60));
+        assert!(rejected[0].covers(&suspicion(8, 14)));
+        assert!(!rejected[0].covers(&suspicion(30, 42)), "it may be a joint later");
     }
 
     #[test]
     fn what_was_seen_to_the_last_frame_is_asked_again_if_it_has_moved_since() {
-        assert_eq!(dismissed(39, &view(60)), []);
-        assert_eq!(dismissed(39, &view_until(39, 60)).len(), 1);
+        assert_eq!(rejected(39, &view(60)), []);
+        assert_eq!(rejected(39, &view_until(39, 60)).len(), 1);
     }
 }

@@ -12,7 +12,7 @@ pub(crate) mod config;
 mod model;
 mod rigid_body;
 
-use super::ego_motion::BaseMotion;
+use super::ego_motion::EgoMotion;
 use super::learned_joint::{LearnedJoint, orient, range_of};
 use super::tracking::TrackSet;
 use crate::math::rigid::Pose;
@@ -22,7 +22,7 @@ use model::Fit;
 use rigid_body::Body;
 
 /// Bodies and joints of a demonstration.
-pub fn learn(set: &TrackSet, base: &BaseMotion, config: &KatzConfig) -> Vec<LearnedJoint> {
+pub fn learn(set: &TrackSet, base: &EgoMotion, config: &KatzConfig) -> Vec<LearnedJoint> {
     let bodies: Vec<Body> = rigid_body::cluster(base, config)
         .into_iter()
         .filter_map(|tracks| Body::follow(base, tracks, config))
@@ -84,18 +84,18 @@ fn relative(pose: &Pose, parent: Option<&Pose>) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::ego_motion::{BaseTrack, Precision, Seen};
+    use crate::learn::ego_motion::{BaseObservation, Information, TrackInBase};
     use crate::object::joint_geometry::{JointGeometry, JointKind};
     use nalgebra::{Point3, Vector3};
     use std::sync::Arc;
 
     const FRAMES: usize = 60;
 
-    fn path(at: impl Fn(usize) -> Point3<f64>, moves: bool) -> Arc<BaseTrack> {
-        let precision = Precision::new(&Vector3::z(), 0.001, 0.001);
-        let point = |f| Some(Seen::new(at(f), precision, 0.001));
+    fn path(at: impl Fn(usize) -> Point3<f64>, moves: bool) -> Arc<TrackInBase> {
+        let precision = Information::new(&Vector3::z(), 0.001, 0.001);
+        let point = |f| Some(BaseObservation::new(at(f), precision, 0.001));
         let points = (0..FRAMES).map(point).collect();
-        Arc::new(BaseTrack { points, moves, ..BaseTrack::default() })
+        Arc::new(TrackInBase { points, moves, ..TrackInBase::default() })
     }
 
     fn learned(motion: impl Fn(usize) -> Pose) -> Vec<LearnedJoint> {
@@ -103,8 +103,8 @@ mod tests {
             || (0..40).map(|i| Point3::new(0.02 * f64::from(i % 8), 0.03 * f64::from(i / 8), 1.0));
         let moved = places().map(|p| path(|f| motion(f) * p, true));
         let still = places().map(|p| path(|_| p + Vector3::new(0.0, 0.4, 0.0), false));
-        let tracks: Vec<Arc<BaseTrack>> = moved.chain(still).collect();
-        let base = BaseMotion {
+        let tracks: Vec<Arc<TrackInBase>> = moved.chain(still).collect();
+        let base = EgoMotion {
             camera_from_base: vec![Pose::identity(); FRAMES],
             static_count: 40,
             tracks,

@@ -1,7 +1,7 @@
 //! Bodies: features that keep their distance, and how they move.
 
 use super::config::KatzConfig;
-use crate::learn::ego_motion::{BaseMotion, BaseTrack};
+use crate::learn::ego_motion::{EgoMotion, TrackInBase};
 use crate::learn::tracking::Trajectory;
 use crate::math::rigid::{Pose, rigid_fit};
 use nalgebra::Point3;
@@ -18,7 +18,7 @@ pub struct Body {
 
 /// Groups moving features, the longest-lived first: each takes all that keep their distance
 /// to it.
-pub fn cluster(base: &BaseMotion, config: &KatzConfig) -> Vec<Vec<usize>> {
+pub fn cluster(base: &EgoMotion, config: &KatzConfig) -> Vec<Vec<usize>> {
     let seen = |t: usize| base.tracks[t].points.iter().flatten().count();
     let mut left: Vec<usize> = (0..base.tracks.len())
         .filter(|&t| base.tracks[t].moves && extent(&base.tracks[t]) > config.min_motion_m)
@@ -38,16 +38,16 @@ pub fn cluster(base: &BaseMotion, config: &KatzConfig) -> Vec<Vec<usize>> {
     bodies
 }
 
-fn extent(track: &BaseTrack) -> f64 {
+fn extent(track: &TrackInBase) -> f64 {
     crate::math::robust::extent(track.points.iter().flatten().map(|p| p.point.coords))
 }
 
-fn at(track: &BaseTrack, frame: usize) -> Option<Point3<f64>> {
+fn at(track: &TrackInBase, frame: usize) -> Option<Point3<f64>> {
     let point = track.points.get(frame.checked_sub(track.first_frame)?)?;
     Some(point.as_ref()?.point)
 }
 
-fn keep_distance(a: &BaseTrack, b: &BaseTrack, config: &KatzConfig) -> bool {
+fn keep_distance(a: &TrackInBase, b: &TrackInBase, config: &KatzConfig) -> bool {
     let from = a.first_frame.max(b.first_frame);
     let to = (a.first_frame + a.points.len()).min(b.first_frame + b.points.len());
     let distances: Vec<f64> =
@@ -60,7 +60,7 @@ fn keep_distance(a: &BaseTrack, b: &BaseTrack, config: &KatzConfig) -> bool {
 impl Body {
     /// Follows features from frame to frame by least squares; `None` when fewer than three
     /// are ever seen together for long enough.
-    pub fn follow(base: &BaseMotion, tracks: Vec<usize>, config: &KatzConfig) -> Option<Self> {
+    pub fn follow(base: &EgoMotion, tracks: Vec<usize>, config: &KatzConfig) -> Option<Self> {
         let frames = base.camera_from_base.len();
         let mut base_from_body: Trajectory = vec![None; frames];
         let mut pose: Option<Pose> = None;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Which parts and joints are believed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct StructureConfig {
+pub struct PaperConfig {
     /// Fewest frames in which a joint is observed.
     pub min_frames: usize,
     /// Least motion of a slide, metres.
@@ -34,7 +34,7 @@ pub struct StructureConfig {
     pub merge_distance_m: f64,
 }
 
-impl Default for StructureConfig {
+impl Default for PaperConfig {
     fn default() -> Self {
         Self {
             min_frames: 15,

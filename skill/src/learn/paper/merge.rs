@@ -1,16 +1,16 @@
 //! Candidates that are one part, or one joint seen in two segments of time, are merged.
 
 use super::candidate::{Candidate, fit_to_base, relative_samples};
-use super::config::StructureConfig;
+use super::config::PaperConfig;
 use super::pose_optimisation;
 use super::segmentation::Cluster;
 use crate::articulation::fit_models;
 use crate::config::SkillConfig;
-use crate::learn::ego_motion::BaseMotion;
+use crate::learn::ego_motion::EgoMotion;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::JointKind;
 /// Clusters that keep still relative to one another are one part.
-pub(super) fn merge_rigid(base: &BaseMotion, parts: &mut Vec<Candidate>, config: &SkillConfig) {
+pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, config: &SkillConfig) {
     let mut i = 0;
     while i < parts.len() {
         let mut j = i + 1;
@@ -38,7 +38,7 @@ pub(super) fn merge_rigid(base: &BaseMotion, parts: &mut Vec<Candidate>, config:
 }
 
 fn joined(
-    base: &BaseMotion,
+    base: &EgoMotion,
     a: &Candidate,
     b: &Candidate,
     config: &SkillConfig,
@@ -73,7 +73,7 @@ pub(super) fn merge_stretches(parts: &mut Vec<Candidate>, config: &SkillConfig) 
     }
 }
 
-fn same_line(a: &Candidate, b: &Candidate, config: &StructureConfig) -> bool {
+fn same_line(a: &Candidate, b: &Candidate, config: &PaperConfig) -> bool {
     let (ga, gb) = (&a.fit.geometry, &b.fit.geometry);
     if ga.kind != gb.kind || ga.kind == JointKind::Fixed {
         return false;

@@ -11,7 +11,7 @@ mod rejection;
 pub mod segmentation;
 mod tree;
 
-use super::ego_motion::BaseMotion;
+use super::ego_motion::EgoMotion;
 use super::keyframes::Keyframes;
 use super::learned_joint::LearnedJoint;
 use super::stage_times::StageTimes;
@@ -29,7 +29,7 @@ use tree::build_tree;
 /// Sections III-B to III-D of the paper.
 pub fn from_clusters(
     set: &TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     config: &SkillConfig,
     times: &mut StageTimes,
@@ -45,7 +45,7 @@ pub fn from_clusters(
 }
 
 fn candidates(
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     motions: Vec<PartMotion>,
     config: &SkillConfig,

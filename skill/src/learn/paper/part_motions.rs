@@ -5,8 +5,8 @@ use super::pose_optimisation;
 use super::pose_optimisation::PartMotion;
 use super::segmentation::Cluster;
 use crate::config::SkillConfig;
-use crate::learn::ego_motion::BaseMotion;
-use crate::learn::free_space::{Probed, probe_points};
+use crate::learn::ego_motion::EgoMotion;
+use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::keyframes::Keyframes;
 use crate::math::robust::median_point;
 use nalgebra::Point3;
@@ -14,7 +14,7 @@ use nalgebra::Point3;
 /// while, so a cluster may chain several things: what departs from its motion, or is
 /// contradicted by the pictures, is looked at again by itself.
 pub(super) fn motions_of(
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     cluster: &Cluster,
     config: &SkillConfig,
@@ -49,7 +49,7 @@ const MOTIONS_OF_A_CLUSTER: u64 = 5;
 /// one (a hand moves with what it holds, but comes and leaves), and estimates the motion anew
 /// from the rest.
 fn without_strangers(
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     mut motion: PartMotion,
     config: &SkillConfig,
@@ -75,7 +75,7 @@ const STRANGER_ROUNDS: u64 = 3;
 
 /// Tracks whose place on the part is not seen through in a third of the keyframes that tell.
 fn uncontradicted(
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     motion: &PartMotion,
     tracks: &[usize],
@@ -89,11 +89,11 @@ fn uncontradicted(
     };
     let stands = |id: usize| {
         let Some(place) = on_part(id) else { return false };
-        let mut all = Probed::default();
+        let mut all = FreeSpaceCounts::default();
         for (frame, picture) in keyframes.iter() {
             if let Some(pose) = motion.base_from_part[frame] {
                 let camera_from_part = base.camera_from_base[frame] * pose;
-                all.add(probe_points(picture, &[place], &camera_from_part));
+                all.add(count_free_space(picture, &[place], &camera_from_part));
             }
         }
         all.mostly_agrees()

@@ -2,7 +2,7 @@
 
 use super::candidate::{Candidate, coupling};
 use crate::config::SkillConfig;
-use crate::learn::ego_motion::BaseMotion;
+use crate::learn::ego_motion::EgoMotion;
 use crate::learn::free_space::{rests, seen_through};
 use crate::learn::keyframes::Keyframes;
 use crate::learn::learned_joint::span_of;
@@ -10,7 +10,7 @@ use crate::math::robust::extent;
 use crate::object::joint_geometry::JointKind;
 /// Why a moving thing is no part of an object, if it is not.
 pub(super) fn doubt(
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     candidate: &Candidate,
     believed: &[Candidate],

@@ -4,7 +4,7 @@ use super::candidate::{Candidate, relative_samples};
 use super::pose_optimisation::PartMotion;
 use crate::articulation::{FittedJoint, Link, fit_models, spanning_tree};
 use crate::config::SkillConfig;
-use crate::learn::ego_motion::BaseMotion;
+use crate::learn::ego_motion::EgoMotion;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
 use crate::learn::tracking::{TrackSet, Trajectory};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -12,7 +12,7 @@ use crate::object::model::{Joint, covariance_rows};
 /// The minimum spanning tree over base and parts (paper, Eq. 7).
 pub(super) fn build_tree(
     set: &TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     parts: Vec<Candidate>,
     config: &SkillConfig,
 ) -> Vec<LearnedJoint> {

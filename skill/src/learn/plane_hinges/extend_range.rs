@@ -7,8 +7,8 @@
 use super::axis_direction::Direction;
 use super::part_plane::PartPlane;
 use super::plane_segments::{Cylinder, PlanePatch, Sampling, moving_patches};
-use super::planes_about_axis::{edges, sightings};
-use crate::learn::ego_motion::BaseMotion;
+use super::planes_about_axis::{edges, plane_observations};
+use crate::learn::ego_motion::EgoMotion;
 use crate::learn::keyframes::Keyframes;
 use crate::learn::learned_joint::{LearnedJoint, range_of};
 use crate::learn::tracking::TrackSet;
@@ -26,7 +26,7 @@ const BEYOND_M: f64 = 0.1;
 pub fn extend(
     joints: &mut [LearnedJoint],
     set: &TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
 ) {
     let carries: Vec<usize> = joints.iter().map(|l| l.joint.parent).collect();
@@ -45,7 +45,7 @@ pub fn extend_to(
     reach: f64,
     learned: &mut LearnedJoint,
     set: &TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
 ) {
     let radius = reach * (1.0 + MAX_BEYOND) + BEYOND_M;
@@ -71,7 +71,7 @@ pub fn extend_to(
 }
 
 /// Distance from the line up to which the joint's tracks lie.
-fn reach(learned: &LearnedJoint, base: &BaseMotion, line: &JointGeometry) -> f64 {
+fn reach(learned: &LearnedJoint, base: &EgoMotion, line: &JointGeometry) -> f64 {
     let mut found: Vec<f64> = learned
         .tracks
         .iter()
@@ -91,8 +91,8 @@ fn direct(
 ) {
     let line = learned.joint.geometry();
     let known = configurations(learned);
-    let sightings = sightings(&line, patches);
-    let direction = PartPlane::of(&sightings, &known, linked)
+    let plane_observations = plane_observations(&line, patches);
+    let direction = PartPlane::of(&plane_observations, &known, linked)
         .and_then(|plane| Direction::across(&plane.normals()));
     if direction.is_some_and(|direction| direction.correct(learned)) {
         tracing::debug!(joint = learned.joint.name, "directed by its plane");
@@ -110,8 +110,8 @@ fn shown_by_plane(
 ) -> Vec<(usize, f64)> {
     let geometry = learned.joint.geometry();
     let known = configurations(learned);
-    let sightings = sightings(&geometry, patches);
-    let Some(plane) = PartPlane::of(&sightings, &known, linked) else { return Vec::new() };
+    let plane_observations = plane_observations(&geometry, patches);
+    let Some(plane) = PartPlane::of(&plane_observations, &known, linked) else { return Vec::new() };
     let (zero, mended) = plane.mended(&known);
     let mut shown: Vec<(usize, f64)> = (0..known.len())
         .filter(|&f| mended[f] != known[f])
@@ -120,7 +120,7 @@ fn shown_by_plane(
     let alone = plane.alone(&edges(&geometry, patches), &mended, zero, keyframes);
     tracing::debug!(
         joint = learned.joint.name,
-        keyframes = plane.sightings.len(),
+        keyframes = plane.plane_observations.len(),
         mended = shown.len(),
         alone = alone.len(),
         "shown by its plane"

@@ -2,7 +2,7 @@
 
 use super::plane_segments::PlanePatch;
 use super::planes_about_axis::near;
-use crate::learn::plane_hinges::planes_about_axis::Lie;
+use crate::learn::plane_hinges::planes_about_axis::PoseAboutAxis;
 use crate::math::rigid::{distance_to_line, orthonormal_basis};
 use crate::math::robust::median;
 use crate::object::joint_geometry::JointGeometry;
@@ -72,8 +72,8 @@ fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
         return None;
     }
     let (axis, origin) = line_between(a, b)?;
-    let lie = Lie::of(a, &origin, &axis)?;
-    Lie::of(b, &origin, &axis).filter(|other| lie.alike(other))?;
+    let lie = PoseAboutAxis::of(a, &origin, &axis)?;
+    PoseAboutAxis::of(b, &origin, &axis).filter(|other| lie.alike(other))?;
     let support = supporters(patches, &axis, &origin, &lie);
     let samples = support.iter().map(|&k| patches[k].points.len()).sum();
     Some(Candidate { axis, origin, support, samples })
@@ -100,13 +100,13 @@ fn supporters(
     patches: &[PlanePatch],
     axis: &Vector3<f64>,
     origin: &Point3<f64>,
-    lie: &Lie,
+    lie: &PoseAboutAxis,
 ) -> Vec<usize> {
     let mut found: Vec<usize> = Vec::new();
     for (k, patch) in patches.iter().enumerate() {
         let fits = patch.normal.dot(axis).abs() < MAX_TILT
             && (patch.offset - patch.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
-            && Lie::of(patch, origin, axis).is_some_and(|other| lie.alike(&other));
+            && PoseAboutAxis::of(patch, origin, axis).is_some_and(|other| lie.alike(&other));
         if !fits {
             continue;
         }
@@ -145,7 +145,7 @@ fn refined(
     }
     let arms: Vec<Vector3<f64>> = planes
         .iter()
-        .map(|p| Lie::of(p, origin, &direction).map(|lie| lie.arm))
+        .map(|p| PoseAboutAxis::of(p, origin, &direction).map(|lie| lie.arm))
         .collect::<Option<_>>()?;
     let (u, v) = orthonormal_basis(&direction);
     let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;

@@ -13,8 +13,8 @@ mod part_plane;
 mod plane_segments;
 mod planes_about_axis;
 
-use super::ego_motion::BaseMotion;
-use super::free_space::{Probed, probe_points};
+use super::ego_motion::EgoMotion;
+use super::free_space::{FreeSpaceCounts, count_free_space};
 use super::keyframes::Keyframes;
 use super::learned_joint::{LearnedJoint, orient, range_of};
 use super::tracking::{TrackSet, Trajectory};
@@ -37,7 +37,7 @@ const SAME_PLACE_M: f64 = 0.15;
 pub fn complete(
     mut joints: Vec<LearnedJoint>,
     set: &TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     keyframes: &Keyframes,
     config: &SkillConfig,
 ) -> Vec<LearnedJoint> {
@@ -64,7 +64,7 @@ fn is_same_hinge(told: &Joint, plain: &Joint) -> bool {
 }
 
 /// Finds the hinge of a plain part; `None` when no plane turns about a line.
-fn search(base: &BaseMotion, keyframes: &Keyframes, config: &PlanesConfig) -> Option<Hinge> {
+fn search(base: &EgoMotion, keyframes: &Keyframes, config: &PlanesConfig) -> Option<Hinge> {
     let patches = moving_patches(keyframes, base, Sampling::Coarse, None);
     let hinge = best_hinge(&patches)?;
     let (through, tells) = witness(&hinge, base, keyframes);
@@ -91,15 +91,15 @@ fn search(base: &BaseMotion, keyframes: &Keyframes, config: &PlanesConfig) -> Op
 
 /// Shares of the part's points that keyframes see through: where the hinge puts them, and were
 /// they turned aside by half the range.
-fn witness(hinge: &Hinge, base: &BaseMotion, keyframes: &Keyframes) -> (f64, f64) {
+fn witness(hinge: &Hinge, base: &EgoMotion, keyframes: &Keyframes) -> (f64, f64) {
     let [low, high] = hinge.range();
     let aside = 0.5 * (high - low);
-    let (mut there, mut elsewhere) = (Probed::default(), Probed::default());
+    let (mut there, mut elsewhere) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
     for (frame, picture) in keyframes.iter() {
         let Some(&(_, q)) = hinge.turns.iter().find(|(f, _)| *f == frame) else { continue };
         let probe = |q: f64| {
             let camera_from_part = base.camera_from_base[frame] * hinge.geometry().motion(q);
-            probe_points(picture, &hinge.points, &camera_from_part)
+            count_free_space(picture, &hinge.points, &camera_from_part)
         };
         there.add(probe(q));
         let turned = [q - aside, q + aside].map(probe);
@@ -108,7 +108,7 @@ fn witness(hinge: &Hinge, base: &BaseMotion, keyframes: &Keyframes) -> (f64, f64
     (there.share_through(), elsewhere.share_through())
 }
 
-fn to_learned(hinge: &Hinge, set: &TrackSet, base: &BaseMotion) -> LearnedJoint {
+fn to_learned(hinge: &Hinge, set: &TrackSet, base: &EgoMotion) -> LearnedJoint {
     let mut geometry: JointGeometry = hinge.geometry();
     let (frames, mut configuration): (Vec<usize>, Vec<f64>) = hinge.turns.iter().copied().unzip();
     orient(&mut geometry, &mut configuration);

@@ -1,6 +1,6 @@
 //! A part's own plane, keyframe by keyframe, beside what tracks say of it.
 
-use super::planes_about_axis::{Edge, Sighting, near};
+use super::planes_about_axis::{Edge, PlaneObservation, near};
 use crate::math::rigid::wrapped;
 use crate::math::robust::median;
 use nalgebra::Vector3;
@@ -30,7 +30,7 @@ const MAX_STEP_RAD: f64 = 0.9;
 /// A part's own plane in the keyframes that show it.
 pub struct PartPlane<'a> {
     /// At most one a keyframe, in order.
-    pub sightings: Vec<&'a Sighting>,
+    pub plane_observations: Vec<&'a PlaneObservation>,
     /// Turn at configuration 0.
     zero: f64,
 }
@@ -38,42 +38,44 @@ pub struct PartPlane<'a> {
 impl<'a> PartPlane<'a> {
     /// The plane that turns as tracks say, in most samples.
     pub fn of(
-        all: &'a [Sighting],
+        all: &'a [PlaneObservation],
         known: &[Option<f64>],
         linked: impl Fn(usize, usize) -> usize,
     ) -> Option<Self> {
-        let zeros: Vec<(f64, &Sighting)> =
+        let zeros: Vec<(f64, &PlaneObservation)> =
             all.iter().filter_map(|s| Some((wrapped(s.turn - known[s.frame]?), s))).collect();
         let agreeing =
             |zero: f64| zeros.iter().filter(move |(o, _)| wrapped(o - zero).abs() < MAX_STRAY_RAD);
         let samples = |zero: f64| agreeing(zero).map(|(_, s)| s.samples).sum::<usize>();
         let zero = zeros.iter().map(|(zero, _)| *zero).max_by_key(|zero| samples(*zero))?;
-        let reference: &Sighting = agreeing(zero).map(|(_, s)| *s).max_by_key(|s| s.samples)?;
+        let reference: &PlaneObservation =
+            agreeing(zero).map(|(_, s)| *s).max_by_key(|s| s.samples)?;
         if agreeing(zero).count() < MIN_AGREEING {
             return None;
         }
-        let mut sightings: Vec<&Sighting> = Vec::new();
+        let mut plane_observations: Vec<&PlaneObservation> = Vec::new();
         for sighting in all.iter().filter(|s| s.lie.alike(&reference.lie)) {
-            match sightings.last_mut() {
+            match plane_observations.last_mut() {
                 Some(last) if last.frame == sighting.frame => {
                     if sighting.samples > last.samples {
                         *last = sighting;
                     }
                 }
-                _ => sightings.push(sighting),
+                _ => plane_observations.push(sighting),
             }
         }
-        let joins =
-            |w: &[&Sighting]| w[0].fore != w[1].fore && linked(w[0].frame, w[1].frame) >= LINKS;
-        if sightings.windows(2).any(joins) {
-            sightings.retain(|s| s.fore == reference.fore);
+        let joins = |w: &[&PlaneObservation]| {
+            w[0].fore != w[1].fore && linked(w[0].frame, w[1].frame) >= LINKS
+        };
+        if plane_observations.windows(2).any(joins) {
+            plane_observations.retain(|s| s.fore == reference.fore);
         }
-        Some(Self { sightings, zero })
+        Some(Self { plane_observations, zero })
     }
 
     /// Its normals.
     pub fn normals(&self) -> Vec<Vector3<f64>> {
-        self.sightings.iter().map(|s| s.normal).collect()
+        self.plane_observations.iter().map(|s| s.normal).collect()
     }
 
     /// Turn at configuration 0, and the tracks' configurations without their slips.
@@ -93,7 +95,7 @@ impl<'a> PartPlane<'a> {
     /// are smoothed away.
     fn slips(&self, known: &[Option<f64>]) -> Vec<(usize, f64)> {
         let raw: Vec<(usize, f64)> = self
-            .sightings
+            .plane_observations
             .iter()
             .filter_map(|s| Some((s.frame, wrapped(s.turn - self.zero - known[s.frame]?))))
             .filter(|(_, slip)| slip.abs() < MAX_SLIP_RAD)
@@ -128,7 +130,7 @@ impl<'a> PartPlane<'a> {
                 continue;
             }
             unseen += 1;
-            let own = self.sightings.iter().find(|s| s.frame == frame).map(|s| s.turn);
+            let own = self.plane_observations.iter().find(|s| s.frame == frame).map(|s| s.turn);
             let by_edge = edge.as_ref().and_then(|edge| edge.turn(frame));
             let told = own.into_iter().chain(by_edge).map(|turn| near(turn - zero, before));
             let step = |q: &f64| (q - before).abs();
@@ -158,7 +160,7 @@ impl<'a> PartPlane<'a> {
 
     /// By how much an edge is ahead of the plane, and the plane's turn, where both are seen.
     fn lead(&self, edge: &Edge) -> Option<(f64, f64)> {
-        let own = self.sightings.iter().find(|s| s.frame == edge.frame)?;
+        let own = self.plane_observations.iter().find(|s| s.frame == edge.frame)?;
         Some((wrapped(edge.turn - own.turn), own.turn))
     }
 

@@ -1,6 +1,6 @@
 //! Flat pieces of what moves, keyframe by keyframe.
 
-use crate::learn::ego_motion::{BaseMotion, coarse_sigma};
+use crate::learn::ego_motion::{EgoMotion, coarse_sigma};
 use crate::learn::keyframes::Keyframes;
 use crate::math::rigid::{distance_to_line, matrix_pose, plane_through};
 use crate::object::joint_geometry::JointGeometry;
@@ -77,7 +77,7 @@ impl Cylinder {
 /// could turn about its line.
 pub fn moving_patches(
     keyframes: &Keyframes,
-    base: &BaseMotion,
+    base: &EgoMotion,
     sampling: Sampling,
     cylinder: Option<&Cylinder>,
 ) -> Vec<PlanePatch> {
@@ -100,7 +100,7 @@ pub fn moving_patches(
 
 fn samples(
     picture: &RgbdFrame,
-    base: &BaseMotion,
+    base: &EgoMotion,
     frame: usize,
     sampling: Sampling,
     is_wanted: impl Fn(&Point3<f64>, &Point3<f64>) -> bool,
@@ -135,7 +135,7 @@ struct Other<'k> {
 fn seen_from<'k>(
     frame: usize,
     pictures: &[(usize, &'k RgbdFrame)],
-    base: &BaseMotion,
+    base: &EgoMotion,
 ) -> Vec<Other<'k>> {
     let base_from_camera = base.camera_from_base[frame].inverse();
     pictures

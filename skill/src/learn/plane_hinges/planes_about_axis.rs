@@ -19,7 +19,7 @@ const SAME_PLACE_M: f64 = 0.25;
 const SAME_WIDTH: f64 = 0.5;
 
 /// Where a patch lies about a line.
-pub struct Lie {
+pub struct PoseAboutAxis {
     /// Unit vector from the line into the patch, across the line.
     pub arm: Vector3<f64>,
     /// Distance from the line up to which the patch reaches.
@@ -28,7 +28,7 @@ pub struct Lie {
     along: f64,
 }
 
-impl Lie {
+impl PoseAboutAxis {
     /// `None` for a patch on both sides of the line.
     pub fn of(patch: &PlanePatch, origin: &Point3<f64>, axis: &Vector3<f64>) -> Option<Self> {
         let mut arm = axis.cross(&patch.normal).try_normalize(1e-9)?;
@@ -53,11 +53,11 @@ impl Lie {
 }
 
 /// A plane beside the line, at a keyframe.
-pub struct Sighting {
+pub struct PlaneObservation {
     /// Frame number.
     pub frame: usize,
     /// Where it lies about the line.
-    pub lie: Lie,
+    pub lie: PoseAboutAxis,
     /// Angle of its arm about the line, from a direction that is the same in all keyframes.
     pub turn: f64,
     /// Unit normal, base frame.
@@ -100,7 +100,7 @@ fn angle(direction: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
 }
 
 /// The planes beside the line.
-pub fn sightings(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> {
+pub fn plane_observations(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<PlaneObservation> {
     let (axis, origin) = (line.axis.into_inner(), line.origin);
     patches
         .iter()
@@ -109,11 +109,11 @@ pub fn sightings(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Sighting> 
                 && (p.offset - p.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
         })
         .filter_map(|p| {
-            let lie = Lie::of(p, &origin, &axis)?;
+            let lie = PoseAboutAxis::of(p, &origin, &axis)?;
             let turn = angle(&lie.arm, &axis);
             let fore = axis.cross(&lie.arm).dot(&p.normal) > 0.0;
             let (frame, normal, samples) = (p.frame, p.normal, p.points.len());
-            Some(Sighting { frame, lie, turn, normal, samples, fore })
+            Some(PlaneObservation { frame, lie, turn, normal, samples, fore })
         })
         .collect()
 }

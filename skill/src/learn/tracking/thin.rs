@@ -178,7 +178,7 @@ mod tests {
         let mut set = recording(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
         set.tracks[3].first_frame = 2;
         set.tracks[3].observations.drain(..2);
-        // Seen in frame 1 alone.
+        // BaseObservation in frame 1 alone.
         set.tracks[4].first_frame = 1;
         set.tracks[4].observations.truncate(1);
         let before = set.clone();

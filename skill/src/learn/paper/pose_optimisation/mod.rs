@@ -8,7 +8,7 @@ mod factor_graph;
 mod relative_motion;
 
 use super::segmentation::Cluster;
-use crate::learn::ego_motion::BaseMotion;
+use crate::learn::ego_motion::EgoMotion;
 use crate::learn::tracking::Trajectory;
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
@@ -64,7 +64,7 @@ pub struct PartMotion {
 
 /// Estimates a cluster's trajectory; `None` when it is seen too little to have one.
 pub fn estimate(
-    base: &BaseMotion,
+    base: &EgoMotion,
     cluster: &Cluster,
     config: &PoseConfig,
     seed: u64,
@@ -85,7 +85,7 @@ pub fn estimate(
 
 /// The tracks that keep to a motion: in most of the frames in which both are known they are
 /// within twice the inlier distance of one place on the part.
-pub fn followers(base: &BaseMotion, motion: &PartMotion, config: &PoseConfig) -> Vec<usize> {
+pub fn followers(base: &EgoMotion, motion: &PartMotion, config: &PoseConfig) -> Vec<usize> {
     let follows = |id: usize| {
         let on_part: Vec<Point3<f64>> = base.tracks[id]
             .seen()
@@ -98,7 +98,7 @@ pub fn followers(base: &BaseMotion, motion: &PartMotion, config: &PoseConfig) ->
     motion.tracks.iter().copied().filter(|&id| follows(id)).collect()
 }
 
-fn centroid(base: &BaseMotion, cluster: &Cluster) -> Option<Point3<f64>> {
+fn centroid(base: &EgoMotion, cluster: &Cluster) -> Option<Point3<f64>> {
     let mut sum = nalgebra::Vector3::zeros();
     let mut count = 0.0;
     for &id in &cluster.tracks {
@@ -111,7 +111,7 @@ fn centroid(base: &BaseMotion, cluster: &Cluster) -> Option<Point3<f64>> {
 }
 
 /// The earliest of the frames in which (nearly) most of the cluster is seen.
-fn best_seen(base: &BaseMotion, cluster: &Cluster, frames: &[usize]) -> Option<usize> {
+fn best_seen(base: &EgoMotion, cluster: &Cluster, frames: &[usize]) -> Option<usize> {
     let seen =
         |t: usize| cluster.tracks.iter().filter(|&&id| base.tracks[id].at(t).is_some()).count();
     frames.iter().copied().max_by_key(|&t| (seen(t), std::cmp::Reverse(t)))

@@ -1,7 +1,7 @@
 //! Relative motions of a cluster between pairs of frames.
 
 use super::PoseConfig;
-use crate::learn::ego_motion::BaseMotion;
+use crate::learn::ego_motion::EgoMotion;
 use crate::learn::paper::segmentation::Cluster;
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
@@ -27,7 +27,7 @@ pub struct RelativeMotion {
 /// Measures all relative motions over the configured gaps (paper: `t-1,t` and `t-10,t`),
 /// rejecting correspondences beyond `inlier_m`.
 pub fn measure(
-    base: &BaseMotion,
+    base: &EgoMotion,
     cluster: &Cluster,
     centre: &Point3<f64>,
     config: &PoseConfig,
@@ -47,7 +47,7 @@ pub fn measure(
 }
 
 fn between(
-    base: &BaseMotion,
+    base: &EgoMotion,
     cluster: &Cluster,
     centre: &Point3<f64>,
     from: usize,

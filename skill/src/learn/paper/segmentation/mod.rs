@@ -9,7 +9,7 @@
 mod dbscan;
 mod split_chains;
 
-use crate::learn::ego_motion::{BaseMotion, BaseTrack, Seen};
+use crate::learn::ego_motion::{BaseObservation, EgoMotion, TrackInBase};
 use crate::learn::tracking::TrackSet;
 use crate::math::robust::{extent, median_point};
 use dbscan::dbscan;
@@ -74,7 +74,7 @@ pub struct Cluster {
 }
 
 /// Clusters the tracks that move in the base.
-pub fn segment(set: &TrackSet, base: &BaseMotion, config: &SegmentConfig) -> Vec<Cluster> {
+pub fn segment(set: &TrackSet, base: &EgoMotion, config: &SegmentConfig) -> Vec<Cluster> {
     let moving = longest_moving(base, config.max_tracks);
     let motion: Vec<Vec<bool>> =
         moving.par_iter().map(|&t| frames_of_motion(&base.tracks[t], config)).collect();
@@ -101,7 +101,7 @@ pub fn segment(set: &TrackSet, base: &BaseMotion, config: &SegmentConfig) -> Vec
     clusters
 }
 
-fn longest_moving(base: &BaseMotion, limit: usize) -> Vec<usize> {
+fn longest_moving(base: &EgoMotion, limit: usize) -> Vec<usize> {
     let mut moving: Vec<usize> = (0..base.tracks.len()).filter(|&i| base.tracks[i].moves).collect();
     if moving.len() > limit {
         let seen = |i: usize| base.tracks[i].points.iter().flatten().count();
@@ -126,7 +126,7 @@ enum Evidence {
 /// The evidence between each two of `moving`.
 fn evidence(
     set: &TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     moving: &[usize],
     motion: &[Vec<bool>],
     config: &SegmentConfig,
@@ -164,7 +164,7 @@ struct Common {
 }
 
 impl Common {
-    fn of(base: &BaseMotion, a: (usize, &[bool]), b: (usize, &[bool])) -> Self {
+    fn of(base: &EgoMotion, a: (usize, &[bool]), b: (usize, &[bool])) -> Self {
         let (track_a, track_b) = (&base.tracks[a.0], &base.tracks[b.0]);
         let first = track_a.first_frame.max(track_b.first_frame);
         let end = track_a.end_frame().min(track_b.end_frame());
@@ -185,7 +185,7 @@ impl Common {
 /// tracks hold no evidence about each other.
 fn similarity(
     set: &TrackSet,
-    base: &BaseMotion,
+    base: &EgoMotion,
     common: &Common,
     config: &SegmentConfig,
 ) -> Option<f64> {
@@ -227,7 +227,7 @@ fn similarity(
 }
 
 /// For each frame of a track's life: does it move then?
-fn frames_of_motion(track: &BaseTrack, config: &SegmentConfig) -> Vec<bool> {
+fn frames_of_motion(track: &TrackInBase, config: &SegmentConfig) -> Vec<bool> {
     const REACH: usize = 3;
     let place = |i: usize| {
         let near = i.saturating_sub(2)..(i + 3).min(track.points.len());
@@ -239,7 +239,7 @@ fn frames_of_motion(track: &BaseTrack, config: &SegmentConfig) -> Vec<bool> {
         .map(|i| {
             let before = smoothed[i.saturating_sub(REACH)];
             let after = smoothed[(i + REACH).min(smoothed.len() - 1)];
-            let sigma = track.points[i].as_ref().map_or(0.0, Seen::sigma);
+            let sigma = track.points[i].as_ref().map_or(0.0, BaseObservation::sigma);
             before
                 .zip(after)
                 .is_some_and(|(a, b)| (b - a).norm() > config.min_motion_m.max(3.0 * sigma))
