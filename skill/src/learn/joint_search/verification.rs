@@ -34,8 +34,6 @@ const WELL_TOLD: f64 = 0.6;
 const SILENT: f64 = 0.1;
 /// Of the least gain, what must be earned by a joint that the pictures alone would tell,
 const TOLD_GAIN: f64 = 0.4;
-/// by a slide of which they tell nothing,
-const UNTOLD_SLIDE_GAIN: f64 = 10.0;
 /// and by a hinge of which they tell nothing that is known for a short while:
 const UNTOLD_BRIEF_GAIN: f64 = 3.0;
 /// in less than this share of the frames.
@@ -43,6 +41,19 @@ const BRIEF: f64 = 0.5;
 /// Share of its points in all pictures that may be missing from what costs more than a joint on
 /// which nothing hangs, where less tells.
 const MAX_MISSING: f64 = 0.05;
+/// Least way of a slide, metres,
+const SLIDE_M: f64 = 0.06;
+/// and of one that stands between rests.
+const SMALL_SLIDE_M: f64 = 0.03;
+/// Frames for which a part rests before and after it moves,
+const REST_FRAMES: usize = 10;
+/// and how far it may go meanwhile, metres
+const REST_M: f64 = 0.004;
+/// or radians.
+const REST_RAD: f64 = 0.01;
+/// Share of its points that would be seen through if it stood half its range aside, of a joint
+/// that stands between rests: less than otherwise, for half of a short way is hardly told.
+const TOLD_BETWEEN_RESTS: f64 = 0.2;
 /// Members that are looked for in the pictures.
 const MAX_POINTS: usize = 120;
 /// Configurations that are tried where none is known.
@@ -188,7 +199,14 @@ impl FreeSpaceCheck<'_> {
         let max_cost = config.max_cost
             + match coverage {
                 _ if comes_and_leaves => 0.0,
-                c if c >= 0.9 && solid && (found_everywhere || is_there_throughout(joint)) => 1.8,
+                c if c >= 0.9
+                    && solid
+                    && (found_everywhere
+                        || is_there_throughout(joint)
+                        || stands_between_rests(joint)) =>
+                {
+                    1.8
+                }
                 c if c >= 0.6 && solid => 1.0,
                 _ if found_everywhere => 0.6,
                 _ => 0.0,
@@ -212,7 +230,7 @@ impl FreeSpaceCheck<'_> {
         let coverage = joint.known_frames().len() as f64 / joint.known.len() as f64;
         match joint.tells {
             t if t >= WELL_TOLD && is_found_everywhere(joint) => TOLD_GAIN * least,
-            t if t < SILENT && !joint.dof.hinge => UNTOLD_SLIDE_GAIN * least,
+            t if t < SILENT && !joint.dof.hinge => f64::INFINITY,
             t if t < SILENT && coverage < BRIEF => UNTOLD_BRIEF_GAIN * least,
             _ => least,
         }
@@ -285,6 +303,21 @@ fn is_there_throughout(joint: &JointEstimate) -> bool {
     joint.through <= 0.05 && joint.hidden <= 0.05 && joint.unruly <= 0.05
 }
 
+/// It is known nearly throughout, rests before and after it moves, and the pictures bear it out: a
+/// person's trunk sways all the time, and a hand comes and leaves.
+fn stands_between_rests(joint: &JointEstimate) -> bool {
+    let known = joint.known_frames();
+    let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return false };
+    let still = if joint.dof.hinge { REST_RAD } else { REST_M };
+    let near = |f: usize, end: usize| (joint.q[f] - joint.q[end]).abs() < still;
+    let before = known.iter().take_while(|&&f| near(f, first)).count();
+    let after = known.iter().rev().take_while(|&&f| near(f, last)).count();
+    10 * known.len() >= 9 * joint.known.len()
+        && before.min(after) >= REST_FRAMES
+        && joint.through <= 0.05
+        && joint.tells >= TOLD_BETWEEN_RESTS
+}
+
 /// Configurations in and about the range known so far.
 fn near_scan(joint: &JointEstimate) -> Vec<f64> {
     let pad = (0.5 * joint.span()).max(if joint.dof.hinge { 0.2 } else { 0.05 });
@@ -305,7 +338,8 @@ fn far_scan(joint: &JointEstimate) -> Vec<f64> {
 /// 6 cm for a slide; 0.12 rad and 3 cm of arc for a hinge.
 fn travels_enough(joint: &JointEstimate) -> bool {
     if !joint.dof.hinge {
-        return joint.span() >= 0.06;
+        let least = if stands_between_rests(joint) { SMALL_SLIDE_M } else { SLIDE_M };
+        return joint.span() >= least;
     }
     let mut levers: Vec<f64> =
         joint.members.iter().map(|&t| joint.dof.lever(&joint.points[t])).collect();

@@ -3,24 +3,34 @@
 use super::plane_segments::PlanePatch;
 use super::planes_about_axis::near;
 use crate::learn::plane_hinges::planes_about_axis::PoseAboutAxis;
-use crate::math::rigid::{distance_to_line, orthonormal_basis};
-use crate::math::robust::median;
+use crate::math::rigid::{distance_to_line, line_angle, orthonormal_basis};
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 use rayon::prelude::*;
 
 /// Turn between two planes that can suggest a hinge, radians.
-const PAIR_TURN_RAD: std::ops::Range<f64> = 0.25..2.2;
+const PAIR_TURN_RAD: std::ops::Range<f64> = 0.15..2.2;
 /// Largest sine of the angle between hinge and plane.
 const MAX_TILT: f64 = 0.08;
 /// Largest distance of hinge and plane, metres.
 const MAX_DISTANCE_M: f64 = 0.04;
 /// What planes do not tell, however many there are: the direction, radians,
 pub const SYSTEMATIC_RAD: f64 = 0.0025;
-/// and the place, metres: ledges and the part's thickness shift its planes.
-const SYSTEMATIC_M: f64 = 0.005;
-/// Turn of a part that rests, radians.
-const REST_RAD: f64 = 0.03;
+/// Largest gap between a hinge's line and its part, metres.
+const MAX_GAP_M: f64 = 0.25;
+/// Largest distance of a part's far edge from the line, metres.
+const MAX_REACH_M: f64 = 2.5;
+/// Standard deviation of a plane's distance from the line, metres,
+const RESIDUAL_M: f64 = 0.003;
+/// and of the line from its part's face: parts have a thickness, and hinges stand out.
+const OFFSET_M: f64 = 0.02;
+/// Planes share errors: their distances are known no better than this, metres,
+const LEAST_RMSE_M: f64 = 0.001;
+/// and the line's place is less known than if they were independent, by this factor.
+const CORRELATED: f64 = 3.0;
+/// Two lines are alike within this angle, radians, and this distance, metres.
+const SAME_ANGLE_RAD: f64 = 0.1;
+const SAME_LINE_M: f64 = 0.08;
 
 /// A hinge and the planes that turn about it.
 #[derive(Debug, Clone)]
@@ -33,36 +43,56 @@ pub struct Hinge {
     pub turns: Vec<(usize, f64)>,
     /// Points of the part at turn 0.
     pub points: Vec<Point3<f64>>,
-    /// Root mean square distance of the planes from where the hinge puts them.
-    pub rmse: f64,
+    /// The plane that these points are of, by its place among `turns`.
+    largest: usize,
     /// Sum over the planes of normal times normal: which places of the line they tell.
     normal_scatter: Matrix3<f64>,
+    /// Root mean square distance of the planes from where the hinge puts them.
+    pub rmse: f64,
 }
 
 /// A line and the planes that turn about it.
-struct Candidate {
+pub struct Candidate {
     axis: Vector3<f64>,
     origin: Point3<f64>,
-    support: Vec<usize>,
+    /// Planes that lie about the line, by their place in the list.
+    pub support: Vec<usize>,
     /// Samples of these planes.
     samples: usize,
 }
 
-/// The hinge that most planes turn about.
-pub fn best_hinge(patches: &[PlanePatch]) -> Option<Hinge> {
-    let best_of_pairs = |i: usize| {
-        let pairs = (i + 1..patches.len()).filter_map(|j| candidate(patches, i, j));
-        pairs.reduce(more_shown)
-    };
-    let best: Vec<Option<Candidate>> =
-        (0..patches.len()).into_par_iter().map(best_of_pairs).collect();
-    let Candidate { axis, origin, support, .. } = best.into_iter().flatten().reduce(more_shown)?;
-    refined(patches, &support, &axis, &origin)
+impl Candidate {
+    /// The hinge of the planes that support the line, or of some of them.
+    pub fn hinge(&self, patches: &[PlanePatch], support: &[usize]) -> Option<Hinge> {
+        refined(patches, support, &self.axis, &self.origin)
+    }
+
+    /// Much the same line, supported for the most part by the same planes.
+    fn is_like(&self, other: &Self) -> bool {
+        line_angle(&self.axis, &other.axis) < SAME_ANGLE_RAD
+            && distance_to_line(&self.origin, &self.axis, &other.origin) < SAME_LINE_M
+            && 2 * self.support.iter().filter(|k| other.support.contains(k)).count()
+                > other.support.len()
+    }
 }
 
-/// That of more samples; the first of equals.
-fn more_shown(a: Candidate, b: Candidate) -> Candidate {
-    if b.samples > a.samples { b } else { a }
+/// Lines that planes turn about, the best supported first, at most `most`. No two are alike.
+pub fn candidates(patches: &[PlanePatch], most: usize) -> Vec<Candidate> {
+    let mut all: Vec<Candidate> = (0..patches.len())
+        .into_par_iter()
+        .flat_map_iter(|i| (i + 1..patches.len()).filter_map(move |j| candidate(patches, i, j)))
+        .collect();
+    all.sort_by_key(|c| std::cmp::Reverse(c.samples));
+    let mut distinct: Vec<Candidate> = Vec::new();
+    for c in all {
+        if distinct.len() >= most {
+            break;
+        }
+        if !distinct.iter().any(|d| d.is_like(&c)) {
+            distinct.push(c);
+        }
+    }
+    distinct
 }
 
 /// The line that one patch may turn about to become another.
@@ -74,6 +104,9 @@ fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
     let (axis, origin) = line_between(a, b)?;
     let lie = PoseAboutAxis::of(a, &origin, &axis)?;
     PoseAboutAxis::of(b, &origin, &axis).filter(|other| lie.alike(other))?;
+    if lie.least > MAX_GAP_M || lie.reach > MAX_REACH_M {
+        return None;
+    }
     let support = supporters(patches, &axis, &origin, &lie);
     let samples = support.iter().map(|&k| patches[k].points.len()).sum();
     Some(Candidate { axis, origin, support, samples })
@@ -150,21 +183,27 @@ fn refined(
     let (u, v) = orthonormal_basis(&direction);
     let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;
     let columns = if (0..planes.len()).any(outer) && !(0..planes.len()).all(outer) { 4 } else { 3 };
-    let rows = DMatrix::from_fn(planes.len(), columns, |k, c| match c {
-        0 => planes[k].normal.dot(&u),
-        1 => planes[k].normal.dot(&v),
-        _ => f64::from(u8::from(columns == 3 || outer(k) == (c == 2))),
+    // One more row for each face: a line lies near its plane, which small turns tell little of.
+    let faces = columns - 2;
+    let rows = DMatrix::from_fn(planes.len() + faces, columns, |k, c| match planes.get(k) {
+        None => f64::from(u8::from(c == k - planes.len() + 2)) * RESIDUAL_M / OFFSET_M,
+        Some(plane) => match c {
+            0 => plane.normal.dot(&u),
+            1 => plane.normal.dot(&v),
+            _ => f64::from(u8::from(columns == 3 || outer(k) == (c == 2))),
+        },
     });
-    let right = DVector::from_fn(planes.len(), |k, _| {
-        planes[k].offset - planes[k].normal.dot(&origin.coords)
+    let right = DVector::from_fn(planes.len() + faces, |k, _| {
+        planes.get(k).map_or(0.0, |p| p.offset - p.normal.dot(&origin.coords))
     });
     let solved = rows.clone().svd(true, true).solve(&right, 1e-6).ok()?;
-    let rmse = ((rows * &solved - right).norm_squared() / planes.len() as f64).sqrt();
+    let residuals = (rows * &solved - right).rows(0, planes.len()).norm_squared();
+    let rmse = (residuals / planes.len() as f64).sqrt();
     let origin = origin + u * solved[0] + v * solved[1];
     let turns: Vec<(usize, f64)> = unwrapped(&planes, &arms, &direction);
     let largest = (0..planes.len()).max_by_key(|&k| planes[k].points.len())?;
     let mut hinge =
-        Hinge { axis: direction, origin, turns, points: Vec::new(), rmse, normal_scatter };
+        Hinge { axis: direction, origin, turns, points: Vec::new(), largest, normal_scatter, rmse };
     let back = hinge.geometry().motion(-hinge.turns[largest].1);
     hinge.points = planes[largest].points.iter().map(|p| back * p).collect();
     Some(hinge)
@@ -200,13 +239,25 @@ impl Hinge {
         [turns().fold(f64::INFINITY, f64::min), turns().fold(f64::NEG_INFINITY, f64::max)]
     }
 
-    /// The part stands still for three keyframes on end, as things do before and after they
-    /// are moved and people do not.
-    pub fn rests(&self) -> bool {
-        self.turns.windows(3).any(|w| {
-            let middle = w[1].1;
-            w.iter().all(|(_, q)| (q - middle).abs() < REST_RAD)
-        })
+    /// The planes at the ends of the range, and that of the largest plane, by their place among
+    /// `turns`; each once.
+    pub fn ends(&self) -> Vec<usize> {
+        let by_turn = |a: &usize, b: &usize| self.turns[*a].1.total_cmp(&self.turns[*b].1);
+        let all = || 0..self.turns.len();
+        let mut ends = vec![self.largest];
+        for end in [all().min_by(by_turn), all().max_by(by_turn)].into_iter().flatten() {
+            if !ends.contains(&end) {
+                ends.push(end);
+            }
+        }
+        ends
+    }
+
+    /// Standard deviation of the line's place along a unit direction across it, metres: what the
+    /// planes' distances tell.
+    pub fn place_sigma(&self, side: &Vector3<f64>) -> f64 {
+        let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
+        self.rmse.max(LEAST_RMSE_M) * CORRELATED / seen.sqrt()
     }
 
     /// Distance from the line up to which the part reaches.
@@ -215,28 +266,6 @@ impl Hinge {
             .iter()
             .map(|p| distance_to_line(&self.origin, &self.axis, p))
             .fold(0.0, f64::max)
-    }
-
-    /// Covariance of (axis, origin) from the residuals and what all planes share.
-    pub fn covariance(&self) -> DMatrix<f64> {
-        let mut covariance = DMatrix::zeros(6, 6);
-        let mut reach: Vec<f64> =
-            self.points.iter().map(|p| (p - self.origin).cross(&self.axis).norm()).collect();
-        let reach = median(&mut reach).unwrap_or(1.0).max(0.05);
-        let (u, v) = orthonormal_basis(&self.axis);
-        for side in [u, v] {
-            let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
-            let variance = self.rmse * self.rmse / seen;
-            let direction = variance / (reach * reach) + SYSTEMATIC_RAD * SYSTEMATIC_RAD;
-            let place = variance + SYSTEMATIC_M * SYSTEMATIC_M;
-            for r in 0..3 {
-                for c in 0..3 {
-                    covariance[(r, c)] += direction * side[r] * side[c];
-                    covariance[(r + 3, c + 3)] += place * side[r] * side[c];
-                }
-            }
-        }
-        covariance
     }
 }
 
@@ -271,10 +300,12 @@ mod tests {
     #[test]
     fn a_plain_door_gives_its_hinge_beside_its_plane() {
         let (axis, origin) = (Vector3::y_axis(), Point3::new(-0.2, 0.1, 1.5));
-        let hinge = best_hinge(&patches(&axis, &origin)).unwrap();
+        let patches = patches(&axis, &origin);
+        let best = &candidates(&patches, 1)[0];
+        let hinge = best.hinge(&patches, &best.support).unwrap();
         assert!(hinge.axis.dot(&axis).abs() > 0.999_99);
         assert!(distance_to_line(&hinge.origin, &hinge.axis, &origin) < 1e-3);
         let [low, high] = hinge.range();
-        assert!((high - low - 1.4).abs() < 1e-3 && hinge.rests());
+        assert!((high - low - 1.4).abs() < 1e-3);
     }
 }

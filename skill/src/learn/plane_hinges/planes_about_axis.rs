@@ -22,8 +22,10 @@ const SAME_WIDTH: f64 = 0.5;
 pub struct PoseAboutAxis {
     /// Unit vector from the line into the patch, across the line.
     pub arm: Vector3<f64>,
-    /// Distance from the line up to which the patch reaches.
-    reach: f64,
+    /// Distance from the line from which the patch reaches,
+    pub least: f64,
+    /// and up to which.
+    pub reach: f64,
     /// Middle along the line.
     along: f64,
 }
@@ -42,7 +44,7 @@ impl PoseAboutAxis {
         let (_, &mut reach, _) = out.select_nth_unstable_by(far, f64::total_cmp);
         let (_, &mut least, _) = out[..=far].select_nth_unstable_by(near, f64::total_cmp);
         // A part lies to one side of its hinge.
-        (least > -0.15 * reach).then_some(Self { arm, reach, along: axis.dot(&mean) })
+        (least > -0.15 * reach).then_some(Self { arm, least, reach, along: axis.dot(&mean) })
     }
 
     /// Reaches as far, at the same place along the line.

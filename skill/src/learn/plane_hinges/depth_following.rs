@@ -1,0 +1,340 @@
+//! Where a surface is along a joint at each keyframe, from depth alone.
+//!
+//! In: points of the surface (base frame, at configuration 0 of the joint), the joint's line, a
+//! range of configurations, and the keyframes. Out: one configuration a keyframe, and how well
+//! the depth pictures agree with it. The configuration of all keyframes together is the path of
+//! most agreement (dynamic programming): a single keyframe may agree with several
+//! configurations, where a hand covers the part or another part looks the same, but a part moves
+//! on from where it was.
+
+use crate::learn::ego_motion::EgoMotion;
+use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
+use crate::learn::keyframes::Keyframes;
+use crate::math::rigid::Pose;
+use crate::object::joint_geometry::JointGeometry;
+use linkage_driver::RgbdFrame;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Configurations that are tried.
+const STEPS: usize = 129;
+/// Points of the surface that are asked about.
+const MAX_POINTS: usize = 150;
+/// The first and the last keyframes are one in so many.
+const END_SHARE: usize = 10;
+/// Gauss-Newton steps from the best configuration tried.
+const ALIGNMENTS: usize = 3;
+/// Residuals that count in these, metres.
+const MAX_RESIDUAL_M: f64 = 0.04;
+/// What a way of one metre between two keyframes costs, as a share of all points' agreement. A
+/// part that jumps to and fro by its whole width must gain by it in the pictures.
+const COST_OF_A_METRE: f64 = 2.0;
+
+/// The keyframes, and where the camera was.
+#[derive(Clone, Copy)]
+pub struct View<'v> {
+    /// Camera motion.
+    pub base: &'v EgoMotion,
+    /// Whole frames.
+    pub keyframes: &'v Keyframes,
+}
+
+/// A piece of surface: places on it and its normal, base frame, at configuration 0.
+#[derive(Debug, Clone)]
+pub struct Surface {
+    /// Places.
+    pub points: Vec<Point3<f64>>,
+    /// Unit normal of all of them.
+    pub normal: Vector3<f64>,
+}
+
+impl Surface {
+    /// The same with no more places than are asked about, evenly spread.
+    pub fn thinned(&self) -> Self {
+        let stride = self.points.len().div_ceil(MAX_POINTS).max(1);
+        Self { points: self.points.iter().copied().step_by(stride).collect(), ..*self }
+    }
+}
+
+/// A surface in one keyframe.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed {
+    /// Frame number.
+    pub frame: usize,
+    /// Configuration, radians or metres.
+    pub q: f64,
+    /// What the picture tells of the surface there.
+    pub found: FreeSpaceCounts,
+    /// The same where the surface would be most seen through: half the range aside.
+    pub aside: FreeSpaceCounts,
+}
+
+/// A surface that is followed along a joint.
+#[derive(Debug, Clone)]
+pub struct Following {
+    /// By keyframe, in time order.
+    pub placed: Vec<Placed>,
+    /// Points that were asked about.
+    pub points: usize,
+}
+
+impl Following {
+    /// Share of the points that keyframes see through where the joint puts them.
+    pub fn share_through(&self) -> f64 {
+        self.sum(|p| p.found).share_through()
+    }
+
+    /// The same, were the surface half the range aside: how much the pictures tell of the joint.
+    pub fn discriminability(&self) -> f64 {
+        self.sum(|p| p.aside).share_through()
+    }
+
+    /// Share of the keyframes in which it is shown.
+    pub fn share_shown(&self, least: f64) -> f64 {
+        self.shown(least).count() as f64 / self.placed.len().max(1) as f64
+    }
+
+    /// It is shown in most of the first and of the last keyframes: parts stay, hands come and leave.
+    pub fn is_there_throughout(&self, least: f64) -> bool {
+        let n = self.placed.len().div_ceil(END_SHARE).max(3);
+        let is_shown = |p: &Placed| {
+            p.found.agrees as f64 >= least * self.points as f64 && p.found.margin() > 0
+        };
+        let most = |ends: &mut dyn Iterator<Item = &Placed>| {
+            2 * ends.take(n).filter(|p| is_shown(p)).count() >= n
+        };
+        most(&mut self.placed.iter()) && most(&mut self.placed.iter().rev())
+    }
+
+    /// It stands still for so many keyframes on end, as things do before and after they are moved
+    /// and people do not. `still` is how far it may go meanwhile, radians or metres.
+    pub fn rests(&self, keyframes: usize, still: f64) -> bool {
+        self.placed.windows(keyframes).any(|w| {
+            let q = || w.iter().map(|p| p.q);
+            q().fold(f64::NEG_INFINITY, f64::max) - q().fold(f64::INFINITY, f64::min) < still
+        })
+    }
+
+    /// Keyframes in which at least so many of the points are found, and more than are seen through.
+    pub fn shown(&self, least: f64) -> impl Iterator<Item = &Placed> {
+        let least = least * self.points as f64;
+        self.placed.iter().filter(move |p| p.found.agrees as f64 >= least && p.found.margin() > 0)
+    }
+
+    /// Least and greatest configuration where it is shown.
+    pub fn range(&self, least: f64) -> [f64; 2] {
+        let q = || self.shown(least).map(|p| p.q);
+        [q().fold(f64::INFINITY, f64::min), q().fold(f64::NEG_INFINITY, f64::max)]
+    }
+
+    /// The configuration at a keyframe.
+    pub fn at(&self, frame: usize) -> Option<f64> {
+        let i = self.placed.binary_search_by_key(&frame, |p| p.frame).ok()?;
+        Some(self.placed[i].q)
+    }
+
+    fn sum(&self, counts: impl Fn(&Placed) -> FreeSpaceCounts) -> FreeSpaceCounts {
+        self.placed.iter().fold(FreeSpaceCounts::default(), |mut all, p| {
+            all.add(counts(p));
+            all
+        })
+    }
+}
+
+/// Follows a surface over all keyframes. `reach` is its distance from a hinge's line (metres); 1
+/// for a slide.
+pub fn follow(
+    surface: &Surface,
+    geometry: &JointGeometry,
+    range: [f64; 2],
+    reach: f64,
+    view: &View,
+) -> Following {
+    let View { base, keyframes } = *view;
+    let thinned = surface.thinned();
+    let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
+    let step = (range[1] - range[0]) / (STEPS - 1) as f64;
+    let probe = |frame: usize, picture: &RgbdFrame, q: f64| {
+        let camera_from_part = base.camera_from_base[frame] * geometry.motion(q);
+        count_free_space(picture, &thinned.points, &camera_from_part)
+    };
+    let table: Vec<Vec<FreeSpaceCounts>> = pictures
+        .par_iter()
+        .map(|&(frame, picture)| {
+            (0..STEPS).map(|i| probe(frame, picture, range[0] + step * i as f64)).collect()
+        })
+        .collect();
+    let cost_of_a_step = COST_OF_A_METRE * thinned.points.len() as f64 * step * reach;
+    let path = best_path(&table, cost_of_a_step);
+    let indices = || path.iter().copied();
+    let (least, most) = (indices().min().unwrap_or(0), indices().max().unwrap_or(0));
+    let aside = 0.5 * step * (most - least) as f64;
+    let placed = pictures
+        .par_iter()
+        .zip(&path)
+        .map(|(&(frame, picture), &i)| {
+            let camera_from_base = base.camera_from_base[frame];
+            let q = range[0] + step * i as f64;
+            let q = aligned(&thinned, geometry, q, picture, &camera_from_base);
+            let [low, high] = [q - aside, q + aside].map(|q| probe(frame, picture, q));
+            let aside = if high.through > low.through { high } else { low };
+            Placed { frame, q, found: probe(frame, picture, q), aside }
+        })
+        .collect();
+    Following { placed, points: thinned.points.len() }
+}
+
+/// The configuration near `q` at which the surface agrees best with the depth picture: least
+/// squares over one unknown.
+fn aligned(
+    surface: &Surface,
+    geometry: &JointGeometry,
+    mut q: f64,
+    picture: &RgbdFrame,
+    camera_from_base: &Pose,
+) -> f64 {
+    for _ in 0..ALIGNMENTS {
+        let motion = geometry.motion(q);
+        let (mut right, mut left) = (0.0, 0.0);
+        for r in residuals(surface, &motion, picture, camera_from_base) {
+            let slope = r.normal.dot(&geometry.velocity(&(motion * r.point)));
+            right += slope * r.distance;
+            left += slope * slope;
+        }
+        if left < 1e-9 {
+            break;
+        }
+        q += right / left;
+    }
+    q
+}
+
+/// How far a depth picture has the surface from where a motion puts it.
+pub struct Residual {
+    /// Place on the surface, at configuration 0.
+    pub point: Point3<f64>,
+    /// The surface's normal where the motion puts it, base frame.
+    pub normal: Vector3<f64>,
+    /// From there to what was measured, along the normal, metres.
+    pub distance: f64,
+}
+
+/// The residuals of a surface that are small enough to be its own (point to plane).
+pub fn residuals<'s>(
+    surface: &'s Surface,
+    motion: &Pose,
+    picture: &'s RgbdFrame,
+    camera_from_base: &Pose,
+) -> impl Iterator<Item = Residual> + 's {
+    let (camera_from_part, normal) = (camera_from_base * motion, motion * surface.normal);
+    let in_camera = camera_from_base * normal;
+    surface.points.iter().filter_map(move |&point| {
+        let place = camera_from_part * point;
+        let pixel = picture.camera.project(&place)?;
+        if !picture.camera.sees(&pixel, 3.0) {
+            return None;
+        }
+        let z = picture.depth.at_nearest(pixel.x, pixel.y)?;
+        let measured = picture.camera.back_project(pixel.x, pixel.y, f64::from(z));
+        let distance = in_camera.dot(&(measured - place));
+        (distance.abs() < MAX_RESIDUAL_M).then_some(Residual { point, normal, distance })
+    })
+}
+
+/// The column of each row, so that the margins along the path less the cost of its steps are
+/// greatest (Viterbi).
+fn best_path(table: &[Vec<FreeSpaceCounts>], cost_of_a_step: f64) -> Vec<usize> {
+    let Some(first) = table.first() else { return Vec::new() };
+    let mut best: Vec<f64> = first.iter().map(|c| c.margin() as f64).collect();
+    let mut came_from: Vec<Vec<usize>> = Vec::new();
+    for row in &table[1..] {
+        // The best predecessor of each column from below, then from above: the cost is linear.
+        let mut origin: Vec<usize> = (0..best.len()).collect();
+        let mut value = best.clone();
+        for i in 1..value.len() {
+            if value[i - 1] - cost_of_a_step > value[i] {
+                (value[i], origin[i]) = (value[i - 1] - cost_of_a_step, origin[i - 1]);
+            }
+        }
+        for i in (0..value.len().saturating_sub(1)).rev() {
+            if value[i + 1] - cost_of_a_step > value[i] {
+                (value[i], origin[i]) = (value[i + 1] - cost_of_a_step, origin[i + 1]);
+            }
+        }
+        best = value.iter().zip(row).map(|(v, c)| v + c.margin() as f64).collect();
+        came_from.push(origin);
+    }
+    let mut column = (0..best.len()).max_by(|&a, &b| best[a].total_cmp(&best[b])).unwrap_or(0);
+    let mut path = vec![column];
+    for origin in came_from.iter().rev() {
+        column = origin[column];
+        path.push(column);
+    }
+    path.reverse();
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::test_data::seen;
+    use nalgebra::{UnitVector3, Vector3};
+
+    /// A plate that moves to the camera by `q` metres, before a wall 3 m away.
+    fn plate_at(q: f64) -> RgbdFrame {
+        seen(0, |x, y| if x.abs() < 0.2 && y.abs() < 0.15 { 2.0 - q } else { 3.0 })
+    }
+
+    fn drawer() -> (Surface, JointGeometry) {
+        let axis = UnitVector3::new_normalize(-Vector3::z());
+        let geometry = JointGeometry::slide(axis, Point3::new(0.0, 0.0, 2.0));
+        let points = (0..100)
+            .map(|i| {
+                let (x, y) = (f64::from(i % 10) - 4.5, f64::from(i / 10) - 4.5);
+                Point3::new(0.07 * x, 0.05 * y, 2.0)
+            })
+            .collect();
+        (Surface { points, normal: -Vector3::z() }, geometry)
+    }
+
+    fn followed(configurations: &[f64]) -> Following {
+        let mut keyframes = Keyframes::new(configurations.len());
+        for (f, &q) in configurations.iter().enumerate() {
+            keyframes.offer(f, &plate_at(q));
+        }
+        let camera_from_base = vec![Pose::identity(); configurations.len()];
+        let base = EgoMotion { camera_from_base, ..EgoMotion::default() };
+        let (front, geometry) = drawer();
+        let view = View { base: &base, keyframes: &keyframes };
+        follow(&front, &geometry, [-0.2, 0.6], 1.0, &view)
+    }
+
+    #[test]
+    fn a_plain_surface_is_found_where_it_is_in_each_keyframe() {
+        let truth = [0.0, 0.0, 0.1, 0.25, 0.4, 0.4, 0.2, 0.0];
+        let following = followed(&truth);
+        for (placed, q) in following.placed.iter().zip(truth) {
+            assert!((placed.q - q).abs() < 0.002, "{} is told for {q}", placed.q);
+        }
+        assert!(following.share_through() < 0.05 && following.share_shown(0.8) > 0.99);
+        assert!(following.discriminability() > 0.4);
+    }
+
+    #[test]
+    fn of_a_surface_that_stands_still_the_pictures_tell_no_motion() {
+        let [low, high] = followed(&[0.0; 8]).range(0.5);
+        assert!(high - low < 0.03);
+    }
+
+    #[test]
+    fn the_path_follows_the_agreement_but_does_not_jump_for_little() {
+        let row = |at: usize, n: usize| {
+            let mut row = vec![FreeSpaceCounts::default(); 5];
+            row[at].agrees = n;
+            row
+        };
+        let table = [row(0, 10), row(4, 1), row(0, 10), row(4, 10), row(4, 10)];
+        assert_eq!(best_path(&table, 1.0), [0, 0, 0, 4, 4]);
+    }
+}

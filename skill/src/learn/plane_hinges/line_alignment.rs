@@ -1,0 +1,172 @@
+//! A joint's line by least squares over all depth pictures at once: the surface of the part is
+//! aligned to each keyframe (point to plane), with the line's four unknowns shared by all
+//! keyframes and one configuration a keyframe. The configurations are eliminated (Schur
+//! complement), as bundle adjustment eliminates points.
+//!
+//! A plane that turns little hardly tells how far the line lies from it along its normal. There a
+//! prior holds: a hinge is within some centimetres of the face of its part.
+
+use super::depth_following::{Following, Surface, View, residuals};
+use super::hinge::Hinge;
+use crate::math::rigid::orthonormal_basis;
+use crate::object::joint_geometry::JointGeometry;
+use nalgebra::{DMatrix, Matrix4, Point3, UnitVector3, Vector3, Vector4};
+
+/// Gauss-Newton steps.
+const STEPS: usize = 6;
+/// Standard deviation of a residual, metres.
+const RESIDUAL_M: f64 = 0.004;
+/// Residuals of one keyframe that tell as much as all of them: neighbouring readings of a depth
+/// camera share their errors.
+const INDEPENDENT: f64 = 8.0;
+/// Standard deviation of a hinge's distance from its part's face, metres: parts have a thickness.
+const OFFSET_M: f64 = 0.03;
+/// Largest standard deviation of what the planes told of the direction, radians,
+const TOLD_RAD: f64 = 0.01;
+/// and of the place, metres.
+const TOLD_M: f64 = 0.05;
+/// Residual from which a reading counts no more (Tukey's biweight), metres.
+const CUT_M: f64 = 0.02;
+/// Step for derivatives, radians or metres.
+const DIFFERENCE: f64 = 1e-5;
+
+/// A line that was aligned.
+#[derive(Debug, Clone)]
+pub struct AlignedLine {
+    /// The line.
+    pub geometry: JointGeometry,
+    /// Covariance of (axis, origin) by the residuals alone, 6 x 6.
+    pub covariance: DMatrix<f64>,
+    /// Root mean square residual, metres.
+    pub rmse: f64,
+}
+
+/// Aligns a line to the keyframes that show its part.
+pub fn align_line(
+    surface: &Surface,
+    told: &Hinge,
+    following: &Following,
+    least_shown: f64,
+    view: &View,
+) -> AlignedLine {
+    let mut q: Vec<(usize, f64)> = following.shown(least_shown).map(|p| (p.frame, p.q)).collect();
+    let mut geometry = told.geometry();
+    let mut information = Matrix4::identity();
+    let mut rmse = 0.0;
+    for _ in 0..STEPS {
+        let (system, squares, weight) = reduced_system(surface, &geometry, &mut q, view);
+        rmse = (squares / weight.max(1e-9)).sqrt();
+        let known = prior(surface, told, &geometry);
+        information = system.left + known.left;
+        let right = system.right + known.right;
+        let Some(step) = information.cholesky().map(|c| c.solve(&right)) else { break };
+        geometry = moved_line(&geometry, &step);
+        if step.norm() < 1e-6 {
+            break;
+        }
+    }
+    let covariance = line_covariance(&geometry, &information);
+    AlignedLine { geometry, covariance, rmse }
+}
+
+/// Normal equations of the line's four unknowns.
+struct LineSystem {
+    left: Matrix4<f64>,
+    right: Vector4<f64>,
+}
+
+/// The normal equations without the configurations, which are brought up to date; then the sum of
+/// squared residuals, and of their weights.
+fn reduced_system(
+    surface: &Surface,
+    geometry: &JointGeometry,
+    q: &mut [(usize, f64)],
+    view: &View,
+) -> (LineSystem, f64, f64) {
+    let mut all = LineSystem { left: Matrix4::zeros(), right: Vector4::zeros() };
+    let (mut squares, mut weights) = (0.0, 0.0);
+    let shifted: [JointGeometry; 4] = std::array::from_fn(|k| {
+        let mut step = Vector4::zeros();
+        step[k] = DIFFERENCE;
+        moved_line(geometry, &step)
+    });
+    for (frame, q) in q {
+        let Some((_, picture)) = view.keyframes.iter().find(|(f, _)| f == frame) else { continue };
+        let camera_from_base = view.base.camera_from_base[*frame];
+        let motion = geometry.motion(*q);
+        let beside = shifted.each_ref().map(|g| g.motion(*q));
+        let (mut left, mut right) = (Matrix4::zeros(), Vector4::zeros());
+        let (mut cross, mut own, mut own_right) = (Vector4::zeros(), 0.0, 0.0);
+        let mut found = 0.0;
+        for r in residuals(surface, &motion, picture, &camera_from_base) {
+            let place = motion * r.point;
+            let slope = r.normal.dot(&geometry.velocity(&place));
+            let slopes =
+                Vector4::from_fn(|k, _| r.normal.dot(&(beside[k] * r.point - place)) / DIFFERENCE);
+            let w = (1.0 - (r.distance / CUT_M).powi(2)).max(0.0).powi(2);
+            left += w * slopes * slopes.transpose();
+            right += w * slopes * r.distance;
+            cross += w * slopes * slope;
+            own += w * slope * slope;
+            own_right += w * slope * r.distance;
+            squares += w * r.distance * r.distance;
+            found += w;
+        }
+        if own < 1e-9 || found < 1.0 {
+            continue;
+        }
+        *q += own_right / own;
+        let weight = INDEPENDENT.min(found) / found / RESIDUAL_M.powi(2);
+        all.left += weight * (left - cross * cross.transpose() / own);
+        all.right += weight * (right - cross * own_right / own);
+        weights += found;
+    }
+    (all, squares, weights)
+}
+
+/// What is known beside the pictures: the planes told the line, roughly; and a hinge lies near the
+/// face of its part.
+fn prior(surface: &Surface, told: &Hinge, now: &JointGeometry) -> LineSystem {
+    let (u, v) = orthonormal_basis(&now.axis);
+    let n = surface.points.len().max(1) as f64;
+    let mean = Point3::from(surface.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
+    let mut all = LineSystem { left: Matrix4::zeros(), right: Vector4::zeros() };
+    let mut add = |slopes: Vector4<f64>, off: f64, sigma: f64| {
+        all.left += slopes * slopes.transpose() / sigma.powi(2);
+        all.right -= slopes * off / sigma.powi(2);
+    };
+    let turned = now.axis.into_inner() - told.axis;
+    let reach = told.reach().max(0.1);
+    let shifted = now.origin - told.origin;
+    for (k, side) in [u, v].iter().enumerate() {
+        let unit = |k: usize| Vector4::from_fn(|i, _| f64::from(u8::from(i == k)));
+        let sigma = told.place_sigma(side);
+        add(unit(k), side.dot(&turned), (sigma / reach).min(TOLD_RAD));
+        add(unit(k + 2), side.dot(&shifted), sigma.min(TOLD_M));
+    }
+    let across = Vector4::new(0.0, 0.0, surface.normal.dot(&u), surface.normal.dot(&v));
+    add(across, surface.normal.dot(&(now.origin - mean)), OFFSET_M);
+    all
+}
+
+/// The line, its direction turned and its origin shifted across itself.
+fn moved_line(line: &JointGeometry, step: &Vector4<f64>) -> JointGeometry {
+    let (u, v) = orthonormal_basis(&line.axis);
+    let axis = line.axis.into_inner() + u * step[0] + v * step[1];
+    let origin = line.origin + u * step[2] + v * step[3];
+    JointGeometry { axis: UnitVector3::new_normalize(axis), origin, ..line.clone() }
+}
+
+fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> DMatrix<f64> {
+    let (u, v) = orthonormal_basis(&line.axis);
+    let of_line = information.try_inverse().unwrap_or_else(Matrix4::zeros);
+    let mut spread = DMatrix::zeros(6, 4);
+    for (k, side) in [u, v].iter().enumerate() {
+        for r in 0..3 {
+            spread[(r, k)] = side[r];
+            spread[(r + 3, k + 2)] = side[r];
+        }
+    }
+    let of_line = DMatrix::from_fn(4, 4, |r, c| of_line[(r, c)]);
+    &spread * of_line * spread.transpose()
+}
