@@ -1,26 +1,11 @@
-//! What distinguishes a part of an object from a hand: it rests, and where the model says
-//! that it is, nothing behind it is seen.
+//! The free-space test: a model claims that a part has a surface at some points; a depth picture
+//! contradicts it where it shows something behind such a point. An arm moves with the part that it
+//! holds, but comes and leaves: pictures see through where it is claimed to be.
 
-use super::ego_motion::{EgoMotion, coarse_sigma, rest_length};
-use super::keyframes::Keyframes;
-use super::paper::pose_optimisation::PartMotion;
+use super::ego_motion::coarse_sigma;
 use crate::math::rigid::{Pose, matrix_pose};
-use crate::object::joint_geometry::JointGeometry;
 use linkage_driver::RgbdFrame;
 use nalgebra::Point3;
-
-/// Share of tracks that rest for `frames` observations at the start or the end of their life.
-pub fn rests(base: &EgoMotion, tracks: &[usize], frames: usize) -> f64 {
-    let resting = tracks
-        .iter()
-        .filter(|&&id| {
-            let path: Vec<_> = base.tracks[id].seen().map(|(_, p)| (p.point, p.sigma())).collect();
-            rest_length(path.iter().copied()) >= frames
-                || rest_length(path.iter().rev().copied()) >= frames
-        })
-        .count();
-    resting as f64 / tracks.len().max(1) as f64
-}
 
 /// What a depth picture says about a point.
 #[derive(Clone, Copy, PartialEq)]
@@ -31,67 +16,6 @@ enum Probe {
     Agrees,
     /// Hidden, outside, or no reading.
     Unknown,
-}
-
-/// Share of a part's points, 0 to 1, that keyframes see *through*: there the claim about where
-/// the part is is false. Asked at the known configuration, or else at the one that fits best,
-/// which must exist somewhere in the range.
-pub fn seen_through(
-    base: &EgoMotion,
-    keyframes: &Keyframes,
-    motion: &PartMotion,
-    geometry: &JointGeometry,
-    frames: &[usize],
-    configuration: &[f64],
-) -> f64 {
-    let points_at_rest = rest_points(base, motion, geometry, frames, configuration);
-    let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let pad = 0.25 * (high - low);
-    let mut all = FreeSpaceCounts::default();
-    for (frame, picture) in keyframes.iter() {
-        let probe = |q: f64| {
-            count_free_space(
-                picture,
-                &points_at_rest,
-                &(base.camera_from_base[frame] * geometry.motion(q)),
-            )
-        };
-        all.add(match frames.binary_search(&frame) {
-            Ok(i) => probe(configuration[i]),
-            Err(_) => (0..33)
-                .map(|i| probe(low - pad + (high - low + 2.0 * pad) * f64::from(i) / 32.0))
-                .max_by_key(|found| found.margin())
-                .unwrap_or_default(),
-        });
-    }
-    all.share_through()
-}
-
-/// A part's tracked points carried back to configuration 0.
-fn rest_points(
-    base: &EgoMotion,
-    motion: &PartMotion,
-    geometry: &JointGeometry,
-    frames: &[usize],
-    configuration: &[f64],
-) -> Vec<Point3<f64>> {
-    let stride = (motion.tracks.len() / 120).max(1);
-    motion
-        .tracks
-        .iter()
-        .step_by(stride)
-        .filter_map(|&id| {
-            let at_rest: Vec<Point3<f64>> = base.tracks[id]
-                .seen()
-                .filter_map(|(t, p)| {
-                    let i = frames.binary_search(&t).ok()?;
-                    Some(geometry.motion(-configuration[i]) * p.point)
-                })
-                .collect();
-            crate::math::robust::median_point(&at_rest)
-        })
-        .collect()
 }
 
 /// Points of a part that a picture sees through, and those that it finds in their places.

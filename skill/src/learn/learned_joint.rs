@@ -1,10 +1,10 @@
 //! What every method of learning returns: a joint with the part that it moves.
 
 use super::tracking::Trajectory;
-use crate::object::joint_geometry::JointGeometry;
+use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::Joint;
-use nalgebra::Point3;
-use nalgebra::UnitVector3;
+use nalgebra::{Point3, UnitVector3};
+use std::fmt;
 
 /// A joint with the part that it moves.
 #[derive(Debug, Clone)]
@@ -17,6 +17,35 @@ pub struct LearnedJoint {
     pub tracks: Vec<usize>,
     /// Places on a plain part, which no track tells of, in its coordinates.
     pub plain_surface: Vec<Point3<f64>>,
+}
+
+/// A moving thing that a method found and does not take for a part of an object.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RejectedCandidate {
+    /// Type of the joint that explained its motion best.
+    pub kind: JointKind,
+    /// Tracks that followed it.
+    pub tracks: usize,
+    /// Frames in which its configuration was known.
+    pub frames: usize,
+    /// Why it was rejected, as a sentence without its full stop.
+    pub reason: String,
+}
+
+impl fmt::Display for RejectedCandidate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { kind, tracks, frames, reason } = self;
+        write!(f, "a {} candidate ({tracks} tracks, {frames} frames): {reason}", kind.name())
+    }
+}
+
+/// What a method of learning returns.
+#[derive(Debug, Clone, Default)]
+pub struct LearnedJoints {
+    /// The joints, parents before children.
+    pub joints: Vec<LearnedJoint>,
+    /// What was rejected last, and why.
+    pub rejections: Vec<RejectedCandidate>,
 }
 
 /// Configuration 0 at the first frame, growing with the first clear motion.

@@ -1,7 +1,7 @@
 //! Where a point was seen, and how well that is known. A demonstration has millions of these:
 //! they take little room.
 
-use super::{across_sigma, coarse_sigma, ray_sigma};
+use super::depth_noise::{across_sigma, coarse_sigma, ray_sigma};
 use crate::math::rigid::Pose;
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 

@@ -73,7 +73,7 @@ impl Search<'_> {
         rest: &[usize],
         round: usize,
     ) -> Option<FrameCandidates> {
-        let config = &self.config.joints;
+        let config = self.config.joints;
         let view = self.view_from(parent);
         let candidates = self.movers(parent, &view, rest);
         if candidates.len() < 4 {
@@ -97,7 +97,7 @@ impl Search<'_> {
         known: Vec<JointEstimate>,
     ) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
         let FrameCandidates { parent, view, hypotheses, .. } = suspicions;
-        let config = &self.config.joints;
+        let config = self.config.joints;
         let mut queue = hypotheses.iter().filter(|h| self.tells(h, *parent, view));
         let mut limit = match (self.looks_back && self.earlier.frames > 0, self.is_the_end()) {
             (false, _) => config.max_hypotheses,
@@ -146,7 +146,7 @@ impl Search<'_> {
             self.is_cancelled()
                 || !verification::ALLOWED_CORRELATION.contains(&self.coupling(j, *parent))
         };
-        let config = &self.config.joints;
+        let config = self.config.joints;
         let mut joint = grow::grow_hypothesis(view, h, candidates, config, is_hopeless)?;
         joint.parent = *parent;
         joint.seed.clone_from(&h.tracks);

@@ -3,7 +3,7 @@
 //! tracks follow it.
 
 use super::bundle_adjustment::{locate_points, refine};
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::configuration_vote::agree;
 use super::estimate::{JointEstimate, TrackCost};
 use super::helical_pitch;
@@ -65,7 +65,7 @@ pub fn grow_hypothesis(
     view: &TracksInFrame,
     hypothesis: &Hypothesis,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     is_hopeless: impl Fn(&JointEstimate) -> bool,
 ) -> Option<JointEstimate> {
     let mut best: Option<JointEstimate> = None;
@@ -109,7 +109,7 @@ fn sweepers(suspected: &[usize], candidates: &[usize]) -> Vec<usize> {
 }
 
 /// It fits so poorly that more tracks cannot make a joint of it.
-fn is_poor(view: &TracksInFrame, grown: &JointEstimate, config: &JointsConfig) -> bool {
+fn is_poor(view: &TracksInFrame, grown: &JointEstimate, config: &JointSearchConfig) -> bool {
     grown.members.len() >= 4
         && (grown.cost > 1.2 * verification::most_tolerated(config)
             || grown.unruly_share(view) > HOPELESSLY_UNRULY)
@@ -121,7 +121,7 @@ fn with_pitch(
     view: &TracksInFrame,
     grown: JointEstimate,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> JointEstimate {
     if !config.screws || !helical_pitch::can_be_told(&grown) {
         return grown;
@@ -148,7 +148,7 @@ fn with_pitch(
 fn window_fits(
     view: &TracksInFrame,
     h: &Hypothesis,
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> Vec<(JointEstimate, f64)> {
     let at = |t: usize, f: usize| view.at(t, f).map(|s| s.point.coords);
     let n = h.tracks.len() as f64;
@@ -181,7 +181,7 @@ fn window_fit(
     view: &TracksInFrame,
     dof: ScrewJoint,
     h: &Hypothesis,
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> (JointEstimate, f64) {
     let mut joint = JointEstimate::new(dof, view, h.from);
     for &t in &h.tracks {
@@ -300,7 +300,7 @@ pub fn grow(
     joint: JointEstimate,
     was_certain: bool,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> JointEstimate {
     let rounds = if was_certain { RENEWAL_ROUNDS } else { GROWTH_ROUNDS };
     let joint = carried_on(view, joint, candidates, config, rounds);
@@ -312,7 +312,7 @@ fn carried_on(
     view: &TracksInFrame,
     joint: JointEstimate,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     rounds: usize,
 ) -> JointEstimate {
     let mut joint = swept(view, joint, candidates, config);
@@ -325,7 +325,7 @@ fn swept(
     view: &TracksInFrame,
     mut joint: JointEstimate,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> JointEstimate {
     let known = joint.known_frames();
     let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return joint };
@@ -341,7 +341,7 @@ fn sweep(
     joint: &mut JointEstimate,
     book: &mut TrackScores,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     rng: &mut ChaCha8Rng,
     frames: impl Iterator<Item = usize>,
 ) {
@@ -387,7 +387,7 @@ fn next_configuration(
     joint: &JointEstimate,
     book: &mut TrackScores,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     f: usize,
     guess: f64,
 ) -> Option<f64> {
@@ -437,7 +437,7 @@ fn refine_while_growing(
     joint: &mut JointEstimate,
     book: &TrackScores,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     rng: &mut ChaCha8Rng,
     frame: usize,
 ) {
@@ -506,7 +506,7 @@ pub fn finish(
     view: &TracksInFrame,
     joint: &mut JointEstimate,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     rounds: usize,
 ) {
     let mut rng = ChaCha8Rng::seed_from_u64(candidates.len() as u64);
@@ -546,7 +546,7 @@ pub fn finish(
 pub fn polish(
     view: &TracksInFrame,
     mut joint: JointEstimate,
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> JointEstimate {
     let members = joint.members.clone();
     let some = some_of(members.clone(), POLISH_TRACKS);

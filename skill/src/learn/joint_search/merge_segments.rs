@@ -3,7 +3,7 @@
 //! frames or by what the depth pictures say.
 
 use super::bundle_adjustment::refine;
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
 use super::grow::finish;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -112,7 +112,7 @@ pub fn merged(
     a: &JointEstimate,
     b: &JointEstimate,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> Option<JointEstimate> {
     let s = sign(a, b);
     let mut common = differences(a, b);

@@ -25,71 +25,56 @@ mod type_selection;
 mod verification;
 mod warm_start;
 
-use super::ego_motion::EgoMotion;
-use super::keyframes::Keyframes;
-use super::learned_joint::LearnedJoint;
-use super::tracking::TrackSet;
-use crate::config::SkillConfig;
+use super::learned_joint::LearnedJoints;
+use super::recording::Recording;
 use crate::object::model::Joint;
-pub use config::JointsConfig;
+pub use config::{JointSearchConfig, SearchSettings};
 use search::Search;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use tracks_in_part_frame::TracksInFrame;
 pub use warm_start::WarmStart;
 
-/// The frames of a demonstration, or those of it that there are by now.
-#[derive(Clone, Copy)]
-pub struct Watched<'s> {
-    /// Tracks.
-    pub set: &'s TrackSet,
-    /// The same from the base.
-    pub base: &'s EgoMotion,
-    /// Whole frames.
-    pub keyframes: &'s Keyframes,
-    /// Configuration.
-    pub config: &'s SkillConfig,
+/// Finds the joints of a demonstration, whose first frames were searched `earlier`.
+pub fn learn(
+    recording: &Recording,
+    earlier: &WarmStart,
+    settings: &SearchSettings,
+) -> LearnedJoints {
+    let view = view(recording);
+    let rejected: WarmStart;
+    let mut search = Search::new(recording, *settings, &view, earlier, None);
+    search.run();
+    if search.joints.is_empty() && earlier.frames > 0 {
+        rejected = search.remember().without_joints();
+        search = Search::new(recording, *settings, &view, &rejected, None);
+        search.run();
+    }
+    search.polish();
+    LearnedJoints { joints: search.learned(), rejections: Vec::new() }
 }
 
-impl Watched<'_> {
-    /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
-    pub fn joints(&self, earlier: &WarmStart) -> Vec<LearnedJoint> {
-        let view = self.view();
-        let rejected: WarmStart;
-        let mut search = Search::new(*self, &view, earlier, None);
-        search.run();
-        if search.joints.is_empty() && earlier.frames > 0 {
-            rejected = search.remember().without_joints();
-            search = Search::new(*self, &view, &rejected, None);
-            search.run();
-        }
-        search.polish();
-        search.learned()
+/// Searches the first frames of a demonstration, so that the rest is found sooner. Returns its
+/// joints, too, if it `reports_joints`. A `cancelled` search ends soon and finds nothing.
+pub fn search_ahead(
+    recording: &Recording,
+    earlier: &WarmStart,
+    settings: &SearchSettings,
+    cancelled: &AtomicBool,
+    reports_joints: bool,
+) -> (WarmStart, Option<Vec<Joint>>) {
+    let view = view(recording);
+    let mut search = Search::new(recording, *settings, &view, earlier, Some(cancelled));
+    search.run();
+    if search.is_cancelled() {
+        return (WarmStart::default(), None);
     }
+    let joints = || search.learned().into_iter().map(|learned| learned.joint).collect();
+    (search.remember(), reports_joints.then(joints))
+}
 
-    /// Searches the first frames of a demonstration, so that the rest is found sooner, and tells
-    /// what it believes by then, if asked to. When `cancelled`, what is found is of no use.
-    pub fn remember(
-        &self,
-        earlier: &WarmStart,
-        cancelled: &AtomicBool,
-        tell: Option<&dyn Fn(Vec<Joint>)>,
-    ) -> WarmStart {
-        let view = self.view();
-        let mut search = Search::new(*self, &view, earlier, Some(cancelled));
-        search.run();
-        if search.is_cancelled() {
-            return WarmStart::default();
-        }
-        if let Some(tell) = tell {
-            tell(search.learned().into_iter().map(|l| l.joint).collect());
-        }
-        search.remember()
-    }
-
-    fn view(&self) -> Arc<TracksInFrame> {
-        let tracks = &self.base.tracks;
-        let moving = (0..tracks.len()).filter(|&t| tracks[t].moves).collect();
-        Arc::new(TracksInFrame::from_base(self.base, moving))
-    }
+fn view(recording: &Recording) -> Arc<TracksInFrame> {
+    let tracks = &recording.ego_motion.tracks;
+    let moving = (0..tracks.len()).filter(|&t| tracks[t].moves).collect();
+    Arc::new(TracksInFrame::from_base(&recording.ego_motion, moving))
 }

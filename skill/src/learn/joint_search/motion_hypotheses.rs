@@ -1,7 +1,7 @@
 //! Where joints are suspected: rigid motions over short windows of time, shared by tracks
 //! near one another.
 
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
@@ -79,7 +79,7 @@ pub fn hypotheses(
     view: &TracksInFrame,
     candidates: &[usize],
     since: usize,
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     seed: u64,
 ) -> Vec<Hypothesis> {
     let resting: Vec<bool> = (0..view.len())

@@ -60,7 +60,7 @@ impl Search<'_> {
                 .all(|(j, other)| j == joint || !other.members.contains(t))
         };
         let candidates: Vec<usize> = (0..view.len()).filter(is_free).collect();
-        grow::finish(&view, &mut hung, &candidates, &self.config.joints, 2);
+        grow::finish(&view, &mut hung, &candidates, self.config.joints, 2);
         self.question(&view, &mut hung, &candidates);
         self.report("hung", &hung);
         let found_by_tracks = 3 * lost(&hung, &away) < 2 * lost(alone, &away);
@@ -101,13 +101,15 @@ fn lost(joint: &JointEstimate, frames: &[bool]) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{WarmStart, Watched};
+    use super::super::WarmStart;
     use super::*;
-    use crate::config::SkillConfig;
+    use crate::learn::ego_motion::EgoMotionConfig;
+    use crate::learn::joint_search::config::{JointSearchConfig, SearchSettings};
     use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_along;
     use crate::learn::joint_search::tracks_in_part_frame::TracksInFrame;
     use crate::learn::keyframes::Keyframes;
+    use crate::learn::recording::Recording;
     use crate::learn::tracking::{Track, TrackSet};
     use crate::test_data::seen;
     use linkage_driver::RgbdFrame;
@@ -219,12 +221,14 @@ mod tests {
         }
         let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
         let tracks = (0..paths.len()).map(track).collect();
-        let set = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
-        let mut config = SkillConfig::default();
-        config.joints.min_gain = 10.0;
-        let watched = Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
+        let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
+        let recording = Recording { tracks, ego_motion: base, keyframes };
+        let joints = JointSearchConfig { min_gain: 10.0, ..JointSearchConfig::default() };
+        let ego_motion = EgoMotionConfig::default();
+        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
         let nothing = WarmStart::default();
-        let mut search = Search::new(watched, &watched.view(), &nothing, None);
+        let view = super::super::view(&recording);
+        let mut search = Search::new(&recording, settings, &view, &nothing, None);
         let mut alone = joint(back, lean, POINTS..2 * POINTS);
         alone.known.iter_mut().enumerate().for_each(|(f, known)| *known = seat_turn(f) == 0.0);
         search.joints = vec![alone, joint(seat, seat_turn, 0..POINTS)];

@@ -1,14 +1,15 @@
 //! The search: hypotheses are grown, the joint of most gain is adopted, and what it leaves is
 //! searched again, from the base and from each part that moves.
 
+use super::config::SearchSettings;
 use super::estimate::JointEstimate;
 use super::merge_segments::LineMatch;
 use super::tracks_in_part_frame::TracksInFrame;
 use super::verification::FreeSpaceCheck;
 use super::warm_start::{RejectedHypothesis, WarmStart};
-use super::{Watched, bundle_adjustment, grow, merge_segments, to_model, verification};
-use crate::config::SkillConfig;
+use super::{bundle_adjustment, grow, merge_segments, to_model, verification};
 use crate::learn::learned_joint::LearnedJoint;
+use crate::learn::recording::Recording;
 use crate::math::robust::overlap;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -16,13 +17,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A search of one recording.
 pub struct Search<'s> {
-    seen: Watched<'s>,
+    recording: &'s Recording,
     /// The view from the base,
     view: Arc<TracksInFrame>,
     /// and that from each joint's part.
     views: Vec<Arc<TracksInFrame>>,
     pub(super) witness: FreeSpaceCheck<'s>,
-    pub(super) config: &'s SkillConfig,
+    pub(super) config: SearchSettings<'s>,
     pub(super) earlier: &'s WarmStart,
     cancelled: Option<&'s AtomicBool>,
     /// Joints that were adopted, parents first.
@@ -42,28 +43,29 @@ pub struct Search<'s> {
 impl<'s> Search<'s> {
     /// A search that has found nothing; `cancelled` ends it soon.
     pub fn new(
-        seen: Watched<'s>,
+        recording: &'s Recording,
+        config: SearchSettings<'s>,
         view: &Arc<TracksInFrame>,
         earlier: &'s WarmStart,
         cancelled: Option<&'s AtomicBool>,
     ) -> Self {
         let witness = FreeSpaceCheck {
-            base: seen.base,
-            keyframes: seen.keyframes,
-            config: &seen.config.joints,
+            base: &recording.ego_motion,
+            keyframes: &recording.keyframes,
+            config: config.joints,
         };
         Self {
-            seen,
+            recording,
             view: Arc::clone(view),
             views: Vec::new(),
             witness,
-            config: seen.config,
+            config,
             earlier,
             cancelled,
             joints: Vec::new(),
             best_rank: earlier.best_rank,
             looks_back: earlier.frames == 0,
-            dismissed_before: earlier.dismissed_in(view, seen.set),
+            dismissed_before: earlier.dismissed_in(view, &recording.tracks),
             rejected: Vec::new(),
             invalidated: Vec::new(),
         }
@@ -78,7 +80,7 @@ impl<'s> Search<'s> {
     }
 
     fn adopt_all(&mut self) {
-        let config = &self.config.joints;
+        let config = self.config.joints;
         let mut rest: Vec<usize> = (0..self.view.len()).collect();
         // What one round grew, the next need not grow again.
         let mut grown = self.reuse(&mut rest);
@@ -193,9 +195,10 @@ impl<'s> Search<'s> {
     pub(super) fn previous_id(&self, parent: Option<usize>) -> Option<Option<usize>> {
         match parent {
             None => (self.earlier.frames > 0).then_some(None),
-            Some(p) => {
-                self.earlier.counterpart(&self.joints[p], &self.view, self.seen.set).map(Some)
-            }
+            Some(p) => self
+                .earlier
+                .counterpart(&self.joints[p], &self.view, &self.recording.tracks)
+                .map(Some),
         }
     }
 
@@ -208,10 +211,10 @@ impl<'s> Search<'s> {
         view: &TracksInFrame,
         candidates: &[usize],
     ) -> Vec<(JointEstimate, bool)> {
-        let mut joints = self.earlier.recalled(previous_id, view, self.seen.set);
+        let mut joints = self.earlier.recalled(previous_id, view, &self.recording.tracks);
         joints.par_iter_mut().filter(|_| !self.is_cancelled()).for_each(|(joint, was_certain)| {
             joint.parent = parent;
-            let config = &self.config.joints;
+            let config = self.config.joints;
             *joint = grow::grow(view, joint.clone(), *was_certain, candidates, config);
             self.question(view, joint, candidates);
             self.report("recalled", joint);
@@ -226,7 +229,7 @@ impl<'s> Search<'s> {
         view: &TracksInFrame,
         rest: &[usize],
     ) -> Vec<usize> {
-        let base = &self.config.base;
+        let base = self.config.ego_motion;
         let moves = |&t: &usize| view.moves(t, base.min_extent_m, base.min_extent_sigmas);
         rest.iter().copied().filter(|t| parent.is_none() || moves(t)).collect()
     }
@@ -240,7 +243,7 @@ impl<'s> Search<'s> {
                 .map(|&i| {
                     let joint = self.joints[i].clone();
                     let view = self.view_from(joint.parent);
-                    grow::polish(&view, joint, &self.config.joints)
+                    grow::polish(&view, joint, self.config.joints)
                 })
                 .collect();
             for (&i, joint) in generation.iter().zip(polished) {
@@ -261,19 +264,19 @@ impl<'s> Search<'s> {
 
     /// What it found, as a model tells it.
     pub fn learned(&self) -> Vec<LearnedJoint> {
-        let Watched { set, base, config, .. } = self.seen;
-        to_model::to_learned(set, base, |parent| self.view_from(parent), &self.joints, config)
+        let view_from = |parent| self.view_from(parent);
+        to_model::to_learned(self.recording, view_from, &self.joints, self.config.joints)
     }
 
     /// What it found, for a search over more frames.
     pub fn remember(&self) -> WarmStart {
         WarmStart::of(
-            self.seen.set,
+            &self.recording.tracks,
             |parent| self.view_from(parent),
             &self.joints,
             self.dismissed_before.iter().chain(&self.rejected),
             self.best_rank,
-            &self.config.joints,
+            self.config.joints,
         )
     }
 
@@ -327,7 +330,7 @@ impl<'s> Search<'s> {
                 joint.known[f] = false;
             }
             if joint.known_frames().len() >= 10 {
-                grow::finish(view, joint, candidates, &self.config.joints, 2);
+                grow::finish(view, joint, candidates, self.config.joints, 2);
                 self.dismiss_strangers(view, joint);
                 self.witness.examine(joint, &self.joints);
             }
@@ -353,7 +356,7 @@ impl<'s> Search<'s> {
         self.witness.dismiss_strangers(joint, &self.joints);
         if joint.members.len() < before {
             let own = joint.members.clone();
-            grow::finish(view, joint, &own, &self.config.joints, 2);
+            grow::finish(view, joint, &own, self.config.joints, 2);
         }
     }
 
@@ -459,7 +462,7 @@ impl<'s> Search<'s> {
         line_match: LineMatch,
         rest: &[usize],
     ) -> Option<JointEstimate> {
-        let config = &self.config.joints;
+        let config = self.config.joints;
         let mut candidates = rest.to_vec();
         candidates.extend(a.members.iter().chain(&b.members));
         candidates.sort_unstable();

@@ -1,14 +1,13 @@
 //! From grown joints to learned ones: numbered parents first, carried into the object frame, the
 //! first frame at configuration 0.
 
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::{JointEstimate, base_from_part};
 use super::tracks_in_part_frame::TracksInFrame;
 use super::{bundle_adjustment, type_selection};
-use crate::config::SkillConfig;
-use crate::learn::ego_motion::EgoMotion;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
-use crate::learn::tracking::{TrackSet, Trajectory};
+use crate::learn::recording::Recording;
+use crate::learn::tracking::Trajectory;
 use crate::math::rigid::Pose;
 use crate::object::model::{Joint, covariance_rows, is_undecided};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
@@ -20,11 +19,10 @@ const COVARIANCE_TRACKS: usize = 300;
 
 /// The learned joints, parents before children; `view_from` gives the view from each one's part.
 pub fn to_learned(
-    set: &TrackSet,
-    base: &EgoMotion,
+    recording: &Recording,
     view_from: impl Fn(Option<usize>) -> Arc<TracksInFrame> + Sync,
     joints: &[JointEstimate],
-    config: &SkillConfig,
+    config: &JointSearchConfig,
 ) -> Vec<LearnedJoint> {
     let view = view_from(None);
     let order = parents_first(joints);
@@ -34,7 +32,7 @@ pub fn to_learned(
         .enumerate()
         .map(|(n, &i)| {
             let (mut joint, base_from_part) =
-                learned(set, base, &view_from(joints[i].parent), joints, i, config);
+                learned(recording, &view_from(joints[i].parent), joints, i, config);
             joint.name = format!("joint{}", n + 1);
             joint.parent = joints[i].parent.map_or(0, number_of);
             joint.child = n + 1;
@@ -50,12 +48,11 @@ pub fn to_learned(
 
 /// A joint, not yet numbered, and its part's poses in the base since the first frame.
 fn learned(
-    set: &TrackSet,
-    base: &EgoMotion,
+    recording: &Recording,
     own_view: &TracksInFrame,
     joints: &[JointEstimate],
     index: usize,
-    config: &SkillConfig,
+    config: &JointSearchConfig,
 ) -> (Joint, Trajectory) {
     let joint = &joints[index];
     let frames = joint.known_frames();
@@ -74,18 +71,18 @@ fn learned(
         geometry.origin = base_from_parent * mean_point(joint);
     }
     let rest = base_from_part(joints, index, 0).inverse();
-    let mut trajectory: Trajectory = vec![None; base.camera_from_base.len()];
+    let mut trajectory: Trajectory = vec![None; recording.ego_motion.camera_from_base.len()];
     for &f in &frames {
         trajectory[f] = Some(base_from_part(joints, index, f) * rest);
     }
     let some: Vec<usize> = joint.members.iter().copied().take(COVARIANCE_TRACKS).collect();
-    let spread = bundle_adjustment::covariance(joint, own_view, &some, config.joints.cut);
+    let spread = bundle_adjustment::covariance(joint, own_view, &some, config.cut);
     let covariance = carried(
-        &(spread * config.joints.covariance_inflation + systematic(joint, &config.joints)),
+        &(spread * config.covariance_inflation + systematic(joint, config)),
         &base_from_parent,
         before.dot(&geometry.axis) < 0.0,
     );
-    let type_probabilities = type_selection::type_probabilities(joint, own_view, &config.joints);
+    let type_probabilities = type_selection::type_probabilities(joint, own_view, config);
     let joint = Joint {
         range: range_of(&configuration),
         covariance: covariance_rows(&covariance),
@@ -93,7 +90,7 @@ fn learned(
         bic: -2.0 * joint.gain,
         log_likelihood: joint.gain,
         position_rmse: position_rmse(joint, own_view),
-        configuration: set.timed(&frames, &configuration),
+        configuration: recording.tracks.timed(&frames, &configuration),
         undecided: is_undecided(&type_probabilities),
         type_probabilities,
         ..Joint::of(&geometry)
@@ -102,7 +99,7 @@ fn learned(
 }
 
 /// Covariance of (axis, origin) from errors that all of a camera's readings share.
-fn systematic(joint: &JointEstimate, config: &JointsConfig) -> DMatrix<f64> {
+fn systematic(joint: &JointEstimate, config: &JointSearchConfig) -> DMatrix<f64> {
     let across = Matrix3::identity() - joint.dof.axis * joint.dof.axis.transpose();
     let mut covariance = DMatrix::zeros(6, 6);
     covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * config.systematic_rad.powi(2)));

@@ -2,7 +2,7 @@
 //! the evidence. A motion too short bends too little to tell. What does not advance is no screw.
 
 use super::bundle_adjustment::{locate_points, refine};
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
 use super::grow;
 use super::screw_joint::ScrewJoint;
@@ -23,7 +23,7 @@ const STEPS: usize = 10;
 pub fn type_probabilities(
     joint: &JointEstimate,
     view: &TracksInFrame,
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> BTreeMap<JointKind, f64> {
     let mut sampled = joint.clone();
     sampled.known = grow::thinned(&joint.known, joint.anchor, grow::FINISH_FRAMES);
@@ -54,7 +54,7 @@ fn kind(joint: &JointEstimate) -> JointKind {
 /// Some of a joint's tracks in some of its frames, which all kinds are to explain.
 struct Sample<'s> {
     view: &'s TracksInFrame,
-    config: &'s JointsConfig,
+    config: &'s JointSearchConfig,
     tracks: Vec<usize>,
     /// Observations that each one stands for.
     stands_for: f64,
@@ -67,7 +67,7 @@ impl<'s> Sample<'s> {
         joint: &JointEstimate,
         sampled: &JointEstimate,
         view: &'s TracksInFrame,
-        config: &'s JointsConfig,
+        config: &'s JointSearchConfig,
     ) -> Self {
         let stride = joint.members.len().div_ceil(TRACKS).max(1);
         let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
@@ -170,7 +170,7 @@ mod tests {
 
     fn probability_of_a_hinge(angle: f64) -> f64 {
         let (view, joint) = seen_turning(&DOOR, angle);
-        type_probabilities(&joint, &view, &JointsConfig::default())[&JointKind::Revolute]
+        type_probabilities(&joint, &view, &JointSearchConfig::default())[&JointKind::Revolute]
     }
 
     #[test]
@@ -188,7 +188,7 @@ mod tests {
     fn what_advances_as_it_turns_is_a_screw() {
         let lift = ScrewJoint { pitch: Some(-0.02), ..DOOR };
         let (view, joint) = seen_turning(&lift, 1.2);
-        let of_types = type_probabilities(&joint, &view, &JointsConfig::default());
+        let of_types = type_probabilities(&joint, &view, &JointSearchConfig::default());
         assert!(of_types[&JointKind::Helical] > 0.99);
     }
 }

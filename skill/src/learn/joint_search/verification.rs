@@ -1,6 +1,6 @@
 //! Is it a joint of an object? The depth pictures are asked, and limits are kept.
 
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
 use super::estimate::base_from_part;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -21,7 +21,7 @@ pub struct FreeSpaceCheck<'w> {
     /// Whole frames.
     pub keyframes: &'w Keyframes,
     /// Limits.
-    pub config: &'w JointsConfig,
+    pub config: &'w JointSearchConfig,
 }
 
 /// Largest share of a child's configuration that may be a function of its parent's.
@@ -259,7 +259,7 @@ impl FreeSpaceCheck<'_> {
 }
 
 /// Cost from which a joint is not even a stretch of another.
-pub fn most_tolerated(config: &JointsConfig) -> f64 {
+pub fn most_tolerated(config: &JointSearchConfig) -> f64 {
     config.max_cost + 1.8
 }
 
@@ -405,7 +405,7 @@ mod tests {
     fn is_accepted(joint: &JointEstimate) -> bool {
         let base =
             EgoMotion { camera_from_base: vec![Pose::identity(); FRAMES], ..EgoMotion::default() };
-        let (keyframes, config) = (Keyframes::new(2), JointsConfig::default());
+        let (keyframes, config) = (Keyframes::new(2), JointSearchConfig::default());
         FreeSpaceCheck { base: &base, keyframes: &keyframes, config: &config }.accepts(joint)
     }
 
@@ -465,7 +465,7 @@ mod tests {
         let along = JointEstimate { tells, ..opened.clone() };
         let base =
             EgoMotion { camera_from_base: vec![Pose::identity(); FRAMES], ..EgoMotion::default() };
-        let config = JointsConfig::default();
+        let config = JointSearchConfig::default();
         FreeSpaceCheck { base: &base, keyframes: &keyframes, config: &config }.is_on(
             &along,
             0,

@@ -2,7 +2,7 @@
 //! so that little is left to do after the last frame.
 
 use super::candidates::COVERED;
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
 use super::motion_hypotheses::Hypothesis;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -52,7 +52,7 @@ impl RejectedHypothesis {
         h: &Hypothesis,
         grown: Option<&JointEstimate>,
         view: &TracksInFrame,
-        config: &JointsConfig,
+        config: &JointSearchConfig,
     ) -> Self {
         let known = grown.map(JointEstimate::known_frames).unwrap_or_default();
         let first = known.first().map_or(h.from, |f| h.from.min(*f));
@@ -128,7 +128,7 @@ impl WarmStart {
         joints: &[JointEstimate],
         rejected: impl Iterator<Item = &'d RejectedHypothesis>,
         best_rank: f64,
-        config: &JointsConfig,
+        config: &JointSearchConfig,
     ) -> Self {
         let view = view_from(None);
         let id = |row: usize| Some(set.tracks[view.track_ids[row]].id);
@@ -244,7 +244,7 @@ mod tests {
         door.members = vec![1, 4, 6];
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
-        let config = JointsConfig::default();
+        let config = JointSearchConfig::default();
         let memory =
             WarmStart::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
         let joints = memory.recalled(None, &view(30), &tracks());
@@ -260,7 +260,7 @@ mod tests {
         let early = view(20);
         let still = JointEstimate::new(HINGE, &early, 0);
         let of = |joints: &[JointEstimate]| {
-            let config = JointsConfig::default();
+            let config = JointSearchConfig::default();
             WarmStart::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
         };
         assert_eq!(of(&[still]).since(None), 0);
@@ -274,7 +274,7 @@ mod tests {
         let mut hand = JointEstimate::new(HINGE, &early, 0);
         hand.known = (0..40).map(|f| (5..=last).contains(&f)).collect();
         hand.cost = 3.0;
-        let config = JointsConfig::default();
+        let config = JointSearchConfig::default();
         let rejected = RejectedHypothesis::new(&suspicion(6, 12), Some(&hand), &early, &config);
         let of_early =
             WarmStart::of(&tracks(), |_| Arc::clone(&early), &[], [rejected].iter(), 7.0, &config);

@@ -13,12 +13,10 @@ mod part_plane;
 mod plane_segments;
 mod planes_about_axis;
 
-use super::ego_motion::EgoMotion;
 use super::free_space::{FreeSpaceCounts, count_free_space};
-use super::keyframes::Keyframes;
 use super::learned_joint::{LearnedJoint, orient, range_of};
-use super::tracking::{TrackSet, Trajectory};
-use crate::config::SkillConfig;
+use super::recording::Recording;
+use super::tracking::Trajectory;
 use crate::math::rigid::{distance_to_line, line_angle};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::{Joint, covariance_rows};
@@ -27,31 +25,30 @@ use extend_range::{extend, extend_to};
 use hinge::{Hinge, best_hinge};
 use plane_segments::{Sampling, moving_patches};
 
-/// A plain part's hinge is the one that few tracks told of within this angle, radians,
+/// Largest angle between the axes of a hinge that few tracks showed and of a plain part's hinge that
+/// is the same, radians.
 const SAME_DIRECTION_RAD: f64 = 0.2;
-/// and this distance, metres.
+/// Largest distance between their lines, metres.
 const SAME_PLACE_M: f64 = 0.15;
 
 /// What planes add to the joints that tracks told of: a hinge where there is none, and
 /// configurations where tracks were lost.
 pub fn complete(
     mut joints: Vec<LearnedJoint>,
-    set: &TrackSet,
-    base: &EgoMotion,
-    keyframes: &Keyframes,
-    config: &SkillConfig,
+    recording: &Recording,
+    config: &PlanesConfig,
 ) -> Vec<LearnedJoint> {
-    let meagre = |j: &LearnedJoint| j.joint.log_likelihood < config.planes.meagre_gain;
+    let meagre = |j: &LearnedJoint| j.joint.log_likelihood < config.meagre_gain;
     if joints.iter().all(meagre)
-        && let Some(hinge) = search(base, keyframes, &config.planes)
+        && let Some(hinge) = search(recording, config)
     {
-        let mut plain = to_learned(&hinge, set, base);
+        let mut plain = to_learned(&hinge, recording);
         if !joints.iter().any(|j| is_same_hinge(&j.joint, &plain.joint)) {
-            extend_to(hinge.reach(), &mut plain, set, base, keyframes);
+            extend_to(hinge.reach(), &mut plain, recording);
             return vec![plain];
         }
     }
-    extend(&mut joints, set, base, keyframes);
+    extend(&mut joints, recording);
     joints
 }
 
@@ -64,10 +61,10 @@ fn is_same_hinge(told: &Joint, plain: &Joint) -> bool {
 }
 
 /// Finds the hinge of a plain part; `None` when no plane turns about a line.
-fn search(base: &EgoMotion, keyframes: &Keyframes, config: &PlanesConfig) -> Option<Hinge> {
-    let patches = moving_patches(keyframes, base, Sampling::Coarse, None);
+fn search(recording: &Recording, config: &PlanesConfig) -> Option<Hinge> {
+    let patches = moving_patches(recording, Sampling::Coarse, None);
     let hinge = best_hinge(&patches)?;
-    let (through, tells) = witness(&hinge, base, keyframes);
+    let [through, aside] = seen_through_shares(&hinge, recording);
     let [low, high] = hinge.range();
     tracing::debug!(
         planes = patches.len(),
@@ -75,7 +72,7 @@ fn search(base: &EgoMotion, keyframes: &Keyframes, config: &PlanesConfig) -> Opt
         turn = high - low,
         rmse = hinge.rmse,
         through,
-        tells,
+        aside,
         rests = hinge.rests(),
         axis = ?hinge.axis.as_slice(),
         "plain hinge"
@@ -85,34 +82,35 @@ fn search(base: &EgoMotion, keyframes: &Keyframes, config: &PlanesConfig) -> Opt
         && hinge.rmse <= config.max_rmse_m
         && hinge.rests()
         && through <= config.max_through
-        && tells >= config.min_tells;
+        && aside >= config.min_tells;
     stands.then_some(hinge)
 }
 
-/// Shares of the part's points that keyframes see through: where the hinge puts them, and were
-/// they turned aside by half the range.
-fn witness(hinge: &Hinge, base: &EgoMotion, keyframes: &Keyframes) -> (f64, f64) {
+/// Shares of the part's points that keyframes see through: where the hinge puts them, and where
+/// they would be if they were turned aside by half the range.
+fn seen_through_shares(hinge: &Hinge, recording: &Recording) -> [f64; 2] {
     let [low, high] = hinge.range();
     let aside = 0.5 * (high - low);
     let (mut there, mut elsewhere) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
-    for (frame, picture) in keyframes.iter() {
+    for (frame, picture) in recording.keyframes.iter() {
         let Some(&(_, q)) = hinge.turns.iter().find(|(f, _)| *f == frame) else { continue };
+        let camera_from_base = recording.ego_motion.camera_from_base[frame];
         let probe = |q: f64| {
-            let camera_from_part = base.camera_from_base[frame] * hinge.geometry().motion(q);
+            let camera_from_part = camera_from_base * hinge.geometry().motion(q);
             count_free_space(picture, &hinge.points, &camera_from_part)
         };
         there.add(probe(q));
         let turned = [q - aside, q + aside].map(probe);
         elsewhere.add(turned.into_iter().max_by_key(|p| p.through).unwrap_or_default());
     }
-    (there.share_through(), elsewhere.share_through())
+    [there.share_through(), elsewhere.share_through()]
 }
 
-fn to_learned(hinge: &Hinge, set: &TrackSet, base: &EgoMotion) -> LearnedJoint {
+fn to_learned(hinge: &Hinge, recording: &Recording) -> LearnedJoint {
     let mut geometry: JointGeometry = hinge.geometry();
     let (frames, mut configuration): (Vec<usize>, Vec<f64>) = hinge.turns.iter().copied().unzip();
     orient(&mut geometry, &mut configuration);
-    let mut base_from_part: Trajectory = vec![None; base.camera_from_base.len()];
+    let mut base_from_part: Trajectory = vec![None; recording.ego_motion.camera_from_base.len()];
     for (&frame, &q) in frames.iter().zip(&configuration) {
         base_from_part[frame] = Some(geometry.motion(q));
     }
@@ -121,7 +119,7 @@ fn to_learned(hinge: &Hinge, set: &TrackSet, base: &EgoMotion) -> LearnedJoint {
         covariance: covariance_rows(&hinge.covariance()),
         observations: hinge.turns.len(),
         position_rmse: hinge.rmse,
-        configuration: set.timed(&frames, &configuration),
+        configuration: recording.tracks.timed(&frames, &configuration),
         type_probabilities: [(JointKind::Revolute, 1.0)].into(),
         ..Joint::of(&geometry)
     };

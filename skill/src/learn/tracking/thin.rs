@@ -1,7 +1,7 @@
 //! Which frames of a long demonstration are kept: memory is bounded, and frames in which nothing
 //! moves tell nothing that the one before them did not.
 
-use super::TrackSet;
+use super::track::TrackSet;
 
 /// A picture has moved when so many of its features have, and at least the share below: fewer are
 /// features that slip.
@@ -122,7 +122,7 @@ impl TrackSet {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Observation, Track};
+    use super::super::track::{Observation, Track};
     use super::*;
     use nalgebra::Point2;
     use proptest::prelude::*;
