@@ -1,10 +1,10 @@
-//! Does a hinge advance as it turns? Each track says by how much; what most of them say is
-//! believed. Fitted together with the axis the pitch would follow tracks that slip along edges,
-//! which a tilted axis explains as well.
+//! Does a hinge advance as it turns? Each track gives a pitch, and the median of all is taken. If it
+//! were fitted together with the axis, the pitch would follow tracks that slip along edges, which a
+//! tilted axis explains as well.
 
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
-use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
+use crate::math::ransac::{RansacOptions, ransac_rigid};
 use crate::math::rigid::distance_to_line;
 use crate::math::robust::median;
 use nalgebra::Vector3;
@@ -12,22 +12,22 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Least turn that can tell a pitch, radians.
+/// Least turn that shows a pitch, radians.
 const MIN_TURN: f64 = 0.5;
 /// Least advance over what is seen of a joint, metres: what advances less is a hinge.
 const MIN_ADVANCE_M: f64 = 0.01;
-/// Standard errors by which the advance must differ from none. True hinges are within 3, screws
-/// beyond 12.
+/// Standard errors by which the advance must differ from none. Measured: true hinges are within 3,
+/// screws beyond 12.
 const MIN_SIGNIFICANCE: f64 = 8.0;
 /// Pairs of frames, far apart in configuration, whose motion shows the axis.
 const PAIRS: usize = 8;
-/// Tracks that must tell,
+/// Fewest tracks that give a pitch.
 const MIN_TRACKS: usize = 10;
-/// each from this many observations,
+/// Fewest observations of a track that gives a pitch.
 const MIN_OBSERVATIONS: usize = 15;
-/// with configurations that spread this much, radians,
+/// Least spread of the configurations at which the track is seen, radians.
 const MIN_SPREAD: f64 = 0.15;
-/// while their distances from the axis do not, metres.
+/// Largest spread of its distances from the axis, metres.
 const MAX_DRIFT_M: f64 = 0.03;
 
 /// It turned far enough to tell whether it advances.
@@ -35,8 +35,8 @@ pub fn can_be_told(joint: &JointEstimate) -> bool {
     joint.dof.hinge && joint.span() >= MIN_TURN
 }
 
-/// The direction that a joint's tracks turn about, whatever they advance: a hinge's axis leans so
-/// as to explain that, too.
+/// The direction that a joint's tracks turn about, whatever they advance: the axis of a fitted hinge
+/// leans so as to explain the advance, too.
 pub fn turning_axis(
     joint: &JointEstimate,
     view: &TracksInFrame,
@@ -63,13 +63,7 @@ fn turn_between(
     from: usize,
     to: usize,
 ) -> Option<Vector3<f64>> {
-    let pairs: Vec<Correspondence> = tracks
-        .iter()
-        .filter_map(|&t| {
-            let (a, b) = (view.at(t, from)?, view.at(t, to)?);
-            Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma(), weight: 1.0 })
-        })
-        .collect();
+    let pairs = view.correspondences(tracks, from, to);
     let mut rng = ChaCha8Rng::seed_from_u64(from as u64);
     let options = RansacOptions { cut: 3.0, iterations: 100, locality: None };
     let motion = ransac_rigid(&pairs, &options, None, &mut rng)?;

@@ -1,35 +1,51 @@
-//! Our way of learning: joints of one degree of freedom with a shared configuration q(t),
-//! fitted directly to the tracks. Suspected in short windows of time, a joint grows over the
-//! recording and gathers its tracks; poses, tree and covariance follow from it.
+//! Our method: joints of one degree of freedom with a shared configuration q(t), fitted directly to the
+//! tracks. A rigid motion in a short window of time suggests a joint; it grows over the recording and
+//! gathers its tracks. Poses, tree and covariance follow from it.
 //!
-//! Unlike the paper's order (cluster first, poses next, models last) nothing is decided
-//! before a joint has shown that it explains its tracks.
+//! Unlike the paper's order (cluster first, poses next, models last) nothing is decided before a joint
+//! has shown that it explains its tracks. The depth pictures verify each joint: a hand moves with what
+//! it holds, but comes and leaves.
+//!
+//! In comes a [`Recording`] with tracks in the base frame; out come joints in the object frame, which
+//! is the base frame at the first frame.
 
+mod adoption;
+mod association;
 mod bundle_adjustment;
 mod candidates;
 pub(crate) mod config;
 mod configuration_vote;
+mod correlation;
+mod decision;
 mod estimate;
-mod grow;
+mod evidence;
+mod free_space_check;
+mod growth;
 mod helical_pitch;
 mod merge_segments;
 mod motion_hypotheses;
+mod propagation;
+mod refinement;
 mod reparent;
+mod reuse;
 mod screw_joint;
-mod search;
+mod search_state;
+mod selection;
 #[cfg(test)]
 mod test_data;
 mod to_model;
+mod track_scores;
 mod tracks_in_part_frame;
 mod type_selection;
 mod verification;
 mod warm_start;
+mod window_fit;
 
 use super::learned_joint::LearnedJoints;
 use super::recording::Recording;
 use crate::object::model::Joint;
 pub use config::{JointSearchConfig, SearchSettings};
-use search::Search;
+use search_state::SearchState;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use tracks_in_part_frame::TracksInFrame;
@@ -41,21 +57,22 @@ pub fn learn(
     earlier: &WarmStart,
     settings: &SearchSettings,
 ) -> LearnedJoints {
-    let view = view(recording);
-    let rejected: WarmStart;
-    let mut search = Search::new(recording, *settings, &view, earlier, None);
-    search.run();
+    let moving = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+    let from_nothing: WarmStart;
+    let mut search = SearchState::new(recording, *settings, &moving, earlier, None);
+    find_joints(&mut search);
     if search.joints.is_empty() && earlier.frames > 0 {
-        rejected = search.remember().without_joints();
-        search = Search::new(recording, *settings, &view, &rejected, None);
-        search.run();
+        from_nothing = search.to_warm_start().without_joints();
+        search = SearchState::new(recording, *settings, &moving, &from_nothing, None);
+        find_joints(&mut search);
     }
-    search.polish();
-    LearnedJoints { joints: search.learned(), rejections: Vec::new() }
+    refinement::refine_joints(&mut search);
+    let joints = to_model::learned_joints(&search);
+    LearnedJoints { joints, rejections: search.rejections }
 }
 
-/// Searches the first frames of a demonstration, so that the rest is found sooner. Returns its
-/// joints, too, if it `reports_joints`. A `cancelled` search ends soon and finds nothing.
+/// Searches the first frames of a demonstration, so that the rest is found sooner. Returns its joints,
+/// too, if it `reports_joints`. A `cancelled` search ends soon and finds nothing.
 pub fn search_ahead(
     recording: &Recording,
     earlier: &WarmStart,
@@ -63,18 +80,39 @@ pub fn search_ahead(
     cancelled: &AtomicBool,
     reports_joints: bool,
 ) -> (WarmStart, Option<Vec<Joint>>) {
-    let view = view(recording);
-    let mut search = Search::new(recording, *settings, &view, earlier, Some(cancelled));
-    search.run();
+    let moving = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+    let mut search = SearchState::new(recording, *settings, &moving, earlier, Some(cancelled));
+    find_joints(&mut search);
     if search.is_cancelled() {
         return (WarmStart::default(), None);
     }
-    let joints = || search.learned().into_iter().map(|learned| learned.joint).collect();
-    (search.remember(), reports_joints.then(joints))
+    let joints = || to_model::learned_joints(&search).into_iter().map(|l| l.joint).collect();
+    (search.to_warm_start(), reports_joints.then(joints))
 }
 
-fn view(recording: &Recording) -> Arc<TracksInFrame> {
-    let tracks = &recording.ego_motion.tracks;
-    let moving = (0..tracks.len()).filter(|&t| tracks[t].moves).collect();
-    Arc::new(TracksInFrame::from_base(&recording.ego_motion, moving))
+/// Adopts joints, the best one in each round, until none is left.
+fn find_joints(search: &mut SearchState) {
+    let mut unexplained: Vec<usize> = (0..search.base_view.len()).collect();
+    // Candidates of one round need not be grown again in the next.
+    let mut candidates = reuse::reuse_joints(search, &mut unexplained);
+    for round in 0..search.config().rounds {
+        if search.is_cancelled() {
+            return;
+        }
+        candidates = candidates::grow_candidates(search, candidates, &unexplained, round);
+        let mut best = selection::best_of(search, &candidates);
+        if best.is_none() && search.is_rescan_due() {
+            candidates = candidates::rescan(search, candidates, &unexplained, round);
+            best = selection::best_of(search, &candidates);
+        }
+        let Some(best) = best else { break };
+        let best = adoption::with_its_segments(search, best, &candidates, &unexplained);
+        candidates = adoption::adopt(search, best, candidates, &mut unexplained);
+    }
+    if search.is_the_end() {
+        search.rejections = selection::rejections(search, &candidates);
+    }
+    if search.config().chains && !search.is_cancelled() {
+        reparent::reparent(search);
+    }
 }
