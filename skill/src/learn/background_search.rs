@@ -89,7 +89,7 @@ impl BackgroundSearch {
             return;
         }
         if let Some(running) = self.running.take() {
-            // A search that panicked was told in the log; it left nothing.
+            // A search that panicked has logged it, and left nothing.
             self.found = running.result.recv().unwrap_or_default();
         }
         let (sender, result) = channel();

@@ -27,7 +27,7 @@ pub struct Demonstration {
     pub tracks: TrackSet,
     /// The part of each track; `None`: not known.
     pub track_parts: Vec<Option<usize>>,
-    /// By part: places on a plain one, which no track tells of, in its coordinates.
+    /// By part: places on a plain part, which has no tracks, in its coordinates.
     pub plain_surface: Vec<Vec<Point3<f64>>>,
     /// Frames kept for appearance.
     pub keyframes: Keyframes,
@@ -134,8 +134,8 @@ fn grasp_of(
     estimator.grasp(keyframes)
 }
 
-/// Places of tracks on their part, in its coordinates: where each was first seen while the part's
-/// pose is known. Of a plain part, places on its plane.
+/// Places of tracks on their part, in its coordinates: where each was first seen while the pose of the
+/// part is known. For a plain part these are places on its plane.
 fn surface_of(
     set: &TrackSet,
     learned: &LearnedJoint,

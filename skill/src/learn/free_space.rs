@@ -34,7 +34,7 @@ impl FreeSpaceCounts {
         self.agrees += other.agrees;
     }
 
-    /// Points that the pictures tell of.
+    /// Points of which the pictures show something.
     pub fn count(self) -> usize {
         self.through + self.agrees
     }
@@ -55,7 +55,7 @@ impl FreeSpaceCounts {
     }
 }
 
-/// What a picture tells of points of a part.
+/// What a picture shows of points of a part.
 pub fn count_free_space(
     picture: &RgbdFrame,
     points: &[Point3<f64>],
@@ -98,5 +98,28 @@ fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
         Probe::Unknown
     } else {
         Probe::Agrees
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{board, seen};
+
+    #[test]
+    fn a_picture_sees_through_a_point_before_a_board_and_not_behind_it() {
+        let picture = seen(0, board(0.2, 1.5, 2.5));
+        let count =
+            |z: f64| count_free_space(&picture, &[Point3::new(0.0, 0.0, z)], &Pose::identity());
+        assert_eq!((count(1.2).through, count(1.2).agrees), (1, 0));
+        assert_eq!((count(1.5).through, count(1.5).agrees), (0, 1));
+        assert_eq!(count(2.0).count(), 0, "the board hides it");
+    }
+
+    #[test]
+    fn a_point_that_is_seldom_seen_through_mostly_agrees() {
+        assert!(FreeSpaceCounts { through: 2, agrees: 0 }.mostly_agrees());
+        assert!(FreeSpaceCounts { through: 3, agrees: 7 }.mostly_agrees());
+        assert!(!FreeSpaceCounts { through: 5, agrees: 5 }.mostly_agrees());
     }
 }

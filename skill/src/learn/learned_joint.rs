@@ -15,7 +15,7 @@ pub struct LearnedJoint {
     pub base_from_part: Trajectory,
     /// Tracks on the part.
     pub tracks: Vec<usize>,
-    /// Places on a plain part, which no track tells of, in its coordinates.
+    /// Places on a plain part, which has no tracks, in its coordinates.
     pub plain_surface: Vec<Point3<f64>>,
 }
 
@@ -79,4 +79,32 @@ pub fn span_of(configuration: &[f64]) -> f64 {
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if high >= low { high - low } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn configurations_start_at_zero_and_grow_with_the_first_clear_motion() {
+        let mut line = JointGeometry::slide(nalgebra::Vector3::x_axis(), Point3::origin());
+        let mut configuration = [0.3, 0.3, 0.2, 0.0];
+        orient(&mut line, &mut configuration);
+        assert!((configuration[3] - 0.3).abs() < 1e-12 && configuration[0] == 0.0);
+        assert_eq!(line.axis, -nalgebra::Vector3::x_axis());
+        assert_eq!(range_of(&[]), [0.0, 0.0]);
+        assert_eq!(span_of(&[0.1, 0.4]), 0.4 - 0.1);
+    }
+
+    #[test]
+    fn a_rejected_candidate_is_told_in_a_sentence() {
+        let rejected = RejectedCandidate {
+            kind: JointKind::Prismatic,
+            tracks: 12,
+            frames: 40,
+            reason: "it hardly moves".to_owned(),
+        };
+        let said = "a prismatic candidate (12 tracks, 40 frames): it hardly moves";
+        assert_eq!(rejected.to_string(), said);
+    }
 }

@@ -29,7 +29,7 @@ use linkage_driver::RgbdFrame;
 use paper::config::PaperSettings;
 use recording::Recording;
 use stage_times::StageTimes;
-use tracking::{Tracker, telling_frames};
+use tracking::{Tracker, informative_frames};
 
 /// A demonstration that nothing can be learned from.
 #[derive(Debug, thiserror::Error)]
@@ -83,7 +83,7 @@ impl Learner {
         Self::with_progress(config, false)
     }
 
-    /// A learner that can tell its best guess while the demonstration runs, for a twentieth more
+    /// A learner with a [`Self::current_estimate`] while the demonstration runs, for a twentieth more
     /// work.
     pub fn live(config: &SkillConfig) -> Self {
         Self::with_progress(config, true)
@@ -135,14 +135,14 @@ impl Learner {
         Ok(())
     }
 
-    /// Forgets frames that tell little when there are as many as memory is kept for, so that a
+    /// Forgets frames in which little moves when there are as many as memory is kept for, so that a
     /// demonstration may last as long as it likes.
     fn make_room(&mut self) {
         let room = self.config.track.max_frames.max(4 * MIN_FRAMES);
         if self.tracker.frames() < room {
             return;
         }
-        let mut marks = telling_frames(self.tracker.seen(), room / 2);
+        let mut marks = informative_frames(self.tracker.seen(), room / 2);
         // Whole frames that were kept are kept on: their pictures cannot be had again.
         self.keyframes.iter().for_each(|(index, _)| marks[index] = true);
         let numbers = self.tracker.keep_frames(&marks);

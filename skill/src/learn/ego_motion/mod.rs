@@ -171,8 +171,8 @@ impl EgoMotionEstimator {
 }
 
 impl EgoMotion {
-    /// The same with what was seen since: `set` holds these tracks, or some of them, and later
-    /// ones; of the base's poses those that are known stay.
+    /// The same motion with what was seen since: `set` holds these tracks, or some of them, and later
+    /// ones. Poses that are known already stay.
     pub fn extended(
         &self,
         set: &TrackSet,

@@ -132,7 +132,7 @@ fn candidates_in_frame(
 ) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
     let FrameCandidates { parent, view, hypotheses, .. } = frame;
     let config = search.config();
-    let mut queue = hypotheses.iter().filter(|h| is_telling(search, h, *parent, view));
+    let mut queue = hypotheses.iter().filter(|h| says_something(search, h, *parent, view));
     let mut limit = most_grown(search, config);
     let mut tried: Vec<&[usize]> = Vec::new();
     let (mut grown, mut rejected) = (known, Vec::new());
@@ -198,7 +198,7 @@ fn grown_and_verified(
 /// A hypothesis in the frame of a part says something of that frame. While the part rests, what moves
 /// on it and what moves on its parent are the same; and what stands still beside the part mirrors its
 /// joint.
-fn is_telling(
+fn says_something(
     search: &SearchState,
     h: &Hypothesis,
     part: Option<usize>,

@@ -108,7 +108,7 @@ fn with_pitch(
     candidates: &[usize],
     config: &JointSearchConfig,
 ) -> JointEstimate {
-    if !config.screws || !helical_pitch::can_be_told(&grown) {
+    if !config.screws || !helical_pitch::turns_enough(&grown) {
         return grown;
     }
     // What a hinge keeps has hardly advanced: those that it lost are asked, too.

@@ -116,3 +116,80 @@ fn find_joints(search: &mut SearchState) {
         reparent::reparent(search);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::test_data::seen_along;
+    use super::*;
+    use crate::learn::ego_motion::EgoMotionConfig;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::{Track, TrackSet};
+    use crate::object::joint_geometry::JointKind;
+    use crate::test_data::{board, seen};
+    use nalgebra::Point3;
+
+    const FRAMES: usize = 60;
+
+    /// Depth of a drawer's front, which rests, comes by 30 cm in 30 frames, and rests.
+    fn front(f: usize) -> f64 {
+        1.5 - 0.01 * (f.clamp(15, 45) - 15) as f64
+    }
+
+    /// Tracks on the front, and pictures of a board at some depth before a wall.
+    fn recording(board_at: impl Fn(usize) -> f64) -> Recording {
+        let path = |i: usize| -> Vec<Point3<f64>> {
+            let (x, y) = (0.03 * (i % 10) as f64 - 0.135, 0.03 * (i / 10) as f64 - 0.075);
+            (0..FRAMES).map(|f| Point3::new(x, y, front(f))).collect()
+        };
+        let paths: Vec<_> = (0..60).map(path).collect();
+        let mut keyframes = Keyframes::new(FRAMES);
+        for f in (0..FRAMES).step_by(3) {
+            keyframes.offer(f, &seen(f as i64, board(0.2, board_at(f), 2.5)));
+        }
+        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let tracks = (0..paths.len()).map(track).collect();
+        let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
+        Recording { tracks, ego_motion: seen_along(&paths), keyframes }
+    }
+
+    fn learned(recording: &Recording, earlier: &WarmStart) -> LearnedJoints {
+        let (joints, ego_motion) = (JointSearchConfig::default(), EgoMotionConfig::default());
+        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        learn(recording, earlier, &settings)
+    }
+
+    #[test]
+    fn a_drawer_that_pictures_show_is_the_only_joint() {
+        let LearnedJoints { joints, .. } = learned(&recording(front), &WarmStart::default());
+        assert_eq!(joints.len(), 1);
+        let joint = &joints[0].joint;
+        assert_eq!((joint.kind, joint.parent, joint.child), (JointKind::Prismatic, 0, 1));
+        assert!(joint.axis[2].abs() > 0.999, "{:?}", joint.axis);
+        assert!((joint.range[1] - joint.range[0] - 0.3).abs() < 0.01, "{:?}", joint.range);
+        assert_eq!(joints[0].tracks.len(), 60);
+    }
+
+    #[test]
+    fn what_pictures_see_through_is_rejected_and_the_reason_is_told() {
+        let LearnedJoints { joints, rejections } =
+            learned(&recording(|_| 2.4), &WarmStart::default());
+        assert!(joints.is_empty());
+        let said: Vec<String> = rejections.iter().map(ToString::to_string).collect();
+        assert!(said.iter().any(|s| s.contains("it was seen through at")), "{said:?}");
+    }
+
+    #[test]
+    fn a_search_ahead_tells_its_joints_unless_it_was_cancelled() {
+        let joints = JointSearchConfig::default();
+        let ego_motion = EgoMotionConfig::default();
+        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        let go_on = AtomicBool::new(false);
+        let through = recording(|_| 2.4);
+        let nothing = WarmStart::default();
+        let (earlier, told) = search_ahead(&through, &nothing, &settings, &go_on, true);
+        assert_eq!((earlier.frames, told), (FRAMES, Some(Vec::new())));
+        let stopped = AtomicBool::new(true);
+        let (ended, told) = search_ahead(&through, &nothing, &settings, &stopped, true);
+        assert_eq!((ended.frames, told), (0, None));
+    }
+}

@@ -173,9 +173,8 @@ mod tests {
         let mut joint = JointEstimate::new(slide, &view, 20);
         joint.points.clone_from(&places);
         joint.members = (0..12).collect();
-        for f in 20..30 {
-            (joint.q[f], joint.known[f]) = (q[f], true);
-        }
+        joint.q[20..30].copy_from_slice(&q[20..30]);
+        joint.known[20..30].fill(true);
         let candidates: Vec<usize> = (0..12).collect();
         let found = propagate(&view, joint, &candidates, &JointSearchConfig::default());
         assert!(found.known.iter().all(|k| *k));

@@ -1,5 +1,5 @@
 //! Which part does a joint hang on? A part that goes along with another one hangs on it, even where it
-//! was found while the other rested: then nothing told that from hanging on the base.
+//! was found while the other rested, when it looked like a part that hangs on the base.
 
 use super::association::associate;
 use super::correlation::frames_away;

@@ -135,3 +135,34 @@ fn gain_over_base(search: &SearchState, joint: &JointEstimate) -> f64 {
     let known = joint.known_frames().len();
     0.9 * (saved / 5.0 - search.config().frame_penalty * (known + 5) as f64)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::{Point3, Vector3};
+
+    /// A joint of ten tracks that is known in so many of a hundred frames.
+    fn joint(parent: Option<usize>, known: usize) -> JointEstimate {
+        let slide = ScrewJoint::slide(Vector3::x(), Point3::origin());
+        let view = seen_moving(&slide, &[Point3::new(0.0, 0.0, 1.0); 10], &[0.0; 100]);
+        let mut joint = JointEstimate::new(slide, &view, 0);
+        joint.known = (0..100).map(|f| f < known).collect();
+        joint.members = (0..10).collect();
+        joint.parent = parent;
+        joint
+    }
+
+    #[test]
+    fn the_base_is_preferred_as_parent_unless_the_joint_is_lost_there_for_long() {
+        let (of_base, of_part) = (joint(None, 90), joint(Some(0), 95));
+        let both = [&of_base, &of_part];
+        assert!(!is_explained_with_another_parent(&of_base, &both));
+        assert!(is_explained_with_another_parent(&of_part, &both));
+        let lost_on_base = joint(None, 50);
+        let both = [&lost_on_base, &of_part];
+        assert!(is_explained_with_another_parent(&lost_on_base, &both));
+        assert!(!is_explained_with_another_parent(&of_part, &both));
+    }
+}

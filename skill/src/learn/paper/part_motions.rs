@@ -10,9 +10,9 @@ use crate::learn::recording::Recording;
 use crate::math::robust::median_point;
 use nalgebra::Point3;
 
-/// The motions in a cluster, the clearest first. A hand and what it holds move as one for a
-/// while, so a cluster may chain several things: what departs from its motion, or is
-/// contradicted by the pictures, is looked at again by itself.
+/// The motions in a cluster, the clearest first. A hand and what it holds move as one for a while, so
+/// that a cluster may hold several things: tracks that depart from its motion, or that the pictures
+/// contradict, are a cluster of their own in the next round.
 pub(super) fn motions_of(
     recording: &Recording,
     cluster: &Cluster,
@@ -72,7 +72,7 @@ fn without_outliers(
 /// Rounds of removing outliers: the motion is clearer after each.
 const OUTLIER_ROUNDS: u64 = 3;
 
-/// Tracks whose place on the part is not seen through in a third of the keyframes that tell.
+/// Tracks whose place on the part is not seen through in a third of the keyframes that show something there.
 fn uncontradicted(recording: &Recording, motion: &PartMotion, tracks: &[usize]) -> Vec<usize> {
     let base = &recording.ego_motion;
     let on_part = |id: usize| {

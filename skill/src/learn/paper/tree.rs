@@ -143,3 +143,61 @@ fn to_learned(
         plain_surface: Vec::new(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::articulation::ArticulateConfig;
+    use crate::learn::ego_motion::EgoMotion;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::paper::candidate::fit_to_base;
+    use crate::learn::paper::config::PaperConfig;
+    use crate::learn::paper::pose_optimisation::{PartMotion, PoseConfig};
+    use crate::learn::paper::segmentation::SegmentConfig;
+    use crate::learn::tracking::TrackSet;
+
+    const FRAMES: usize = 40;
+
+    /// The joints of a drawer that opens by 8 mm a frame, after something was done to its part.
+    fn joints_of_drawer(change: impl Fn(&mut Candidate)) -> Vec<LearnedJoint> {
+        let (segment, pose) = (SegmentConfig::default(), PoseConfig::default());
+        let (articulate, structure) = (ArticulateConfig::default(), PaperConfig::default());
+        let settings = PaperSettings {
+            segment: &segment,
+            pose: &pose,
+            articulate: &articulate,
+            structure: &structure,
+            seed: 1,
+        };
+        let pose = |f: usize| Some(Pose::translation(0.0, 0.0, 1.5 - 0.008 * f as f64));
+        let base_from_part = (0..FRAMES).map(pose).collect();
+        let motion = PartMotion { base_from_part, reference_frame: 0, tracks: vec![3, 4] };
+        let mut drawer = fit_to_base(motion, &settings).unwrap();
+        change(&mut drawer);
+        let recording = Recording {
+            tracks: TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks: Vec::new() },
+            ego_motion: EgoMotion {
+                camera_from_base: vec![Pose::identity(); FRAMES],
+                ..EgoMotion::default()
+            },
+            keyframes: Keyframes::new(2),
+        };
+        build_tree(&recording, vec![drawer], &settings)
+    }
+
+    #[test]
+    fn a_drawer_slides_on_the_base() {
+        let joints = joints_of_drawer(|_| ());
+        assert_eq!(joints.len(), 1);
+        let LearnedJoint { joint, base_from_part, tracks, .. } = &joints[0];
+        assert_eq!((joint.kind, joint.parent, joint.child), (JointKind::Prismatic, 0, 1));
+        assert_eq!(tracks, &[3, 4]);
+        assert_eq!(base_from_part[0], Some(Pose::identity()), "since the first frame");
+        assert!((joint.range[1] - joint.range[0] - 0.312).abs() < 0.005, "{:?}", joint.range);
+    }
+
+    #[test]
+    fn a_part_without_a_pose_to_start_from_is_left_out() {
+        assert!(joints_of_drawer(|drawer| drawer.motion.base_from_part[0] = None).is_empty());
+    }
+}

@@ -1,8 +1,8 @@
-//! What a hinge does where its tracks are lost: a lid that turns its other face, a door seen
-//! at a grazing angle. Its plane is still there, about the line that the tracks told. And where
-//! few tracks live on from one stretch to the next, the stretches may be linked wrongly, by a
-//! few degrees; the plane, which has no memory, tells by how much. Where the plane is seen
-//! edge-on, so that the camera has no depth of it, the edge itself tells.
+//! The configuration of a hinge where its tracks are lost: a lid turns its other face, or a door is
+//! seen at a grazing angle. Its plane is still there, about the line of the tracks. Where few tracks
+//! live on from one segment of time to the next, the segments may be linked wrongly by a few degrees;
+//! the plane, which does not drift, shows by how much. Where the plane is seen edge-on, so that the
+//! camera has no depth of it, the edge itself shows the configuration.
 
 use super::axis_direction::Direction;
 use super::part_plane::PartPlane;
@@ -91,7 +91,8 @@ fn direct(
     }
 }
 
-/// Frame and configuration where the plane tells another than the tracks, or alone tells one.
+/// Frames and configurations in which the plane shows another configuration than the tracks, or in
+/// which it alone shows one.
 fn shown_by_plane(
     learned: &LearnedJoint,
     patches: &[PlanePatch],
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn stretches_of_tracks_that_slipped_are_mended_by_the_plane() {
+    fn segments_of_tracks_that_slipped_are_mended_by_the_plane() {
         let slipped = |f: usize| Some(turn(f) - if f < 20 { 0.0 } else { 0.1 });
         let found = shown(&both_faces(0.0), slipped, 0);
         let mended = |f: usize| found.iter().find(|(frame, _)| *frame == f).map(|(_, q)| *q);

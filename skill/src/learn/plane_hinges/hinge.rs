@@ -15,9 +15,9 @@ const PAIR_TURN_RAD: std::ops::Range<f64> = 0.25..2.2;
 const MAX_TILT: f64 = 0.08;
 /// Largest distance of hinge and plane, metres.
 const MAX_DISTANCE_M: f64 = 0.04;
-/// What planes do not tell, however many there are: the direction, radians,
+/// Error of a hinge's direction that all planes share, however many there are, radians.
 pub const SYSTEMATIC_RAD: f64 = 0.0025;
-/// and the place, metres: ledges and the part's thickness shift its planes.
+/// Error of its place that all planes share, metres: ledges and the part's thickness shift its planes.
 const SYSTEMATIC_M: f64 = 0.005;
 /// Turn of a part that rests, radians.
 const REST_RAD: f64 = 0.03;
@@ -35,7 +35,7 @@ pub struct Hinge {
     pub points: Vec<Point3<f64>>,
     /// Root mean square distance of the planes from where the hinge puts them.
     pub rmse: f64,
-    /// Sum over the planes of normal times normal: which places of the line they tell.
+    /// Sum over the planes of normal times normal: how well they fix the place of the line.
     normal_scatter: Matrix3<f64>,
 }
 
@@ -72,9 +72,9 @@ fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
         return None;
     }
     let (axis, origin) = line_between(a, b)?;
-    let lie = PoseAboutAxis::of(a, &origin, &axis)?;
-    PoseAboutAxis::of(b, &origin, &axis).filter(|other| lie.alike(other))?;
-    let support = supporters(patches, &axis, &origin, &lie);
+    let pose = PoseAboutAxis::of(a, &origin, &axis)?;
+    PoseAboutAxis::of(b, &origin, &axis).filter(|other| pose.alike(other))?;
+    let support = supporters(patches, &axis, &origin, &pose);
     let samples = support.iter().map(|&k| patches[k].points.len()).sum();
     Some(Candidate { axis, origin, support, samples })
 }
@@ -100,13 +100,13 @@ fn supporters(
     patches: &[PlanePatch],
     axis: &Vector3<f64>,
     origin: &Point3<f64>,
-    lie: &PoseAboutAxis,
+    pose: &PoseAboutAxis,
 ) -> Vec<usize> {
     let mut found: Vec<usize> = Vec::new();
     for (k, patch) in patches.iter().enumerate() {
         let fits = patch.normal.dot(axis).abs() < MAX_TILT
             && (patch.offset - patch.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
-            && PoseAboutAxis::of(patch, origin, axis).is_some_and(|other| lie.alike(&other));
+            && PoseAboutAxis::of(patch, origin, axis).is_some_and(|other| pose.alike(&other));
         if !fits {
             continue;
         }
@@ -145,7 +145,7 @@ fn refined(
     }
     let arms: Vec<Vector3<f64>> = planes
         .iter()
-        .map(|p| PoseAboutAxis::of(p, origin, &direction).map(|lie| lie.arm))
+        .map(|p| PoseAboutAxis::of(p, origin, &direction).map(|pose| pose.arm))
         .collect::<Option<_>>()?;
     let (u, v) = orthonormal_basis(&direction);
     let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;

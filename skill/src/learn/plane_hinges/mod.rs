@@ -1,6 +1,6 @@
-//! Hinges by depth alone: where tracks tell nothing, for want of texture or because a lid turns
-//! its other face, a flat part is still seen to turn. Its plane in each keyframe, and the line
-//! that all of them keep their distance from, are the hinge.
+//! Hinges by depth alone. Where no track shows a joint, for want of texture or because a lid turns its
+//! other face, a flat part is still seen to turn: its planes in all keyframes keep their distance from
+//! the line of the hinge.
 //!
 //! A slide of a plain surface in its own plane leaves no trace in depth, and one along its
 //! normal could be any of many: only hinges are sought.
@@ -31,8 +31,8 @@ const SAME_DIRECTION_RAD: f64 = 0.2;
 /// Largest distance between their lines, metres.
 const SAME_PLACE_M: f64 = 0.15;
 
-/// What planes add to the joints that tracks told of: a hinge where there is none, and
-/// configurations where tracks were lost.
+/// What planes add to the joints that tracks showed: a hinge where there is none, and configurations
+/// where tracks were lost.
 pub fn complete(
     mut joints: Vec<LearnedJoint>,
     recording: &Recording,
@@ -53,11 +53,11 @@ pub fn complete(
 }
 
 /// Both are hinges about much the same line.
-fn is_same_hinge(told: &Joint, plain: &Joint) -> bool {
-    let axis = told.axis.into();
-    told.kind == plain.kind
+fn is_same_hinge(tracked: &Joint, plain: &Joint) -> bool {
+    let axis = tracked.axis.into();
+    tracked.kind == plain.kind
         && line_angle(&axis, &plain.axis.into()) < SAME_DIRECTION_RAD
-        && distance_to_line(&told.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE_M
+        && distance_to_line(&tracked.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE_M
 }
 
 /// Finds the hinge of a plain part; `None` when no plane turns about a line.
@@ -132,7 +132,7 @@ mod tests {
     use nalgebra::{Point3, UnitVector3, Vector3};
 
     #[test]
-    fn a_hinge_is_the_same_only_near_the_line_that_tracks_told() {
+    fn a_hinge_is_the_same_only_near_the_line_of_the_tracks() {
         let hinge = |direction: [f64; 3], origin: [f64; 3]| {
             let direction = UnitVector3::new_normalize(Vector3::from(direction));
             Joint::of(&JointGeometry::hinge(direction, Point3::from(origin)))

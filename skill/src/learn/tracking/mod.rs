@@ -19,6 +19,6 @@ pub use depth_lift::{DepthLift, Lifter};
 pub use descriptor::{DescriptorKind, Descriptors, describe};
 pub use flow::{FlowMethod, Picture, Prediction};
 pub use surf::{Surf, SurfPoint};
-pub use thin::telling_frames;
+pub use thin::informative_frames;
 pub use track::{Observation, Track, TrackSet, Trajectory};
 pub use tracker::Tracker;
