@@ -171,30 +171,22 @@ pub enum Rejection {
     ExplainedWithAnotherParent,
     /// It does what an accepted joint does.
     #[error(
-        "{:.0} % of its motion follows from joint {joint}; at most {:.0} % is allowed",
+        "{:.0} % of its motion follows from an accepted joint; at most {:.0} % is allowed",
         100.0 * share,
         100.0 * allowed
     )]
-    FollowsJoint {
-        /// Number of the joint.
-        joint: usize,
+    FollowsAcceptedJoint {
         /// Share of its configuration.
         share: f64,
         /// The largest share.
         allowed: f64,
     },
     /// Next to nothing beside an accepted joint about the same line.
-    #[error("it turns about the line of joint {joint} and has little of that joint's gain")]
-    OnLineOf {
-        /// Number of the joint.
-        joint: usize,
-    },
+    #[error("it turns about the line of an accepted joint and has little of that joint's gain")]
+    OnLineOfAcceptedJoint,
     /// A hand that rests on a part.
-    #[error("pictures show it on the part of joint {joint} wherever that part goes")]
-    OnPartOf {
-        /// Number of the joint.
-        joint: usize,
-    },
+    #[error("pictures show it on the part of an accepted joint wherever that part goes")]
+    OnPartOfAcceptedJoint,
 }
 
 /// All limits are kept, or the first that is broken.

@@ -95,12 +95,11 @@ fn is_explained_with_another_parent(joint: &JointEstimate, accepted: &[&JointEst
 fn dependence(search: &SearchState, joint: &JointEstimate) -> Option<Rejection> {
     let is_found = joint.evidence.is_found_everywhere();
     search.joints.iter().enumerate().find_map(|(i, o)| {
-        let number = i + 1;
         let is_little = joint.gain < LITTLE_GAIN * o.gain;
         if !is_found || is_little {
             let (share, allowed) = (share_following(joint, o), MAX_FOLLOWING);
             if share > allowed {
-                return Some(Rejection::FollowsJoint { joint: number, share, allowed });
+                return Some(Rejection::FollowsAcceptedJoint { share, allowed });
             }
         }
         let is_on_line = || {
@@ -109,10 +108,10 @@ fn dependence(search: &SearchState, joint: &JointEstimate) -> Option<Rejection> 
                 && merge_segments::shares_line(o, joint, 1.0)
         };
         if is_little && is_on_line() {
-            return Some(Rejection::OnLineOf { joint: number });
+            return Some(Rejection::OnLineOfAcceptedJoint);
         }
         let is_on_part = joint.gain < o.gain && search.free_space().is_on(joint, i, &search.joints);
-        is_on_part.then_some(Rejection::OnPartOf { joint: number })
+        is_on_part.then_some(Rejection::OnPartOfAcceptedJoint)
     })
 }
 
