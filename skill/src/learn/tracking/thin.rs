@@ -1,7 +1,7 @@
 //! Which frames of a long demonstration are kept: memory is bounded, and frames in which nothing moves
 //! show nothing that the frame before them did not.
 
-use super::track::TrackSet;
+use super::track::{Track, TrackSet};
 
 /// Fewest features that have moved in a picture that has changed: fewer are features that slip.
 const MIN_MOVED: usize = 6;
@@ -109,7 +109,7 @@ impl TrackSet {
             track.first_frame = before.get(first).copied().unwrap_or(count);
         }
         let mut stay = 0;
-        let mut renumber = |track: &crate::learn::tracking::Track| {
+        let mut renumber = |track: &Track| {
             let stays = !track.observations.is_empty();
             stay += usize::from(stays);
             stays.then_some(stay - 1)
@@ -122,7 +122,7 @@ impl TrackSet {
 
 #[cfg(test)]
 mod tests {
-    use super::super::track::{Observation, Track};
+    use super::super::track::Observation;
     use super::*;
     use nalgebra::Point2;
     use proptest::prelude::*;
