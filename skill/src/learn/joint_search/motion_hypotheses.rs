@@ -171,7 +171,8 @@ mod tests {
         let found = hypotheses(&view, &all, 0, &JointSearchConfig::default(), 1);
         let best = &found[0];
         assert!(best.tracks.len() >= 8, "{:?}", best.tracks);
-        let way = best.motion.translation.vector.z;
+        let middle = Point3::new(0.135, 0.1, 1.5 + q[best.from]);
+        let way = (best.motion * middle - middle).z;
         assert!((way - (q[best.to] - q[best.from])).abs() < 0.005, "{way}");
         assert!(!best.is_still_in(&view));
         let early = hypotheses(&view, &all, 50, &JointSearchConfig::default(), 1);
