@@ -3,7 +3,7 @@
 
 use crate::articulation::ArticulateConfig;
 use crate::learn::ego_motion::EgoMotionConfig;
-use crate::learn::joint_search::config::JointsConfig;
+use crate::learn::joint_search::config::JointSearchConfig;
 use crate::learn::katz::config::KatzConfig;
 use crate::learn::paper::config::PaperConfig;
 use crate::learn::paper::pose_optimisation::PoseConfig;
@@ -71,7 +71,7 @@ pub struct SkillConfig {
     /// Which parts and joints the paper's way believes.
     pub structure: PaperConfig,
     /// Our way of learning.
-    pub joints: JointsConfig,
+    pub joints: JointSearchConfig,
     /// Hinges of plain surfaces.
     pub planes: PlanesConfig,
     /// The baseline's.

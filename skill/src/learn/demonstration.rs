@@ -3,7 +3,8 @@
 use super::ego_motion::EgoMotion;
 use super::grasp_point::GraspEstimator;
 use super::keyframes::Keyframes;
-use super::learned_joint::LearnedJoint;
+use super::learned_joint::{LearnedJoint, LearnedJoints, RejectedCandidate};
+use super::recording::Recording;
 use super::stage_times::StageTimes;
 use super::tracking::{TrackSet, Trajectory};
 use crate::config::SkillConfig;
@@ -26,63 +27,45 @@ pub struct Demonstration {
     pub tracks: TrackSet,
     /// The part of each track; `None`: not known.
     pub track_parts: Vec<Option<usize>>,
-    /// By part: places on a plain one, which no track tells of, in its coordinates.
+    /// By part: places on a plain part, which has no tracks, in its coordinates.
     pub plain_surface: Vec<Vec<Point3<f64>>>,
     /// Frames kept for appearance.
     pub keyframes: Keyframes,
+    /// Moving things that are no part of the object, and why; for a report, not in the model.
+    pub rejections: Vec<RejectedCandidate>,
     /// Where the time went.
     pub times: StageTimes,
 }
 
+/// Puts a demonstration together: the base and one part a joint, with poses and grasps.
 pub(super) fn assemble(
     object: &str,
     config: &SkillConfig,
-    set: TrackSet,
-    base: &EgoMotion,
-    joints: Vec<LearnedJoint>,
-    keyframes: Keyframes,
+    recording: Recording,
+    learned: LearnedJoints,
     mut times: StageTimes,
 ) -> Demonstration {
-    let mut track_parts: Vec<Option<usize>> =
-        base.tracks.iter().map(|t| (!t.moves).then_some(0)).collect();
-    let mut parts = vec![Part::new(0, "base", base.static_count)];
-    let mut camera_from_part: Vec<Trajectory> =
-        vec![base.camera_from_base.iter().copied().map(Some).collect()];
-    for learned in &joints {
-        let id = parts.len();
-        parts.push(Part::new(id, format!("part{id}"), learned.tracks.len()));
-        for &track in &learned.tracks {
-            track_parts[track] = Some(id);
-        }
-        let poses = learned
-            .base_from_part
-            .iter()
-            .zip(&base.camera_from_base)
-            .map(|(part, camera)| part.map(|p: Pose| camera * p))
-            .collect();
-        camera_from_part.push(poses);
-    }
+    let Recording { tracks, ego_motion, keyframes } = recording;
+    let LearnedJoints { joints, rejections } = learned;
+    let camera_from_part = poses_in_camera(&ego_motion, &joints);
+    let mut parts = parts_of(&ego_motion, &joints);
     times.measure("grasp", || {
         let grasp = |learned: &LearnedJoint| {
-            let (parent, child) = (learned.joint.parent, learned.joint.child);
-            let held = GraspEstimator {
-                camera_from_part: &camera_from_part[child],
-                camera_from_parent: &camera_from_part[parent],
-                surface: surface_of(&set, learned, &camera_from_part[child]),
-            };
-            (child, held.grasp(&keyframes))
+            let grasp = grasp_of(learned, &tracks, &camera_from_part, &keyframes);
+            (learned.joint.child, grasp)
         };
         let grasps: Vec<_> = joints.par_iter().map(grasp).collect();
-        for (child, held) in grasps {
-            parts[child].grasp = held.map(Into::into);
+        for (child, grasp) in grasps {
+            parts[child].grasp = grasp.map(Into::into);
         }
     });
+    let track_parts = parts_of_tracks(&ego_motion, &joints);
     let surfaces = joints.iter().map(|learned| learned.plain_surface.clone());
     let plain_surface = std::iter::once(Vec::new()).chain(surfaces).collect();
     let model = ObjectModel {
         schema: MODEL_SCHEMA.to_owned(),
         object: object.to_owned(),
-        reference_frame: ReferenceFrame::at_camera(set.frame_utimes[0] as f64 * 1e-6),
+        reference_frame: ReferenceFrame::at_camera(tracks.frame_utimes[0] as f64 * 1e-6),
         parts,
         joints: joints.into_iter().map(|j| j.joint).collect(),
         demonstrations: 1,
@@ -93,17 +76,66 @@ pub(super) fn assemble(
     Demonstration {
         model,
         camera_from_part,
-        frame_utimes: set.frame_utimes.clone(),
-        tracks: set,
+        frame_utimes: tracks.frame_utimes.clone(),
+        tracks,
         track_parts,
         plain_surface,
         keyframes,
+        rejections,
         times,
     }
 }
 
-/// Places of tracks on their part, in its coordinates: where each was first seen while the part's
-/// pose is known. Of a plain part, places on its plane.
+/// The base and the part of each joint.
+fn parts_of(base: &EgoMotion, joints: &[LearnedJoint]) -> Vec<Part> {
+    let of_joint = |(i, learned): (usize, &LearnedJoint)| {
+        Part::new(i + 1, format!("part{}", i + 1), learned.tracks.len())
+    };
+    let base = Part::new(0, "base", base.static_count);
+    std::iter::once(base).chain(joints.iter().enumerate().map(of_joint)).collect()
+}
+
+/// `camera_from_part` of the base and of the part of each joint.
+fn poses_in_camera(base: &EgoMotion, joints: &[LearnedJoint]) -> Vec<Trajectory> {
+    let camera_from_base = &base.camera_from_base;
+    let of_joint = |learned: &LearnedJoint| {
+        let poses = learned.base_from_part.iter().zip(camera_from_base);
+        poses.map(|(part, camera)| part.map(|p: Pose| camera * p)).collect()
+    };
+    let of_base = camera_from_base.iter().copied().map(Some).collect();
+    std::iter::once(of_base).chain(joints.iter().map(of_joint)).collect()
+}
+
+/// The part of each track: the base for those that rest; `None` where it is not known.
+fn parts_of_tracks(base: &EgoMotion, joints: &[LearnedJoint]) -> Vec<Option<usize>> {
+    let mut parts: Vec<Option<usize>> =
+        base.tracks.iter().map(|t| (!t.moves).then_some(0)).collect();
+    for (i, learned) in joints.iter().enumerate() {
+        for &track in &learned.tracks {
+            parts[track] = Some(i + 1);
+        }
+    }
+    parts
+}
+
+/// The point at which the part of a joint was held.
+fn grasp_of(
+    learned: &LearnedJoint,
+    tracks: &TrackSet,
+    camera_from_part: &[Trajectory],
+    keyframes: &Keyframes,
+) -> Option<Point3<f64>> {
+    let (parent, child) = (learned.joint.parent, learned.joint.child);
+    let estimator = GraspEstimator {
+        camera_from_part: &camera_from_part[child],
+        camera_from_parent: &camera_from_part[parent],
+        surface: surface_of(tracks, learned, &camera_from_part[child]),
+    };
+    estimator.grasp(keyframes)
+}
+
+/// Places of tracks on their part, in its coordinates: where each was first seen while the pose of the
+/// part is known. For a plain part these are places on its plane.
 fn surface_of(
     set: &TrackSet,
     learned: &LearnedJoint,

@@ -1,26 +1,11 @@
-//! What distinguishes a part of an object from a hand: it rests, and where the model says
-//! that it is, nothing behind it is seen.
+//! The free-space test: a model claims that a part has a surface at some points; a depth picture
+//! contradicts it where it shows something behind such a point. An arm moves with the part that it
+//! holds, but comes and leaves: pictures see through where it is claimed to be.
 
-use super::ego_motion::{EgoMotion, coarse_sigma, rest_length};
-use super::keyframes::Keyframes;
-use super::paper::pose_optimisation::PartMotion;
+use super::ego_motion::coarse_sigma;
 use crate::math::rigid::{Pose, matrix_pose};
-use crate::object::joint_geometry::JointGeometry;
 use linkage_driver::RgbdFrame;
 use nalgebra::Point3;
-
-/// Share of tracks that rest for `frames` observations at the start or the end of their life.
-pub fn rests(base: &EgoMotion, tracks: &[usize], frames: usize) -> f64 {
-    let resting = tracks
-        .iter()
-        .filter(|&&id| {
-            let path: Vec<_> = base.tracks[id].seen().map(|(_, p)| (p.point, p.sigma())).collect();
-            rest_length(path.iter().copied()) >= frames
-                || rest_length(path.iter().rev().copied()) >= frames
-        })
-        .count();
-    resting as f64 / tracks.len().max(1) as f64
-}
 
 /// What a depth picture says about a point.
 #[derive(Clone, Copy, PartialEq)]
@@ -31,67 +16,6 @@ enum Probe {
     Agrees,
     /// Hidden, outside, or no reading.
     Unknown,
-}
-
-/// Share of a part's points, 0 to 1, that keyframes see *through*: there the claim about where
-/// the part is is false. Asked at the known configuration, or else at the one that fits best,
-/// which must exist somewhere in the range.
-pub fn seen_through(
-    base: &EgoMotion,
-    keyframes: &Keyframes,
-    motion: &PartMotion,
-    geometry: &JointGeometry,
-    frames: &[usize],
-    configuration: &[f64],
-) -> f64 {
-    let points_at_rest = rest_points(base, motion, geometry, frames, configuration);
-    let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let pad = 0.25 * (high - low);
-    let mut all = FreeSpaceCounts::default();
-    for (frame, picture) in keyframes.iter() {
-        let probe = |q: f64| {
-            count_free_space(
-                picture,
-                &points_at_rest,
-                &(base.camera_from_base[frame] * geometry.motion(q)),
-            )
-        };
-        all.add(match frames.binary_search(&frame) {
-            Ok(i) => probe(configuration[i]),
-            Err(_) => (0..33)
-                .map(|i| probe(low - pad + (high - low + 2.0 * pad) * f64::from(i) / 32.0))
-                .max_by_key(|found| found.margin())
-                .unwrap_or_default(),
-        });
-    }
-    all.share_through()
-}
-
-/// A part's tracked points carried back to configuration 0.
-fn rest_points(
-    base: &EgoMotion,
-    motion: &PartMotion,
-    geometry: &JointGeometry,
-    frames: &[usize],
-    configuration: &[f64],
-) -> Vec<Point3<f64>> {
-    let stride = (motion.tracks.len() / 120).max(1);
-    motion
-        .tracks
-        .iter()
-        .step_by(stride)
-        .filter_map(|&id| {
-            let at_rest: Vec<Point3<f64>> = base.tracks[id]
-                .seen()
-                .filter_map(|(t, p)| {
-                    let i = frames.binary_search(&t).ok()?;
-                    Some(geometry.motion(-configuration[i]) * p.point)
-                })
-                .collect();
-            crate::math::robust::median_point(&at_rest)
-        })
-        .collect()
 }
 
 /// Points of a part that a picture sees through, and those that it finds in their places.
@@ -110,7 +34,7 @@ impl FreeSpaceCounts {
         self.agrees += other.agrees;
     }
 
-    /// Points that the pictures tell of.
+    /// Points of which the pictures show something.
     pub fn count(self) -> usize {
         self.through + self.agrees
     }
@@ -131,7 +55,7 @@ impl FreeSpaceCounts {
     }
 }
 
-/// What a picture tells of points of a part.
+/// What a picture shows of points of a part.
 pub fn count_free_space(
     picture: &RgbdFrame,
     points: &[Point3<f64>],
@@ -174,5 +98,28 @@ fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
         Probe::Unknown
     } else {
         Probe::Agrees
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{board, seen};
+
+    #[test]
+    fn a_picture_sees_through_a_point_before_a_board_and_not_behind_it() {
+        let picture = seen(0, board(0.2, 1.5, 2.5));
+        let count =
+            |z: f64| count_free_space(&picture, &[Point3::new(0.0, 0.0, z)], &Pose::identity());
+        assert_eq!((count(1.2).through, count(1.2).agrees), (1, 0));
+        assert_eq!((count(1.5).through, count(1.5).agrees), (0, 1));
+        assert_eq!(count(2.0).count(), 0, "the board hides it");
+    }
+
+    #[test]
+    fn a_point_that_is_seldom_seen_through_mostly_agrees() {
+        assert!(FreeSpaceCounts { through: 2, agrees: 0 }.mostly_agrees());
+        assert!(FreeSpaceCounts { through: 3, agrees: 7 }.mostly_agrees());
+        assert!(!FreeSpaceCounts { through: 5, agrees: 5 }.mostly_agrees());
     }
 }

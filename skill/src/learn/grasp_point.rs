@@ -14,30 +14,33 @@ use std::collections::{HashMap, HashSet};
 const CELL_M: f64 = 0.015;
 /// Pixels between those that are looked at.
 const PIXEL_STRIDE: usize = 3;
-/// Frames over which a part is seen to move or to rest,
+/// Frames over which a part is seen to move or to rest.
 const SPAN: usize = 4;
-/// and how far its middle then moves, metres.
+/// Least way of a moving part's middle over these frames, metres.
 const MOVES_M: f64 = 0.008;
+/// Largest way of a resting part's middle over these frames, metres.
 const RESTS_M: f64 = 0.002;
-/// Keyframes of either sort: at least, and at most.
+/// Fewest and most keyframes in which the part moves, and the same of those in which it rests.
 const KEYFRAMES: [usize; 2] = [4, 14];
-/// Share of the moving keyframes in which a held place is filled, and of the resting ones that agree
-/// on what is there then.
+/// Share of the moving keyframes in which a held place is filled.
 const FILLED: f64 = 0.6;
-const TELLING: f64 = 0.7;
+/// Share of the resting keyframes that must agree on what is at a place then.
+const AGREEING: f64 = 0.7;
 /// Depth in front of and behind a place that is the place itself, metres.
 const THICKNESS_M: f64 = 0.02;
-/// How far from the part's tracks its surface and the hand are looked for, how far from its surface
-/// the hand is, and how much farther than its nearest place what belongs to the grip, metres.
+/// How far from the part's tracks its surface and the hand are looked for, metres.
 const REACH_M: f64 = 0.15;
+/// Largest distance of the hand from the part's surface, metres.
 const HAND_M: f64 = 0.1;
+/// How much farther from the surface than its nearest place the grip reaches, metres.
 const GRIP_M: f64 = 0.02;
-/// A hand is where it moves the part with little force: where things go at least this share of the
-/// farthest way of the part's tracks, strays among them. What is near a hinge hardly moves, whatever
-/// it is.
+/// Least way of a held place, as a share of the farthest way of the part's tracks, outliers included:
+/// a hand is where it moves the part with little force. What is near a hinge hardly moves, whatever it
+/// is.
 const LEVER: f64 = 0.5;
-/// Cells so many sides apart hang together; so many make a hand.
+/// Distance between cells that belong together, in sides of a cell.
 const LINKED: f64 = 2.0;
+/// Fewest cells of a hand.
 const LEAST_CELLS: usize = 12;
 
 /// A part with what is known of its motion.
@@ -69,7 +72,7 @@ impl GraspEstimator<'_> {
             return None;
         }
         let cell = CELL_M * (moving[0].0 * middle).z.max(1.0);
-        let surface = without_strays(&self.surface, STRAY_M, STRAY_NEIGHBOURS);
+        let surface = without_strays(&self.surface, OUTLIER_M, OUTLIER_NEIGHBOURS);
         let near = Cells::around(&surface, REACH_M, REACH_M / 2.0);
         let far = self.surface.iter().map(|p| way(&moving, p)).fold(0.0, f64::max);
         let (mut hand, mut own) = (Vec::new(), Vec::new());
@@ -98,9 +101,10 @@ impl GraspEstimator<'_> {
     }
 }
 
-/// A place that so few others are so near to is no part of the surface, metres.
-const STRAY_M: f64 = 0.1;
-const STRAY_NEIGHBOURS: usize = 4;
+/// Within this distance, metres, a place of the surface has neighbours.
+const OUTLIER_M: f64 = 0.1;
+/// Fewest neighbours of a place of the surface: others are outliers.
+const OUTLIER_NEIGHBOURS: usize = 4;
 
 /// Cells of space.
 struct Cells {
@@ -188,7 +192,7 @@ enum Resting {
     There,
 }
 
-/// What the resting keyframes tell of a place; `None` where they disagree or do not see it.
+/// What the resting keyframes show at a place; `None` where they disagree or do not see it.
 fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Resting> {
     let (mut free, mut there) = (0, 0);
     for (camera_from_part, frame) in frames {
@@ -204,7 +208,7 @@ fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Re
             there += 1;
         }
     }
-    let most = TELLING * f64::from(free + there);
+    let most = AGREEING * f64::from(free + there);
     match (f64::from(free) >= most, f64::from(there) >= most) {
         _ if free + there < 2 => None,
         (true, _) => Some(Resting::Free),
@@ -213,7 +217,7 @@ fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Re
     }
 }
 
-/// The most places that hang together: a hand, not the rim of the part.
+/// The largest set of connected places: a hand, not the rim of the part.
 fn largest_piece(places: &[Point3<f64>], linked: f64) -> Vec<Point3<f64>> {
     let mut left: Vec<usize> = (0..places.len()).collect();
     let mut largest: Vec<Point3<f64>> = Vec::new();

@@ -1,10 +1,10 @@
 //! What every method of learning returns: a joint with the part that it moves.
 
 use super::tracking::Trajectory;
-use crate::object::joint_geometry::JointGeometry;
+use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::Joint;
-use nalgebra::Point3;
-use nalgebra::UnitVector3;
+use nalgebra::{Point3, UnitVector3};
+use std::fmt;
 
 /// A joint with the part that it moves.
 #[derive(Debug, Clone)]
@@ -15,8 +15,37 @@ pub struct LearnedJoint {
     pub base_from_part: Trajectory,
     /// Tracks on the part.
     pub tracks: Vec<usize>,
-    /// Places on a plain part, which no track tells of, in its coordinates.
+    /// Places on a plain part, which has no tracks, in its coordinates.
     pub plain_surface: Vec<Point3<f64>>,
+}
+
+/// A moving thing that a method found and does not take for a part of an object.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RejectedCandidate {
+    /// Type of the joint that explained its motion best.
+    pub kind: JointKind,
+    /// Tracks that followed it.
+    pub tracks: usize,
+    /// Frames in which its configuration was known.
+    pub frames: usize,
+    /// Why it was rejected, as a sentence without its full stop.
+    pub reason: String,
+}
+
+impl fmt::Display for RejectedCandidate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { kind, tracks, frames, reason } = self;
+        write!(f, "a {} candidate ({tracks} tracks, {frames} frames): {reason}", kind.name())
+    }
+}
+
+/// What a method of learning returns.
+#[derive(Debug, Clone, Default)]
+pub struct LearnedJoints {
+    /// The joints, parents before children.
+    pub joints: Vec<LearnedJoint>,
+    /// What was rejected last, and why.
+    pub rejections: Vec<RejectedCandidate>,
 }
 
 /// Configuration 0 at the first frame, growing with the first clear motion.
@@ -50,4 +79,32 @@ pub fn span_of(configuration: &[f64]) -> f64 {
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if high >= low { high - low } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn configurations_start_at_zero_and_grow_with_the_first_clear_motion() {
+        let mut line = JointGeometry::slide(nalgebra::Vector3::x_axis(), Point3::origin());
+        let mut configuration = [0.3, 0.3, 0.2, 0.0];
+        orient(&mut line, &mut configuration);
+        assert!((configuration[3] - 0.3).abs() < 1e-12 && configuration[0] == 0.0);
+        assert_eq!(line.axis, -nalgebra::Vector3::x_axis());
+        assert_eq!(range_of(&[]), [0.0, 0.0]);
+        assert_eq!(span_of(&[0.1, 0.4]), 0.4 - 0.1);
+    }
+
+    #[test]
+    fn a_rejected_candidate_is_told_in_a_sentence() {
+        let rejected = RejectedCandidate {
+            kind: JointKind::Prismatic,
+            tracks: 12,
+            frames: 40,
+            reason: "it hardly moves".to_owned(),
+        };
+        let said = "a prismatic candidate (12 tracks, 40 frames): it hardly moves";
+        assert_eq!(rejected.to_string(), said);
+    }
 }

@@ -13,19 +13,23 @@ pub mod keyframes;
 pub mod learned_joint;
 pub mod paper;
 pub mod plane_hinges;
+pub mod recording;
 pub mod stage_times;
 pub mod tracking;
 
 use crate::config::{Method, SkillConfig};
 use crate::learn::demonstration::{Demonstration, assemble};
 use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
-use background_search::{BackgroundSearch, Snapshot};
+use background_search::{BackgroundSearch, Snapshot, search_settings};
 use ego_motion::EgoMotionEstimator;
-use joint_search::Watched;
+use joint_search::WarmStart;
 use keyframes::Keyframes;
+use learned_joint::LearnedJoints;
 use linkage_driver::RgbdFrame;
+use paper::config::PaperSettings;
+use recording::Recording;
 use stage_times::StageTimes;
-use tracking::{Tracker, telling_frames};
+use tracking::{Tracker, informative_frames};
 
 /// A demonstration that nothing can be learned from.
 #[derive(Debug, thiserror::Error)]
@@ -67,7 +71,7 @@ pub struct Learner {
     tracker: Tracker,
     base: EgoMotionEstimator,
     keyframes: Keyframes,
-    ahead: BackgroundSearch,
+    background: BackgroundSearch,
     first_utime: i64,
     last_utime: Option<i64>,
     times: StageTimes,
@@ -76,16 +80,16 @@ pub struct Learner {
 impl Learner {
     /// A learner that has seen nothing.
     pub fn new(config: &SkillConfig) -> Self {
-        Self::telling(config, false)
+        Self::with_progress(config, false)
     }
 
-    /// A learner that can tell its best guess while the demonstration runs, for a twentieth more
+    /// A learner with a [`Self::current_estimate`] while the demonstration runs, for a twentieth more
     /// work.
     pub fn live(config: &SkillConfig) -> Self {
-        Self::telling(config, true)
+        Self::with_progress(config, true)
     }
 
-    fn telling(config: &SkillConfig, tells: bool) -> Self {
+    fn with_progress(config: &SkillConfig, reports_progress: bool) -> Self {
         let every = match config.learn.way {
             Method::DirectJoints => config.learn.search_every,
             Method::Paper | Method::Katz => 0,
@@ -94,7 +98,7 @@ impl Learner {
             tracker: Tracker::new(config.track.clone()),
             base: EgoMotionEstimator::new(&config.base, config.seed),
             keyframes: Keyframes::new(config.learn.keyframes),
-            ahead: BackgroundSearch::new(every, tells),
+            background: BackgroundSearch::new(every, reports_progress),
             config: config.clone(),
             first_utime: 0,
             last_utime: None,
@@ -121,30 +125,30 @@ impl Learner {
         self.times.measure("track", || self.tracker.push(frame))?;
         self.times.measure("camera", || self.base.push(&self.tracker.lifted()));
         self.keyframes.offer(index, frame);
-        let Self { tracker, base, keyframes, config, ahead, times, .. } = self;
+        let Self { tracker, base, keyframes, config, background, times, .. } = self;
         let snapshot = || Snapshot {
-            set: tracker.snapshot(),
+            tracks: tracker.snapshot(),
             camera_from_base: base.camera_from_base().to_vec(),
             keyframes: keyframes.clone(),
         };
-        times.measure("ahead", || ahead.offer(index + 1, config, snapshot));
+        times.measure("ahead", || background.offer(index + 1, config, snapshot));
         Ok(())
     }
 
-    /// Forgets frames that tell little when there are as many as memory is kept for, so that a
+    /// Forgets frames in which little moves when there are as many as memory is kept for, so that a
     /// demonstration may last as long as it likes.
     fn make_room(&mut self) {
         let room = self.config.track.max_frames.max(4 * MIN_FRAMES);
         if self.tracker.frames() < room {
             return;
         }
-        let mut marks = telling_frames(self.tracker.seen(), room / 2);
+        let mut marks = informative_frames(self.tracker.seen(), room / 2);
         // Whole frames that were kept are kept on: their pictures cannot be had again.
         self.keyframes.iter().for_each(|(index, _)| marks[index] = true);
         let numbers = self.tracker.keep_frames(&marks);
         self.base.keep_frames(&marks, &numbers);
         self.keyframes.keep_frames(&marks);
-        self.ahead.start_over();
+        self.background.start_over();
         tracing::debug!(of = marks.len(), kept = self.tracker.frames(), "frames forgotten");
     }
 
@@ -156,7 +160,7 @@ impl Learner {
     /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
     /// demonstration believes in. How long that part is depends on how fast this machine is.
     pub fn current_estimate(&self, object: &str) -> ObjectModel {
-        let joints = self.ahead.current_estimate();
+        let joints = self.background.current_estimate();
         let part = |(i, _): (usize, &Joint)| Part::new(i + 1, format!("part{}", i + 1), 0);
         let base = Part::new(0, "base", self.tracker.live_count());
         let parts = std::iter::once(base).chain(joints.iter().enumerate().map(part)).collect();
@@ -178,35 +182,56 @@ impl Learner {
     /// [`LearnError::TooShort`], [`LearnError::NoDepth`]. A demonstration in which nothing
     /// articulated moves is no error: its model has no joints.
     pub fn finish(self, object: &str) -> Result<Demonstration, LearnError> {
-        let Self { config, tracker, base, keyframes, ahead, mut times, .. } = self;
+        let Self { config, tracker, base, keyframes, background, mut times, .. } = self;
         if tracker.frames() < MIN_FRAMES {
             return Err(LearnError::TooShort { found: tracker.frames(), needed: MIN_FRAMES });
         }
-        let set = tracker.finish();
-        if set.tracks.is_empty() {
+        let tracks = tracker.finish();
+        if tracks.tracks.is_empty() {
             return Err(LearnError::NoDepth);
         }
+        let earlier = background.settle();
         let poses = base.camera_from_base().to_vec();
-        let earlier = ahead.settle();
-        let base = times.measure("base", || earlier.base.extended(&set, poses, &config.base));
-        let joints = match config.learn.way {
-            Method::Paper => paper::from_clusters(&set, &base, &keyframes, &config, &mut times),
-            Method::Katz => {
-                times.measure("katz", || crate::learn::katz::learn(&set, &base, &config.katz))
+        let ego_motion =
+            times.measure("base", || earlier.ego_motion.extended(&tracks, poses, &config.base));
+        let recording = Recording { tracks, ego_motion, keyframes };
+        let learned = learn_joints(&recording, &earlier.warm_start, &config, &mut times);
+        Ok(assemble(object, &config, recording, learned, times))
+    }
+}
+
+/// The joints of a recording, by the method that the configuration names.
+fn learn_joints(
+    recording: &Recording,
+    earlier: &WarmStart,
+    config: &SkillConfig,
+    times: &mut StageTimes,
+) -> LearnedJoints {
+    match config.learn.way {
+        Method::Paper => paper::learn(recording, &paper_settings(config), times),
+        Method::Katz => times.measure("katz", || katz::learn(recording, &config.katz)),
+        Method::DirectJoints => {
+            let settings = search_settings(config);
+            let found =
+                times.measure("joints", || joint_search::learn(recording, earlier, &settings));
+            if !config.planes.enabled {
+                return found;
             }
-            Method::DirectJoints => {
-                let watched =
-                    Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
-                let joints = times.measure("joints", || watched.joints(&earlier.memory));
-                if config.planes.enabled {
-                    times.measure("planes", || {
-                        plane_hinges::complete(joints, &set, &base, &keyframes, &config)
-                    })
-                } else {
-                    joints
-                }
-            }
-        };
-        Ok(assemble(object, &config, set, &base, joints, keyframes, times))
+            let LearnedJoints { joints, rejections } = found;
+            let joints = times
+                .measure("planes", || plane_hinges::complete(joints, recording, &config.planes));
+            LearnedJoints { joints, rejections }
+        }
+    }
+}
+
+/// What the stages of the paper's method need of the configuration.
+fn paper_settings(config: &SkillConfig) -> PaperSettings<'_> {
+    PaperSettings {
+        segment: &config.segment,
+        pose: &config.pose,
+        articulate: &config.articulate,
+        structure: &config.structure,
+        seed: config.seed,
     }
 }

@@ -188,9 +188,9 @@ pub struct ReferenceFrame {
 }
 
 impl ReferenceFrame {
-    /// As a pose; identity where the array is no pose.
-    pub fn pose(&self) -> Pose {
-        pose_from_array(&self.camera_from_object).unwrap_or_default()
+    /// `camera_from_object` as a pose; `None` where the array is no pose.
+    pub fn pose(&self) -> Option<Pose> {
+        pose_from_array(&self.camera_from_object)
     }
 
     /// The object frame is the camera frame at `t` seconds.
@@ -262,6 +262,12 @@ pub(super) mod tests {
         assert_eq!(json["joints"][0]["type"], "revolute");
         assert_eq!(json["reference_frame"]["camera_from_object"][6], 1.0);
         assert_eq!(serde_json::from_value::<ObjectModel>(json).unwrap(), door());
+    }
+
+    #[test]
+    fn what_is_no_pose_is_not_taken_for_the_identity() {
+        assert_eq!(ReferenceFrame::at_camera(0.0).pose(), Some(Pose::identity()));
+        assert_eq!(ReferenceFrame { t: 0.0, camera_from_object: [0.0; 7] }.pose(), None);
     }
 
     #[test]

@@ -24,7 +24,7 @@ use std::collections::{HashMap, HashSet};
 /// farther ones are seen in fewer, noisier pixels.
 const VOXEL_M: f64 = 0.006;
 /// Keyframes whose depth is asked which part a pixel belongs to.
-const WITNESSES: usize = 32;
+const LABEL_FRAMES: usize = 32;
 /// Side of a cell of the coarse occupancy that stands for "near", metres.
 const COARSE_M: f64 = 0.04;
 /// How far beyond its tracked features a part may extend, metres.
@@ -113,7 +113,7 @@ pub fn build(
     if demonstration.model.joints.is_empty() {
         return Ok(Appearance::default());
     }
-    let posed = posed_frames(demonstration, WITNESSES);
+    let posed = posed_frames(demonstration, LABEL_FRAMES);
     let parts = demonstration.model.parts.len();
     let tracked: Vec<Vec<Point3<f64>>> = (0..parts)
         .map(|p| if p == 0 { Vec::new() } else { tracked_points(demonstration, &posed, p) })
@@ -155,10 +155,10 @@ pub fn build(
 
 /// Coarse cells of the base's surface that are enough to know it by.
 const LITTLE_SURFACE: usize = 40;
-/// A plane may be the room's when two fifths of it lie farther than this from what moved,
+/// A plane may be the room's when two fifths of it lie farther than this from what moved, metres.
 const ROOM_CLEARANCE_M: f64 = 0.2;
-/// and a tenth farther than this, or beyond the picture: floor, table and wall go on, a foot
-/// under a seat does not.
+/// A tenth of the room's plane lies farther than this from what moved, metres, or beyond the picture:
+/// floor, table and wall go on, a foot under a seat does not.
 const ROOM_REACH_M: f64 = 0.5;
 /// Samples at the picture's border by which a plane leaves it.
 const LEAVING: usize = 4;

@@ -12,9 +12,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// How far beyond a piece of surface a place lies, metres,
+/// How far beyond a piece of surface the place lies that must be seen through, metres.
 const BEYOND_M: f64 = 0.04;
-/// and how far from the surface all is seen through too: depth frays at edges.
+/// Distance from the surface from which all places must be seen through, too, metres: depth frays at
+/// edges.
 const FRAYED_M: f64 = 0.03;
 /// Directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
@@ -22,7 +23,7 @@ const DIRECTIONS: usize = 8;
 const LEAST_THROUGH: usize = 3;
 /// Share of the frames in which something may be at a place beside the base: what moves.
 const MAX_PASSING: f64 = 0.1;
-/// A surface seen at less than this cosine tells nothing.
+/// Least cosine between a surface and the viewing ray of a picture that shows it.
 const LEAST_COSINE: f64 = 0.3;
 
 /// At most `per_part` edges of each part's surface, whose order stands for none of it.
@@ -121,15 +122,15 @@ fn free(
     place: &Point3<f64>,
     normal: &Vector3<f64>,
 ) -> Option<(f64, f64)> {
-    let told = |v: &View| Some((v.configuration, v.sees_through(part, place, normal)?));
-    let mut told: Vec<(f64, bool)> = views.iter().filter_map(told).collect();
+    let seen_at = |v: &View| Some((v.configuration, v.sees_through(part, place, normal)?));
+    let mut seen: Vec<(f64, bool)> = views.iter().filter_map(seen_at).collect();
     if part == 0 {
-        let through = told.iter().filter(|t| t.1).count();
-        let passing = (told.len() - through) as f64 / told.len().max(1) as f64;
+        let through = seen.iter().filter(|t| t.1).count();
+        let passing = (seen.len() - through) as f64 / seen.len().max(1) as f64;
         return (through >= LEAST_THROUGH && passing <= MAX_PASSING).then_some((0.0, 0.0));
     }
-    told.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let runs = told.chunk_by(|a, b| a.1 == b.1).filter(|run| run[0].1);
+    seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let runs = seen.chunk_by(|a, b| a.1 == b.1).filter(|run| run[0].1);
     let longest = runs.max_by_key(|run| run.len()).filter(|run| run.len() >= LEAST_THROUGH)?;
     Some((longest[0].0, longest[longest.len() - 1].0))
 }

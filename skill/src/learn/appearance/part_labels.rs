@@ -19,14 +19,14 @@ pub struct PosedFrame<'f> {
 
 /// Pixels between labelled places.
 pub const STEP: usize = 4;
-/// Two claims are told apart only where they differ by this much, metres.
+/// Least distance between the claims of two parts in a frame that can tell them apart, metres.
 const MIN_DIFFERENCE_M: f64 = 0.03;
 
-/// Fewest frames that must tell.
-const MIN_TELLING: f64 = 3.0;
+/// Fewest frames that must show whether a claim holds.
+const MIN_DECISIVE: f64 = 3.0;
 /// Difference of luma that light and noise explain.
 const MAX_LUMA_DIFFERENCE: u8 = 18;
-/// Share of telling frames that may contradict a claim.
+/// Largest share of these frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
 
 /// Part of each place on a grid of [`STEP`] pixels.
@@ -99,11 +99,11 @@ fn label_point(
         supports.iter().map(|&(share, part)| (share.unwrap_or(0.0), part)).collect();
     supported.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (best, part) = *supported.first()?;
-    // Two claims that hold equally well tell nothing. Near a part's axis nothing may speak for
+    // Two claims that hold equally well decide nothing. Near a part's axis nothing may speak for
     // the part; that does not make the place the base's.
     let rival = supported.get(1).map_or(0.0, |s| s.0);
-    let untold = part == 0 && supports.iter().any(|s| s.0.is_none());
-    (best > 0.5 && best > rival + 0.2 && !untold).then_some(part as u16)
+    let undecided = part == 0 && supports.iter().any(|s| s.0.is_none());
+    (best > 0.5 && best > rival + 0.2 && !undecided).then_some(part as u16)
 }
 
 /// A pixel or one beside it is about as bright.
@@ -119,10 +119,11 @@ fn shows(frame: &RgbdFrame, pixel: &Point2<f64>, wanted: u8) -> bool {
     )
 }
 
-/// Share of the telling frames that agree; `None` where too few tell, 0 where too many
-/// contradict: a surface is hardly ever seen through, but a hand that holds it is, before it
-/// comes and after it has left.
-/// Frames are telling where the claims differ; with one claim alone all are. `seen` is the
+/// Share of the decisive frames that agree; `None` where too few are decisive, 0 where too many
+/// contradict: a surface is hardly ever seen through, but a hand that holds it is, before it comes
+/// and after it has left.
+///
+/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the
 /// frame that the place was seen in, and its luma there: a surface that slides in its own plane
 /// agrees in depth with any claim, but shows another place of its pattern.
 fn support(
@@ -132,7 +133,7 @@ fn support(
     at_rest: &Point3<f64>,
     claims: &[(usize, Point3<f64>)],
 ) -> Option<f64> {
-    let (mut agree, mut against, mut told) = (0.0, 0.0, 0.0);
+    let (mut agree, mut against, mut decisive) = (0.0, 0.0, 0.0);
     for (i, other) in frames.iter().enumerate() {
         if seen.is_some_and(|(index, _)| i == index) {
             continue;
@@ -153,15 +154,15 @@ fn support(
         let difference = f64::from(z) - claimed.z;
         if difference > margin {
             against += 1.0;
-            told += 1.0;
+            decisive += 1.0;
         } else if difference > -margin {
             let looks_alike = seen.is_none_or(|(_, luma)| shows(other.frame, &pixel, luma));
             agree += f64::from(u8::from(looks_alike));
-            told += 1.0;
+            decisive += 1.0;
         }
     }
-    if told < MIN_TELLING {
+    if decisive < MIN_DECISIVE {
         return None;
     }
-    Some(if against > MAX_CONTRADICTION * told { 0.0 } else { agree / told })
+    Some(if against > MAX_CONTRADICTION * decisive { 0.0 } else { agree / decisive })
 }

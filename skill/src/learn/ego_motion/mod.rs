@@ -6,12 +6,14 @@
 //! frame is registered to the map by RANSAC and a reweighted fit. A moving part's and the
 //! person's map points are wrong, but they vote little.
 
+mod depth_noise;
 mod observation;
 
 use super::tracking::{Track, TrackSet};
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
+pub use depth_noise::coarse_sigma;
 use nalgebra::Point3;
 pub use observation::{BaseObservation, Information};
 use rand::SeedableRng;
@@ -40,20 +42,6 @@ impl Default for EgoMotionConfig {
     fn default() -> Self {
         Self { ransac_iterations: 30, max_points: 900, min_extent_m: 0.015, min_extent_sigmas: 4.0 }
     }
-}
-
-/// Focal length for which the across-ray noise below was measured, pixels.
-const NOMINAL_FOCAL_PX: f64 = 525.0;
-
-/// Standard deviation along the viewing ray of a lifted feature at depth `z`, metres.
-/// Measured: 0.9 mm at 0.75 m, 2.0 mm at 1.4 m, 4.1 mm at 2.3 m.
-pub fn ray_sigma(z: f64) -> f64 {
-    0.0008 + 0.0009 * z * z
-}
-
-/// Standard deviation across the viewing ray, metres.
-pub fn across_sigma(z: f64) -> f64 {
-    0.0003 + 0.7 * z / NOMINAL_FOCAL_PX
 }
 
 /// A track as seen from the base.
@@ -183,8 +171,8 @@ impl EgoMotionEstimator {
 }
 
 impl EgoMotion {
-    /// The same with what was seen since: `set` holds these tracks, or some of them, and later
-    /// ones; of the base's poses those that are known stay.
+    /// The same motion with what was seen since: `set` holds these tracks, or some of them, and later
+    /// ones. Poses that are known already stay.
     pub fn extended(
         &self,
         set: &TrackSet,
@@ -221,11 +209,6 @@ impl MapPoint {
             self.disagreed += 1.0;
         }
     }
-}
-
-/// One figure for the noise of a lifted feature, metres.
-pub fn coarse_sigma(z: f64) -> f64 {
-    0.002 + 0.0012 * z * z
 }
 
 /// A track of which the first points are known.

@@ -1,15 +1,15 @@
 //! Where a point was seen, and how well that is known. A demonstration has millions of these:
 //! they take little room.
 
-use super::{across_sigma, coarse_sigma, ray_sigma};
+use super::depth_noise::{across_sigma, coarse_sigma, ray_sigma};
 use crate::math::rigid::Pose;
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 
 /// Share of the coarse noise of a lifted feature that a track's has.
 const TRACKED_SHARE: f64 = 0.7;
-/// Least way of what has moved, metres,
+/// Least way of what has moved, metres.
 const MOVED_M: f64 = 0.012;
-/// and standard deviations.
+/// Least way of what has moved, in standard deviations.
 const MOVED_SIGMAS: f64 = 3.0;
 
 /// One observation of a track in the frame of the base, or of a part.
@@ -64,9 +64,9 @@ impl BaseObservation {
 pub struct Information {
     /// Unit direction of the ray.
     pub(crate) ray: Vector3<f32>,
-    /// Inverse variance across the ray,
+    /// Inverse variance across the ray.
     pub(crate) across: f32,
-    /// and how much more it is along the ray: less than nothing.
+    /// Inverse variance along the ray less that across it; negative.
     pub(crate) excess: f32,
 }
 

@@ -1,8 +1,11 @@
-//! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every
-//! frame and the part points, which are eliminated by Schur complement. A screw's pitch stays.
+//! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every frame and
+//! the points on the part, which are eliminated by Schur complement. A screw's pitch stays.
+//!
+//! Lines and points are in the frame of the joint's parent; residuals are weighted by the inverse
+//! covariances of the observations and a redescending weight.
 
 use super::estimate::JointEstimate;
-use super::screw_joint::ScrewMotion;
+use super::screw_joint::{ScrewJoint, ScrewMotion};
 use super::tracks_in_part_frame::TracksInFrame;
 use crate::learn::ego_motion::BaseObservation;
 use crate::math::rigid::orthonormal_basis;
@@ -18,10 +21,10 @@ pub fn weight(distance_sq: f64, cut: f64) -> f64 {
     if distance_sq < cut { (1.0 - distance_sq / cut).powi(2) } else { 0.0 }
 }
 
-/// Observations of a track that tell roughly where its point is.
+/// Observations of a track that give a first guess of where its point is.
 const SKETCH: usize = 24;
 
-/// Part points of tracks given joint and configurations: robust means of where each
+/// Places the points of tracks on the part, given joint and configurations: robust means of where each
 /// observation says the point is, from the component-wise median of some of them.
 pub fn locate_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
@@ -38,7 +41,7 @@ pub fn locate_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[
     });
 }
 
-/// The same from where the points are, which is nearly right.
+/// Places the points again from where they are, which is nearly right.
 fn follow_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
     place(joint, tracks, |joint, t| {
@@ -85,13 +88,21 @@ struct Reduced {
     /// Hessian over (axis, origin).
     hessian: SMatrix<f64, LINE, LINE>,
     gradient: SVector<f64, LINE>,
-    frames: Vec<usize>,
-    /// (axis, origin) against each frame's configuration.
-    cross: Vec<SVector<f64, LINE>>,
-    own: Vec<f64>,
-    couplings: Vec<Vector3<f64>>,
+    /// The frames in which the track is no outlier, with their configurations.
+    frames: Vec<FrameTerms>,
     inverse: Matrix3<f64>,
-    configuration_gradient: Vec<f64>,
+}
+
+/// What one observation adds for the configuration of its frame.
+struct FrameTerms {
+    frame: usize,
+    /// (axis, origin) against the configuration.
+    cross: SVector<f64, LINE>,
+    /// The configuration against itself.
+    own: f64,
+    /// The track's point against the configuration.
+    coupling: Vector3<f64>,
+    gradient: f64,
 }
 
 /// A joint's turn at one configuration.
@@ -117,6 +128,128 @@ fn turns(joint: &JointEstimate) -> Vec<Turn> {
         .collect()
 }
 
+/// Derivative of a moved point by the line: two columns for its direction along `sides`, two for its
+/// place. `arm` is the point of the part as seen from the line's origin.
+fn line_jacobian(
+    dof: &ScrewJoint,
+    sides: [Vector3<f64>; 2],
+    arm: &Vector3<f64>,
+    q: f64,
+    turn: &Turn,
+) -> SMatrix<f64, 3, LINE> {
+    let mut jacobian = SMatrix::<f64, 3, LINE>::zeros();
+    if dof.hinge {
+        let advance = dof.pitch.unwrap_or(0.0) * q;
+        for (k, side) in sides.into_iter().enumerate() {
+            let turned = side.cross(arm) * turn.sin
+                + (side * dof.axis.dot(arm) + dof.axis * side.dot(arm)) * (1.0 - turn.cos);
+            jacobian.set_column(k, &(turned + side * advance));
+            jacobian.set_column(2 + k, &(side - turn.rotation * side));
+        }
+    } else {
+        jacobian.set_column(0, &(sides[0] * q));
+        jacobian.set_column(1, &(sides[1] * q));
+    }
+    jacobian
+}
+
+/// Normal equations of one track over line, its point and the configurations of its frames.
+struct TrackEquations {
+    hessian: SMatrix<f64, LINE, LINE>,
+    gradient: SVector<f64, LINE>,
+    point_hessian: Matrix3<f64>,
+    point_gradient: Vector3<f64>,
+    /// The point against the line.
+    line: SMatrix<f64, 3, LINE>,
+    frames: Vec<FrameTerms>,
+}
+
+impl TrackEquations {
+    fn of(
+        joint: &JointEstimate,
+        turns: &[Turn],
+        view: &TracksInFrame,
+        track: usize,
+        cut: f64,
+    ) -> Self {
+        let dof = &joint.dof;
+        let sides = orthonormal_basis(&dof.axis).into();
+        let point = joint.points[track];
+        let arm = point - dof.origin;
+        let mut equations = Self {
+            hessian: SMatrix::zeros(),
+            gradient: SVector::zeros(),
+            point_hessian: Matrix3::zeros(),
+            point_gradient: Vector3::zeros(),
+            line: SMatrix::zeros(),
+            frames: Vec::new(),
+        };
+        for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
+            let (q, turn) = (joint.q[f], &turns[f]);
+            let moved = match dof.hinge {
+                true => dof.origin + turn.rotation * arm + dof.advance(q),
+                false => point + dof.axis * q,
+            };
+            let w = weight(s.distance_sq(&moved), cut);
+            if w > 0.0 {
+                let information = s.precision.matrix() * w;
+                let jacobian = line_jacobian(dof, sides, &arm, q, turn);
+                let pull = information * (moved - s.point);
+                equations.add(f, &information, &jacobian, &pull, &dof.velocity(&moved), turn);
+            }
+        }
+        equations
+    }
+
+    /// Adds an observation: the derivatives of the moved point by the line (`jacobian`) and by the
+    /// configuration (`velocity`), and its weighted residual (`pull`).
+    fn add(
+        &mut self,
+        frame: usize,
+        information: &Matrix3<f64>,
+        jacobian: &SMatrix<f64, 3, LINE>,
+        pull: &Vector3<f64>,
+        velocity: &Vector3<f64>,
+        turn: &Turn,
+    ) {
+        let (weighed, weighed_velocity) = (information * jacobian, information * velocity);
+        let back = turn.rotation.transpose();
+        self.point_hessian += back * information * turn.rotation;
+        self.point_gradient += back * pull;
+        self.gradient += jacobian.transpose() * pull;
+        self.hessian += jacobian.transpose() * weighed;
+        self.line += back * weighed;
+        self.frames.push(FrameTerms {
+            frame,
+            cross: jacobian.transpose() * weighed_velocity,
+            own: velocity.dot(&weighed_velocity),
+            coupling: back * weighed_velocity,
+            gradient: velocity.dot(pull),
+        });
+    }
+
+    /// Eliminates the point by Schur complement; `None` for a track of fewer than two observations.
+    fn reduced(mut self) -> Option<Reduced> {
+        if self.frames.len() < 2 {
+            return None;
+        }
+        self.point_hessian += Matrix3::identity() * (1e-9 * self.point_hessian.trace() + 1e-6);
+        let inverse = self.point_hessian.try_inverse()?;
+        let inverse_line = inverse * self.line;
+        let inverse_gradient = inverse * self.point_gradient;
+        for terms in &mut self.frames {
+            terms.cross -= inverse_line.transpose() * terms.coupling;
+            terms.gradient -= terms.coupling.dot(&inverse_gradient);
+        }
+        Some(Reduced {
+            hessian: self.hessian - self.line.transpose() * inverse_line,
+            gradient: self.gradient - self.line.transpose() * inverse_gradient,
+            frames: self.frames,
+            inverse,
+        })
+    }
+}
+
 fn reduce(
     joint: &JointEstimate,
     turns: &[Turn],
@@ -124,79 +257,7 @@ fn reduce(
     track: usize,
     cut: f64,
 ) -> Option<Reduced> {
-    let dof = &joint.dof;
-    let (u, v) = orthonormal_basis(&dof.axis);
-    let point = joint.points[track];
-    let arm = point - dof.origin;
-    let mut point_hessian = Matrix3::zeros();
-    let mut point_gradient = Vector3::zeros();
-    let mut hessian = SMatrix::<f64, LINE, LINE>::zeros();
-    let mut gradient = SVector::<f64, LINE>::zeros();
-    let mut line = SMatrix::<f64, 3, LINE>::zeros();
-    let (mut frames, mut cross, mut own) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut couplings, mut configuration_gradient) = (Vec::new(), Vec::new());
-    for (f, s) in view.life(track).filter(|(f, _)| joint.known[*f]) {
-        let (q, turn) = (joint.q[f], &turns[f]);
-        let moved = match dof.hinge {
-            true => dof.origin + turn.rotation * arm + dof.advance(q),
-            false => point + dof.axis * q,
-        };
-        let w = weight(s.distance_sq(&moved), cut);
-        if w <= 0.0 {
-            continue;
-        }
-        let mut jacobian = SMatrix::<f64, 3, LINE>::zeros();
-        if dof.hinge {
-            let advance = dof.pitch.unwrap_or(0.0) * q;
-            for (k, side) in [u, v].into_iter().enumerate() {
-                let turned = side.cross(&arm) * turn.sin
-                    + (side * dof.axis.dot(&arm) + dof.axis * side.dot(&arm)) * (1.0 - turn.cos);
-                jacobian.set_column(k, &(turned + side * advance));
-                jacobian.set_column(2 + k, &(side - turn.rotation * side));
-            }
-        } else {
-            jacobian.set_column(0, &(u * q));
-            jacobian.set_column(1, &(v * q));
-        }
-        let velocity = dof.velocity(&moved);
-        let information = s.precision.matrix() * w;
-        let pull = information * (moved - s.point);
-        let (weighed, weighed_velocity) = (information * jacobian, information * velocity);
-        let back = turn.rotation.transpose();
-        point_hessian += back * information * turn.rotation;
-        point_gradient += back * pull;
-        gradient += jacobian.transpose() * pull;
-        hessian += jacobian.transpose() * weighed;
-        line += back * weighed;
-        couplings.push(back * weighed_velocity);
-        frames.push(f);
-        own.push(velocity.dot(&weighed_velocity));
-        cross.push(jacobian.transpose() * weighed_velocity);
-        configuration_gradient.push(velocity.dot(&pull));
-    }
-    if frames.len() < 2 {
-        return None;
-    }
-    point_hessian += Matrix3::identity() * (1e-9 * point_hessian.trace() + 1e-6);
-    let inverse = point_hessian.try_inverse()?;
-    let inverse_line = inverse * line;
-    let inverse_gradient = inverse * point_gradient;
-    for ((coupling, cross), gradient) in
-        couplings.iter().zip(&mut cross).zip(&mut configuration_gradient)
-    {
-        *cross -= inverse_line.transpose() * coupling;
-        *gradient -= coupling.dot(&inverse_gradient);
-    }
-    Some(Reduced {
-        hessian: hessian - line.transpose() * inverse_line,
-        gradient: gradient - line.transpose() * inverse_gradient,
-        frames,
-        cross,
-        own,
-        couplings,
-        inverse,
-        configuration_gradient,
-    })
+    TrackEquations::of(joint, turns, view, track, cut).reduced()
 }
 
 /// Normal equations over (axis, origin, configurations of the known frames); of the symmetric
@@ -204,7 +265,7 @@ fn reduce(
 struct System {
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
-    /// Row of each frame's configuration; meaningful for known frames.
+    /// By frame: row of its configuration; meaningful for known frames.
     rows: Vec<usize>,
 }
 
@@ -252,17 +313,17 @@ impl System {
                 self.hessian[(a, b)] += r.hessian[(a, b)];
             }
         }
-        for (i, &f) in r.frames.iter().enumerate() {
-            let column = self.rows[f];
-            self.gradient[column] += r.configuration_gradient[i];
+        for (i, terms) in r.frames.iter().enumerate() {
+            let column = self.rows[terms.frame];
+            self.gradient[column] += terms.gradient;
             for a in 0..LINE {
-                self.hessian[(column, a)] += r.cross[i][a];
+                self.hessian[(column, a)] += terms.cross[a];
             }
-            self.hessian[(column, column)] += r.own[i];
-            let pulled = r.inverse * r.couplings[i];
+            self.hessian[(column, column)] += terms.own;
+            let pulled = r.inverse * terms.coupling;
             let mut below = self.hessian.column_mut(column);
-            for (coupling, &g) in r.couplings[i..].iter().zip(&r.frames[i..]) {
-                below[self.rows[g]] -= coupling.dot(&pulled);
+            for later in &r.frames[i..] {
+                below[self.rows[later.frame]] -= later.coupling.dot(&pulled);
             }
         }
     }
@@ -311,11 +372,11 @@ fn step(
     Some(next)
 }
 
-/// Share of the cost before from which a step has changed nothing that counts.
+/// Share of the cost before a step from which the step has changed nothing that counts.
 const SETTLED: f64 = 0.999;
 
-/// Refines a joint on the given tracks by at most `steps` steps, the first half with a wide
-/// cut. Part points of the tracks follow.
+/// Refines a joint on the given tracks by at most `steps` steps, the first half with a wide cut. The
+/// points of these tracks on the part follow.
 pub fn refine(
     joint: &mut JointEstimate,
     view: &TracksInFrame,
@@ -366,7 +427,8 @@ pub fn refine(
     }
 }
 
-/// Covariance of (axis, origin) in the view's frame, configurations and points marginalised.
+/// Covariance of (axis, origin) in the frame of the joint's parent; configurations and points are
+/// marginalised.
 ///
 /// A track's errors are one draw, however long it lives: a feature that slides along an edge
 /// is off in all of its frames. So the spread is taken between tracks (the sandwich estimator
@@ -398,8 +460,8 @@ pub fn covariance(
     let mut between = DMatrix::zeros(LINE, LINE);
     for r in &reduced {
         let mut pull = line_of_gradient.columns(0, LINE) * r.gradient;
-        for (&f, g) in r.frames.iter().zip(&r.configuration_gradient) {
-            pull += line_of_gradient.column(system.rows[f]) * *g;
+        for terms in &r.frames {
+            pull += line_of_gradient.column(system.rows[terms.frame]) * terms.gradient;
         }
         between += &pull * pull.transpose();
     }
@@ -421,7 +483,6 @@ pub fn covariance(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_moving;
     use crate::math::rigid::line_angle;
 
@@ -455,10 +516,10 @@ mod tests {
             crate::math::rigid::distance_to_line(&joint.dof.origin, &truth.axis, &truth.origin);
         assert!(offset < 0.003, "{offset}");
         assert!((joint.q[29] - joint.q[0] - q[29]).abs() < 0.01);
-        assert_eq!(joint.unruly_share(&view), 0.0);
+        assert_eq!(joint.uncovered_ratio(&view), 0.0);
         // What goes on where the joint explains nothing is a hand.
         joint.known[15..].fill(false);
-        assert_eq!(joint.unruly_share(&view), 0.5);
+        assert_eq!(joint.uncovered_ratio(&view), 0.5);
         joint.known.fill(true);
         let covariance = covariance(&joint, &view, &all, 16.0);
         let sd = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt().to_degrees();

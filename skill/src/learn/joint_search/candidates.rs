@@ -1,195 +1,238 @@
-//! What is suspected in the frames of parts, and what it grows to.
+//! Candidate search: motion hypotheses in the frames of the base and of parts that move, each grown
+//! over time and verified.
+//!
+//! In come the candidates that are known already and the tracks that no joint explains; out come all
+//! candidates, accepted or not.
 
+use super::config::JointSearchConfig;
+use super::correlation::{ALLOWED_CORRELATION, MAX_CORRELATION, moves_during};
+use super::decision::accepts;
 use super::estimate::JointEstimate;
-use super::motion_hypotheses;
-use super::motion_hypotheses::Hypothesis;
-use super::search::Search;
+use super::growth::grow_hypothesis;
+use super::motion_hypotheses::{COVERED, Hypothesis, hypotheses};
+use super::search_state::{MIN_MOVING, SearchState};
 use super::tracks_in_part_frame::TracksInFrame;
+use super::verification::verify;
 use super::warm_start::RejectedHypothesis;
-use super::{grow, verification};
 use crate::math::robust::overlap;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Hypotheses grown when a search ahead looks back,
-const LOOKS_BACK_AHEAD: usize = 4;
-/// and at the end, which somebody waits for.
-const LOOKS_BACK_AT_END: usize = 2;
-/// Hypotheses grown side by side.
+/// Hypotheses that are grown when a background search scans all windows again.
+const RESCANNED_IN_BACKGROUND: usize = 4;
+/// The same at the end, which somebody waits for.
+const RESCANNED_AT_END: usize = 2;
+/// Hypotheses that are grown side by side.
 const BATCH: usize = 2;
-/// Share of its motion that a sound joint may leave of a hypothesis that it explains,
-const SOUND_SHARE: f64 = 0.5;
-/// and one that is not believed.
-const POOR_SHARE: f64 = 0.25;
-/// Share of a hypothesis's tracks from which it says nothing new.
-pub const COVERED: f64 = 0.6;
-/// Share of tracks in common from which two growths are the same.
+/// Largest error of an accepted joint that explains a hypothesis, as a share of the motion.
+const ACCEPTED_SHARE: f64 = 0.5;
+/// The same of a candidate that is not accepted.
+const REJECTED_SHARE: f64 = 0.25;
+/// Share of tracks in common from which two candidates are the same.
 const SAME: f64 = 0.9;
 
-/// What is suspected in the frame of a part.
+/// The motion hypotheses in the frame of a part.
 struct FrameCandidates {
     /// `None`: of the base.
     parent: Option<usize>,
     view: Arc<TracksInFrame>,
     /// Tracks that move in it.
-    candidates: Vec<usize>,
+    moving: Vec<usize>,
     /// The strongest first.
     hypotheses: Vec<Hypothesis>,
 }
 
-impl Search<'_> {
-    /// Joints in the frames of parts: those that are known in each, and what else can be grown.
-    pub(super) fn in_frames(
-        &mut self,
-        known: Vec<(Option<usize>, Vec<JointEstimate>)>,
-        rest: &[usize],
-        round: usize,
-    ) -> Vec<JointEstimate> {
-        let mut frames: Vec<(FrameCandidates, Vec<JointEstimate>)> = known
-            .into_par_iter()
-            .filter_map(|(parent, known)| Some((self.suspicions(parent, rest, round)?, known)))
-            .collect();
-        for (suspicions, _) in &mut frames {
-            self.invalidated.retain(|p| *p != suspicions.parent);
-            let hypotheses = &mut suspicions.hypotheses;
-            self.best_rank = hypotheses.first().map_or(0.0, |h| h.rank).max(self.best_rank);
-            let least_rank = self.config.joints.min_rank_share * self.best_rank;
-            hypotheses.retain(|h| h.rank >= least_rank);
-        }
-        let found: Vec<(Vec<JointEstimate>, Vec<RejectedHypothesis>)> =
-            frames.into_par_iter().map(|(s, known)| self.grown_in(&s, known)).collect();
-        let mut joints = Vec::new();
-        for (grown, mut rejected) in found {
-            joints.extend(grown);
-            self.rejected.append(&mut rejected);
-        }
-        joints
-    }
+/// Candidates in the frames of the base and of all parts: those that are `known` and what else can be
+/// grown.
+pub fn grow_candidates(
+    search: &mut SearchState,
+    known: Vec<JointEstimate>,
+    unexplained: &[usize],
+    round: usize,
+) -> Vec<JointEstimate> {
+    let parts = if search.config().chains { search.joints.len() } else { 0 };
+    let of = |parent| -> Vec<JointEstimate> {
+        known.iter().filter(|j| j.parent == parent).cloned().collect()
+    };
+    let parents = std::iter::once(None).chain((0..parts).map(Some));
+    in_frames(search, parents.map(|p| (p, of(p))).collect(), unexplained, round)
+}
 
-    /// `None` where too little moves.
-    fn suspicions(
-        &self,
-        parent: Option<usize>,
-        rest: &[usize],
-        round: usize,
-    ) -> Option<FrameCandidates> {
-        let config = &self.config.joints;
-        let view = self.view_from(parent);
-        let candidates = self.movers(parent, &view, rest);
-        if candidates.len() < 4 {
-            return None;
-        }
-        let since = match self.previous_id(parent) {
-            Some(previous_id) if !self.looks_back && !self.invalidated.contains(&parent) => {
-                self.earlier.since(previous_id)
-            }
-            _ => 0,
-        };
-        let seed = self.config.seed.wrapping_add(round as u64);
-        let hypotheses = motion_hypotheses::hypotheses(&view, &candidates, since, config, seed);
-        Some(FrameCandidates { parent, view, candidates, hypotheses })
-    }
+/// Candidates in the base frame: those that are `known`, and the hypotheses of all windows of time,
+/// those of the earlier search too.
+pub fn rescan(
+    search: &mut SearchState,
+    known: Vec<JointEstimate>,
+    unexplained: &[usize],
+    round: usize,
+) -> Vec<JointEstimate> {
+    search.rescans = true;
+    in_frames(search, vec![(None, known)], unexplained, round)
+}
 
-    /// What is `known` and what the suspicions grow to, and those of them that are not believed.
-    fn grown_in(
-        &self,
-        suspicions: &FrameCandidates,
-        known: Vec<JointEstimate>,
-    ) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
-        let FrameCandidates { parent, view, hypotheses, .. } = suspicions;
-        let config = &self.config.joints;
-        let mut queue = hypotheses.iter().filter(|h| self.tells(h, *parent, view));
-        let mut limit = match (self.looks_back && self.earlier.frames > 0, self.is_the_end()) {
-            (false, _) => config.max_hypotheses,
-            (true, false) => LOOKS_BACK_AHEAD,
-            (true, true) => LOOKS_BACK_AT_END,
-        };
-        let mut tried: Vec<&[usize]> = Vec::new();
-        let (mut grown, mut rejected) = (known, Vec::new());
-        loop {
-            let mut batch: Vec<&Hypothesis> = Vec::new();
-            while batch.len() < BATCH.min(limit) {
-                let Some(h) = queue.next() else { break };
-                if self.is_new(h, *parent, view, &grown)
-                    && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
-                {
-                    tried.push(&h.tracks);
-                    let was_dismissed =
-                        parent.is_none() && self.dismissed_before.iter().any(|d| d.covers(h));
-                    if !was_dismissed {
-                        batch.push(h);
-                    }
+fn in_frames(
+    search: &mut SearchState,
+    known: Vec<(Option<usize>, Vec<JointEstimate>)>,
+    unexplained: &[usize],
+    round: usize,
+) -> Vec<JointEstimate> {
+    let state = &*search;
+    let mut frames: Vec<(FrameCandidates, Vec<JointEstimate>)> = known
+        .into_par_iter()
+        .filter_map(|(parent, known)| {
+            Some((hypotheses_in_frame(state, parent, unexplained, round)?, known))
+        })
+        .collect();
+    for (frame, _) in &mut frames {
+        search.invalidated.retain(|p| *p != frame.parent);
+        let strongest = frame.hypotheses.first().map_or(0.0, |h| h.rank);
+        search.best_rank = strongest.max(search.best_rank);
+        let least_rank = search.config().min_rank_share * search.best_rank;
+        frame.hypotheses.retain(|h| h.rank >= least_rank);
+    }
+    let state = &*search;
+    let found: Vec<(Vec<JointEstimate>, Vec<RejectedHypothesis>)> =
+        frames.into_par_iter().map(|(f, known)| candidates_in_frame(state, &f, known)).collect();
+    let mut candidates = Vec::new();
+    for (grown, mut rejected) in found {
+        candidates.extend(grown);
+        search.rejected.append(&mut rejected);
+    }
+    candidates
+}
+
+/// `None` where too little moves.
+fn hypotheses_in_frame(
+    search: &SearchState,
+    parent: Option<usize>,
+    unexplained: &[usize],
+    round: usize,
+) -> Option<FrameCandidates> {
+    let view = search.view_from(parent);
+    let moving = search.moving_tracks(parent, &view, unexplained);
+    if moving.len() < MIN_MOVING {
+        return None;
+    }
+    let since = match search.previous_id(parent) {
+        Some(previous_id) if !search.rescans && !search.invalidated.contains(&parent) => {
+            search.earlier.since(previous_id)
+        }
+        _ => 0,
+    };
+    let seed = search.settings.seed.wrapping_add(round as u64);
+    let hypotheses = hypotheses(&view, &moving, since, search.config(), seed);
+    Some(FrameCandidates { parent, view, moving, hypotheses })
+}
+
+/// What is `known` and what the hypotheses grow to, and those of them that are not accepted.
+fn candidates_in_frame(
+    search: &SearchState,
+    frame: &FrameCandidates,
+    known: Vec<JointEstimate>,
+) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
+    let FrameCandidates { parent, view, hypotheses, .. } = frame;
+    let config = search.config();
+    let mut queue = hypotheses.iter().filter(|h| says_something(search, h, *parent, view));
+    let mut limit = most_grown(search, config);
+    let mut tried: Vec<&[usize]> = Vec::new();
+    let (mut grown, mut rejected) = (known, Vec::new());
+    loop {
+        let mut batch: Vec<&Hypothesis> = Vec::new();
+        while batch.len() < BATCH.min(limit) {
+            let Some(h) = queue.next() else { break };
+            if is_new(search, h, *parent, view, &grown)
+                && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
+            {
+                tried.push(&h.tracks);
+                let was_rejected =
+                    parent.is_none() && search.rejected_before.iter().any(|r| r.covers(h));
+                if !was_rejected {
+                    batch.push(h);
                 }
             }
-            if batch.is_empty() || self.is_cancelled() {
-                return (grown, rejected);
+        }
+        if batch.is_empty() || search.is_cancelled() {
+            return (grown, rejected);
+        }
+        limit -= batch.len();
+        let more: Vec<Option<JointEstimate>> =
+            batch.par_iter().map(|h| grown_and_verified(search, h, frame)).collect();
+        for (h, joint) in batch.iter().zip(&more) {
+            if parent.is_none() && !joint.as_ref().is_some_and(|j| accepts(j, config)) {
+                rejected.push(RejectedHypothesis::new(h, joint.as_ref(), view, config));
             }
-            limit -= batch.len();
-            let more: Vec<Option<JointEstimate>> =
-                batch.par_iter().map(|h| self.grown_from(h, suspicions)).collect();
-            for (h, joint) in batch.iter().zip(&more) {
-                if parent.is_none() && !joint.as_ref().is_some_and(|j| self.witness.accepts(j)) {
-                    rejected.push(RejectedHypothesis::new(h, joint.as_ref(), view, config));
-                }
-            }
-            grown.extend(more.into_iter().flatten());
         }
-    }
-
-    /// What a hypothesis grows to; `None` where nothing follows it.
-    fn grown_from(&self, h: &Hypothesis, suspicions: &FrameCandidates) -> Option<JointEstimate> {
-        if self.is_cancelled() {
-            return None;
-        }
-        let FrameCandidates { parent, view, candidates, .. } = suspicions;
-        let is_hopeless = |j: &JointEstimate| {
-            self.is_cancelled()
-                || !verification::ALLOWED_CORRELATION.contains(&self.coupling(j, *parent))
-        };
-        let config = &self.config.joints;
-        let mut joint = grow::grow_hypothesis(view, h, candidates, config, is_hopeless)?;
-        joint.parent = *parent;
-        joint.seed.clone_from(&h.tracks);
-        self.question(view, &mut joint, candidates);
-        self.report("grown", &joint);
-        Some(joint)
-    }
-
-    /// While a part rests, what moves on it and what moves on its parent are the same. What stands
-    /// still beside the part mirrors its joint.
-    fn tells(&self, h: &Hypothesis, part: Option<usize>, view: &TracksInFrame) -> bool {
-        part.map(|p| &self.joints[p]).is_none_or(|joint| {
-            !h.is_still_in(&self.view_from(joint.parent))
-                && verification::moves_beside(joint, view, &h.tracks)
-        })
-    }
-
-    /// Neither what was adopted nor what is grown tells already what a hypothesis would grow to.
-    fn is_new(
-        &self,
-        h: &Hypothesis,
-        parent: Option<usize>,
-        view: &TracksInFrame,
-        grown: &[JointEstimate],
-    ) -> bool {
-        let mut adopted = self.joints.iter().filter(|j| j.parent == parent);
-        if adopted.any(|j| h.is_explained_by(j, view, SOUND_SHARE)) {
-            return false;
-        }
-        !grown.iter().any(|g| {
-            // What a hypothesis shares with a sound joint would draw it there again.
-            let sound = self.witness.accepts(g) || g.coupling > verification::MAX_CORRELATION;
-            let shared = overlap(&h.tracks, &g.members);
-            shared > COVERED && (sound || is_found_again(g, grown))
-                || sound && shared > 0.5 * COVERED
-                || overlap(&h.tracks, &g.seed) > COVERED
-                || h.is_explained_by(g, view, if sound { SOUND_SHARE } else { POOR_SHARE })
-        })
+        grown.extend(more.into_iter().flatten());
     }
 }
 
-/// Another hypothesis grew to the same already: a person who walks by is suspected in every
-/// window.
+/// Most hypotheses that are grown in one frame.
+fn most_grown(search: &SearchState, config: &JointSearchConfig) -> usize {
+    match (search.rescans && search.earlier.frames > 0, search.is_the_end()) {
+        (false, _) => config.max_hypotheses,
+        (true, false) => RESCANNED_IN_BACKGROUND,
+        (true, true) => RESCANNED_AT_END,
+    }
+}
+
+/// What a hypothesis grows to; `None` where nothing follows it.
+fn grown_and_verified(
+    search: &SearchState,
+    h: &Hypothesis,
+    frame: &FrameCandidates,
+) -> Option<JointEstimate> {
+    if search.is_cancelled() {
+        return None;
+    }
+    let FrameCandidates { parent, view, moving, .. } = frame;
+    let is_hopeless = |j: &JointEstimate| {
+        search.is_cancelled()
+            || !ALLOWED_CORRELATION.contains(&search.parent_correlation(j, *parent))
+    };
+    let mut joint = grow_hypothesis(view, h, moving, search.config(), is_hopeless)?;
+    joint.parent = *parent;
+    joint.seed.clone_from(&h.tracks);
+    Some(verify(search, view, joint, moving, "grown"))
+}
+
+/// A hypothesis in the frame of a part says something of that frame. While the part rests, what moves
+/// on it and what moves on its parent are the same; and what stands still beside the part mirrors its
+/// joint.
+fn says_something(
+    search: &SearchState,
+    h: &Hypothesis,
+    part: Option<usize>,
+    view: &TracksInFrame,
+) -> bool {
+    part.map(|p| &search.joints[p]).is_none_or(|joint| {
+        !h.is_still_in(&search.view_from(joint.parent)) && moves_during(joint, view, &h.tracks)
+    })
+}
+
+/// Neither an adopted joint nor a candidate is already what a hypothesis would grow to.
+fn is_new(
+    search: &SearchState,
+    h: &Hypothesis,
+    parent: Option<usize>,
+    view: &TracksInFrame,
+    grown: &[JointEstimate],
+) -> bool {
+    let mut adopted = search.joints.iter().filter(|j| j.parent == parent);
+    if adopted.any(|j| h.is_explained_by(j, view, ACCEPTED_SHARE)) {
+        return false;
+    }
+    !grown.iter().any(|g| {
+        // What a hypothesis shares with an accepted joint would draw it there again.
+        let sound = accepts(g, search.config()) || g.evidence.parent_correlation > MAX_CORRELATION;
+        let shared = overlap(&h.tracks, &g.members);
+        shared > COVERED && (sound || is_found_again(g, grown))
+            || sound && shared > 0.5 * COVERED
+            || overlap(&h.tracks, &g.seed) > COVERED
+            || h.is_explained_by(g, view, if sound { ACCEPTED_SHARE } else { REJECTED_SHARE })
+    })
+}
+
+/// Another hypothesis grew to the same already: a person who walks by is seen to move in every window.
 fn is_found_again(joint: &JointEstimate, grown: &[JointEstimate]) -> bool {
     grown.iter().any(|o| !std::ptr::eq(o, joint) && same_tracks(o, joint))
 }

@@ -1,58 +1,73 @@
-//! What can be set of our way of learning.
+//! Configuration of the joint search.
 
+use crate::learn::ego_motion::EgoMotionConfig;
 use serde::{Deserialize, Serialize};
 
-/// Values of this way of learning. All ours, measured on rendered recordings.
+/// What a search is configured with.
+#[derive(Debug, Clone, Copy)]
+pub struct SearchSettings<'c> {
+    /// The search itself.
+    pub joints: &'c JointSearchConfig,
+    /// Which tracks move as seen from the static background or from a part.
+    pub ego_motion: &'c EgoMotionConfig,
+    /// Seed of all random sampling.
+    pub seed: u64,
+}
+
+/// Values of the joint search. All ours, measured on rendered recordings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct JointsConfig {
-    /// Squared Mahalanobis distance from which an observation counts no more.
+pub struct JointSearchConfig {
+    /// Squared Mahalanobis distance from which an observation is an outlier.
     pub cut: f64,
-    /// Hypotheses grown in one round and frame of reference.
+    /// Most hypotheses that are grown in one round, for each part in whose frame joints are sought.
     pub max_hypotheses: usize,
-    /// Share of the strongest hypothesis's rank below which one is not grown.
+    /// Least rank of a hypothesis that is grown, as a share of the strongest hypothesis's rank.
     pub min_rank_share: f64,
-    /// Rounds of accepting a joint and searching what it leaves.
+    /// Most rounds of choosing a joint and searching the tracks that it does not explain.
     pub rounds: usize,
-    /// Refinement steps every few frames of growth.
+    /// Bundle adjustment steps every few frames while a joint is propagated.
     pub growth_steps: usize,
-    /// Refinement steps when growth has ended.
+    /// Bundle adjustment steps when a joint has been propagated to all frames.
     pub finish_steps: usize,
-    /// Gain that each frame's configuration must earn.
+    /// Gain that each frame's configuration costs, so that a joint must explain more than its own
+    /// parameters.
     pub frame_penalty: f64,
-    /// Frames for which a track rests that counts as an object's.
+    /// Frames for which a track rests at the start or the end of its life if it is an object's.
     pub rest_frames: usize,
-    /// Cost an observation up to which a joint is believed: hands cost 2.5-3.9, real joints
-    /// 0.9-2.9.
+    /// Largest cost of an observation, as a mean over a joint's tracks. Measured: hands cost 2.5 to
+    /// 3.9, real joints 0.9 to 2.9.
     pub max_cost: f64,
-    /// Least gain of a joint.
+    /// Least gain of a joint: how much better it explains its tracks than standing still does.
     pub min_gain: f64,
-    /// Share of a joint's points that may be seen through.
+    /// Largest share of a joint's points that depth pictures may see through.
     pub max_through: f64,
-    /// Share of them that may be missing while the configuration is unknown.
+    /// Largest share of its points that may be missing in frames of unknown configuration.
     pub max_hidden: f64,
-    /// Factor on covariances. With the next two it was measured, so that 95 % ellipsoids hold
-    /// 95 % of true axes.
+    /// Factor on covariances. It was measured together with `systematic_rad` and `systematic_m`, so
+    /// that 95 % ellipsoids hold 95 % of the true axes.
     pub covariance_inflation: f64,
-    /// What many tracks do not average out, in an axis's direction, radians,
+    /// Error of an axis's direction that all readings of a depth camera share, so that many tracks
+    /// do not average it out, radians.
     pub systematic_rad: f64,
-    /// and in its place, metres: errors that all readings of a depth camera share.
+    /// The same error of an axis's place, metres.
     pub systematic_m: f64,
-    /// Observations of a track that tell as much as one independent one, in telling types.
+    /// Observations of a track that count as one independent observation when the type of a joint
+    /// is selected.
     pub correlated_observations: f64,
-    /// Share of its tracks' observations that a joint may leave without a configuration.
+    /// Largest share of its tracks' observations in frames of unknown configuration.
     pub max_unruly: f64,
     /// Joints are also sought in the frames of parts that move.
     pub chains: bool,
-    /// Hinges that advance as they turn are told from those that do not.
+    /// Hinges that advance as they turn (screws) are told from those that do not.
     pub screws: bool,
-    /// Stretches of one joint are merged.
+    /// Segments of time in which one joint was seen are merged.
     pub merge: bool,
-    /// Tracks that the depth pictures contradict one by one are taken out of a joint.
+    /// Outlier tracks, which the depth pictures contradict one by one, are taken out of a joint.
     pub dismiss_strangers: bool,
 }
 
-impl Default for JointsConfig {
+impl Default for JointSearchConfig {
     fn default() -> Self {
         Self {
             cut: 16.0,

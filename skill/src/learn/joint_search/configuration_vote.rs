@@ -1,4 +1,5 @@
-//! The configuration of one frame: each track proposes one, most agree on the answer.
+//! The configuration of a joint in one frame by vote: tracks propose configurations, each proposal is
+//! supported by the tracks that it explains, and the one of most support is refined by least squares.
 
 use super::bundle_adjustment::weight;
 use super::estimate::JointEstimate;
@@ -7,40 +8,52 @@ use super::tracks_in_part_frame::TracksInFrame;
 use crate::learn::ego_motion::BaseObservation;
 use nalgebra::Point3;
 
-/// A configuration and how it was agreed on.
+/// Tracks that vote, with their weights.
+pub struct Voters<'v> {
+    /// The tracks as seen from the joint's parent.
+    pub view: &'v TracksInFrame,
+    /// Rows of those that vote.
+    pub tracks: &'v [usize],
+    /// The weight of each.
+    pub weights: &'v [f64],
+}
+
+/// A configuration and its support.
 #[derive(Debug, Clone, Copy)]
-pub struct Agreement {
+pub struct Outcome {
     /// The configuration.
     pub q: f64,
     /// Tracks within the cut.
     pub agreeing: usize,
 }
 
-/// Share of all support from which a guess needs no rivals.
+/// A track's point on the part, where it is seen, and its weight.
+type Ballot<'v> = (&'v Point3<f64>, &'v BaseObservation, f64);
+
+/// Share of all support from which a guess needs no other proposals.
 const SETTLED: f64 = 0.6;
 /// Proposals that are tried, at the most.
 const MAX_PROPOSALS: usize = 60;
 
-/// The configuration of `frame` that most weight of `tracks` agrees on; `guess` is tried
-/// first.
-pub fn agree(
+/// The configuration of `frame` that has most support; `guess` is tried first. A track within the
+/// squared Mahalanobis distance `cut` agrees.
+pub fn vote(
     joint: &JointEstimate,
-    view: &TracksInFrame,
-    tracks: &[usize],
-    weights: &[f64],
+    voters: &Voters,
     frame: usize,
     guess: Option<f64>,
     cut: f64,
-) -> Agreement {
-    let voters: Vec<(&Point3<f64>, &BaseObservation, f64)> = tracks
+) -> Outcome {
+    let Voters { view, tracks, weights } = voters;
+    let voters: Vec<Ballot> = tracks
         .iter()
-        .zip(weights)
+        .zip(*weights)
         .filter_map(|(&t, &w)| Some((&joint.points[t], view.at(t, frame)?, w)))
         .collect();
     let blocks: Vec<SimdBlock> = voters.chunks(LANES).map(SimdBlock::of).collect();
     let support = |q: f64| {
         let (score, agreeing) = support(&blocks, &joint.dof.at(q), cut);
-        (score, Agreement { q, agreeing })
+        (score, Outcome { q, agreeing })
     };
     let mut best = support(guess.unwrap_or(0.0));
     let total: f64 = voters.iter().map(|(_, _, w)| w).sum();
@@ -53,11 +66,16 @@ pub fn agree(
             }
         }
     }
-    let mut agreement = best.1;
+    let Outcome { q, agreeing } = best.1;
+    Outcome { q: refined(joint, &voters, q, cut), agreeing }
+}
+
+/// A few steps of reweighted least squares from a configuration.
+fn refined(joint: &JointEstimate, voters: &[Ballot], mut q: f64, cut: f64) -> f64 {
     for _ in 0..3 {
         let (mut numerator, mut denominator) = (0.0, 0.0);
-        let at = joint.dof.at(agreement.q);
-        for (p, s, w) in &voters {
+        let at = joint.dof.at(q);
+        for (p, s, w) in voters {
             let moved = at.transform(p);
             let w = w * weight(s.distance_sq(&moved), cut);
             if w > 0.0 {
@@ -67,10 +85,10 @@ pub fn agree(
             }
         }
         if denominator > 0.0 {
-            agreement.q += numerator / (denominator + 1e-9);
+            q += numerator / (denominator + 1e-9);
         }
     }
-    agreement
+    q
 }
 
 /// Voters whose sums are taken side by side.
@@ -78,22 +96,23 @@ const LANES: usize = 8;
 /// One figure of each.
 type Lane = [f64; LANES];
 
-/// A few tracks in one frame, figure by figure. An empty seat has no place and agrees with nothing.
+/// A few tracks in one frame, figure by figure. An empty lane has no place and agrees with nothing.
 struct SimdBlock {
     /// Part points.
     point: [Lane; 3],
     /// Where they are seen.
     place: [Lane; 3],
-    /// Rays that they are seen along,
+    /// Unit rays that they are seen along.
     ray: [Lane; 3],
-    /// inverse variances across these, and how much more they are along them.
+    /// Inverse variances across the rays.
     across: Lane,
+    /// Inverse variances along the rays less those across them.
     excess: Lane,
     weight: Lane,
 }
 
 impl SimdBlock {
-    fn of(voters: &[(&Point3<f64>, &BaseObservation, f64)]) -> Self {
+    fn of(voters: &[Ballot]) -> Self {
         let zeros = [0.0; LANES];
         let mut block = Self {
             point: [zeros; 3],
@@ -192,7 +211,7 @@ mod tests {
             pitch in prop::option::of(0.02..0.1_f64),
             q in -1.0..1.0_f64,
             guess in prop::option::of(-1.0..1.0_f64),
-            strays in 0..6_usize,
+            outliers in 0..6_usize,
         ) {
             let axis = Vector3::new(0.1, 1.0, -0.2).normalize();
             let origin = Point3::new(0.05, 0.0, 1.3);
@@ -204,13 +223,14 @@ mod tests {
             let view = seen_moving(&dof, &places, &[0.0, q]);
             let mut joint = JointEstimate::new(dof, &view, 0);
             joint.points = places;
-            for (i, stray) in joint.points.iter_mut().enumerate().take(strays) {
-                *stray += Vector3::new(0.3, 0.1 * i as f64, -0.2);
+            for (i, point) in joint.points.iter_mut().enumerate().take(outliers) {
+                *point += Vector3::new(0.3, 0.1 * i as f64, -0.2);
             }
             let tracks: Vec<usize> = (0..21).collect();
-            let agreement = agree(&joint, &view, &tracks, &[1.0; 21], 1, guess, 16.0);
-            prop_assert!((agreement.q - q).abs() < 0.01, "{} instead of {q}", agreement.q);
-            prop_assert!((21 - strays..=21).contains(&agreement.agreeing));
+            let voters = Voters { view: &view, tracks: &tracks, weights: &[1.0; 21] };
+            let outcome = vote(&joint, &voters, 1, guess, 16.0);
+            prop_assert!((outcome.q - q).abs() < 0.01, "{} instead of {q}", outcome.q);
+            prop_assert!((21 - outliers..=21).contains(&outcome.agreeing));
         }
     }
 }

@@ -1,9 +1,14 @@
-//! A joint hypothesis with all that it has gathered.
+//! A joint while it is searched: its line, its configuration by frame, the tracks that follow it, and
+//! what the last verification found.
+//!
+//! Lines and points are in the frame of the joint's parent (the base frame where it has none);
+//! configurations are in radians for hinges and in metres for slides.
 
+use super::evidence::Evidence;
 use super::screw_joint::{ScrewJoint, ScrewMotion};
 use super::tracks_in_part_frame::TracksInFrame;
-use crate::math::rigid::Pose;
-use nalgebra::Point3;
+use crate::math::rigid::{Pose, matrix_pose};
+use nalgebra::{IsometryMatrix3, Point3};
 
 /// A joint, its configuration over time, and the tracks that follow it.
 #[derive(Debug, Clone)]
@@ -18,7 +23,7 @@ pub struct JointEstimate {
     pub filled: Vec<f64>,
     /// Part point of each track of the view, at configuration 0.
     pub points: Vec<Point3<f64>>,
-    /// Tracks of the hypothesis that it grew from.
+    /// Tracks of the motion hypothesis that it grew from.
     pub seed: Vec<usize>,
     /// Tracks that follow it.
     pub members: Vec<usize>,
@@ -26,28 +31,14 @@ pub struct JointEstimate {
     pub anchor: usize,
     /// How much better it explains its tracks than standing still does.
     pub gain: f64,
-    /// Cost an observation.
+    /// Cost of an observation, as a mean over its tracks.
     pub cost: f64,
-    /// Least and greatest configuration, strays left out.
+    /// Least and greatest configuration, outliers left out.
     pub range: [f64; 2],
-    /// Share of its points that were seen through.
-    pub through: f64,
-    /// Share of its points that would be seen through if it stood half its range aside: points
-    /// on a wall agree with the pictures wherever they are.
-    pub tells: f64,
-    /// Share of its points not found in frames of unknown configuration.
-    pub hidden: f64,
-    /// Share of q's variance that the parent's q explains; negative: the parent rests.
-    pub coupling: f64,
-    /// Share of its members' observations in frames of unknown configuration: what moves on
-    /// where the joint does not explain it is a hand.
-    pub unruly: f64,
-    /// Configuration at keyframes from depth alone, NaN elsewhere.
-    pub scanned: Vec<f64>,
     /// Index of the parent joint; `None` for the base.
     pub parent: Option<usize>,
-    /// Frames in which the depth pictures contradict it.
-    pub contradicted: Vec<usize>,
+    /// What the last verification found.
+    pub evidence: Evidence,
 }
 
 impl JointEstimate {
@@ -65,14 +56,8 @@ impl JointEstimate {
             gain: f64::NEG_INFINITY,
             cost: f64::INFINITY,
             range: [0.0, 0.0],
-            through: 0.0,
-            tells: 0.0,
-            hidden: 0.0,
-            coupling: 0.0,
-            unruly: 0.0,
-            scanned: vec![f64::NAN; view.frames],
             parent: None,
-            contradicted: Vec::new(),
+            evidence: Evidence::none(view.frames),
         }
     }
 
@@ -118,8 +103,8 @@ impl JointEstimate {
         self.q.iter().map(|&q| self.dof.at(q)).collect()
     }
 
-    /// Truncated cost, observations and inliers of a track under the joint, whose `motions` are
-    /// given.
+    /// Truncated cost, observations and inliers of a track that follows the joint; `motions` are
+    /// [`Self::motions`].
     pub fn cost_of(
         &self,
         motions: &[ScrewMotion],
@@ -137,14 +122,27 @@ impl JointEstimate {
         cost
     }
 
-    /// What `unruly` is now.
-    pub fn unruly_share(&self, view: &TracksInFrame) -> f64 {
-        let (mut all, mut unruly) = (0_usize, 0_usize);
+    /// Share of its members' observations in frames in which its configuration is unknown.
+    pub fn uncovered_ratio(&self, view: &TracksInFrame) -> f64 {
+        let (mut all, mut uncovered) = (0_usize, 0_usize);
         for (f, _) in self.members.iter().flat_map(|&t| view.life(t)) {
             all += 1;
-            unruly += usize::from(!self.known[f]);
+            uncovered += usize::from(!self.known[f]);
         }
-        unruly as f64 / all.max(1) as f64
+        uncovered as f64 / all.max(1) as f64
+    }
+
+    /// Share of the frames in which its configuration is known.
+    pub fn coverage(&self) -> f64 {
+        self.known_frames().len() as f64 / self.known.len() as f64
+    }
+
+    /// The tracks of the view that it is in, as seen from its part.
+    pub fn tracks_in_part_frame(&self, view: &TracksInFrame) -> TracksInFrame {
+        let geometry = self.dof.geometry();
+        let motion = |&q: &f64| matrix_pose(&geometry.motion(-q));
+        let part_from_view: Vec<IsometryMatrix3<f64>> = self.filled.iter().map(motion).collect();
+        view.carried(&part_from_view, &self.known)
     }
 
     /// Length that a track's point travels over the frames in which it is seen.
@@ -158,7 +156,7 @@ impl JointEstimate {
     }
 }
 
-/// How a track fares under a joint.
+/// How well a joint explains a track.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TrackCost {
     /// Sum of truncated squared Mahalanobis distances.
@@ -169,12 +167,46 @@ pub struct TrackCost {
     pub inliers: usize,
 }
 
-/// Part motions in the base since the first frame, by joint and frame.
+/// Motion of a joint's part in the base frame, from configuration 0 of all joints to a frame.
 pub fn base_from_part(joints: &[JointEstimate], index: usize, frame: usize) -> Pose {
     let joint = &joints[index];
     let own = joint.dof.geometry().motion(joint.filled[frame]);
     match joint.parent {
         None => own,
         Some(p) => base_from_part(joints, p, frame) * own,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn unknown_configurations_are_interpolated_and_outliers_leave_the_range() {
+        let slide = ScrewJoint::slide(Vector3::x(), Point3::origin());
+        let view = seen_moving(&slide, &[Point3::new(0.0, 0.0, 1.0)], &[0.0; 201]);
+        let mut joint = JointEstimate::new(slide, &view, 0);
+        joint.q = (0..201).map(|f| 0.001 * f64::from(f)).collect();
+        joint.q[100] = 9.0;
+        joint.known = (0..201).map(|f| f != 50).collect();
+        joint.summarise();
+        assert!((joint.filled[50] - 0.05).abs() < 1e-12);
+        assert!(joint.span() < 0.21, "{}", joint.span());
+        assert_eq!(joint.coverage(), 200.0 / 201.0);
+    }
+
+    #[test]
+    fn tracks_rest_in_the_frame_of_their_part() {
+        let slide = ScrewJoint::slide(Vector3::x(), Point3::origin());
+        let q: Vec<f64> = (0..30).map(|f| 0.01 * f64::from(f)).collect();
+        let view = seen_moving(&slide, &[Point3::new(0.0, 0.0, 1.0)], &q);
+        let mut joint = JointEstimate::new(slide, &view, 0);
+        joint.q.clone_from(&q);
+        joint.known = vec![true; 30];
+        joint.summarise();
+        assert!(view.moves(0, 0.015, 4.0));
+        assert!(!joint.tracks_in_part_frame(&view).moves(0, 0.015, 4.0));
     }
 }

@@ -1,10 +1,10 @@
-//! Does a hinge advance as it turns? Each track says by how much; what most of them say is
-//! believed. Fitted together with the axis the pitch would follow tracks that slip along edges,
-//! which a tilted axis explains as well.
+//! Does a hinge advance as it turns? Each track gives a pitch, and the median of all is taken. If it
+//! were fitted together with the axis, the pitch would follow tracks that slip along edges, which a
+//! tilted axis explains as well.
 
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
-use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
+use crate::math::ransac::{RansacOptions, ransac_rigid};
 use crate::math::rigid::distance_to_line;
 use crate::math::robust::median;
 use nalgebra::Vector3;
@@ -12,31 +12,31 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Least turn that can tell a pitch, radians.
+/// Least turn that shows a pitch, radians.
 const MIN_TURN: f64 = 0.5;
 /// Least advance over what is seen of a joint, metres: what advances less is a hinge.
 const MIN_ADVANCE_M: f64 = 0.01;
-/// Standard errors by which the advance must differ from none. True hinges are within 3, screws
-/// beyond 12.
+/// Standard errors by which the advance must differ from none. Measured: true hinges are within 3,
+/// screws beyond 12.
 const MIN_SIGNIFICANCE: f64 = 8.0;
 /// Pairs of frames, far apart in configuration, whose motion shows the axis.
 const PAIRS: usize = 8;
-/// Tracks that must tell,
+/// Fewest tracks that give a pitch.
 const MIN_TRACKS: usize = 10;
-/// each from this many observations,
+/// Fewest observations of a track that gives a pitch.
 const MIN_OBSERVATIONS: usize = 15;
-/// with configurations that spread this much, radians,
+/// Least spread of the configurations at which the track is seen, radians.
 const MIN_SPREAD: f64 = 0.15;
-/// while their distances from the axis do not, metres.
+/// Largest spread of its distances from the axis, metres.
 const MAX_DRIFT_M: f64 = 0.03;
 
-/// It turned far enough to tell whether it advances.
-pub fn can_be_told(joint: &JointEstimate) -> bool {
+/// It turned far enough to show whether it advances.
+pub fn turns_enough(joint: &JointEstimate) -> bool {
     joint.dof.hinge && joint.span() >= MIN_TURN
 }
 
-/// The direction that a joint's tracks turn about, whatever they advance: a hinge's axis leans so
-/// as to explain that, too.
+/// The direction that a joint's tracks turn about, whatever they advance: the axis of a fitted hinge
+/// leans so as to explain the advance, too.
 pub fn turning_axis(
     joint: &JointEstimate,
     view: &TracksInFrame,
@@ -63,13 +63,7 @@ fn turn_between(
     from: usize,
     to: usize,
 ) -> Option<Vector3<f64>> {
-    let pairs: Vec<Correspondence> = tracks
-        .iter()
-        .filter_map(|&t| {
-            let (a, b) = (view.at(t, from)?, view.at(t, to)?);
-            Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma(), weight: 1.0 })
-        })
-        .collect();
+    let pairs = view.correspondences(tracks, from, to);
     let mut rng = ChaCha8Rng::seed_from_u64(from as u64);
     let options = RansacOptions { cut: 3.0, iterations: 100, locality: None };
     let motion = ransac_rigid(&pairs, &options, None, &mut rng)?;
@@ -78,15 +72,15 @@ fn turn_between(
 
 /// What a joint advances, metres a radian; `None`: it is a hinge.
 pub fn pitch_of(joint: &JointEstimate, view: &TracksInFrame, tracks: &[usize]) -> Option<f64> {
-    let mut told: Vec<f64> =
+    let mut pitches: Vec<f64> =
         tracks.par_iter().filter_map(|&t| advance_of(joint, view, t)).collect();
-    if told.len() < MIN_TRACKS {
+    if pitches.len() < MIN_TRACKS {
         return None;
     }
-    let pitch = median(&mut told)?;
-    let mut off: Vec<f64> = told.iter().map(|p| (p - pitch).abs()).collect();
+    let pitch = median(&mut pitches)?;
+    let mut off: Vec<f64> = pitches.iter().map(|p| (p - pitch).abs()).collect();
     // Standard error of a median, the deviation from that of the median of a normal distribution.
-    let error = 1.253 * 1.483 * median(&mut off)? / (told.len() as f64).sqrt();
+    let error = 1.253 * 1.483 * median(&mut off)? / (pitches.len() as f64).sqrt();
     let advances = (pitch * joint.span()).abs() >= MIN_ADVANCE_M;
     (advances && pitch.abs() >= MIN_SIGNIFICANCE * error).then_some(pitch)
 }
@@ -108,10 +102,10 @@ fn advance_of(joint: &JointEstimate, view: &TracksInFrame, track: usize) -> Opti
     let q_mean = seen.iter().map(|s| s.0).sum::<f64>() / n;
     let spread: f64 = seen.iter().map(|s| (s.0 - q_mean).powi(2)).sum();
     let slope = seen.iter().map(|s| (s.0 - q_mean) * s.1).sum::<f64>() / spread;
-    let tells = seen.len() >= MIN_OBSERVATIONS
+    let is_enough = seen.len() >= MIN_OBSERVATIONS
         && (spread / n).sqrt() >= MIN_SPREAD
         && far - near <= MAX_DRIFT_M;
-    tells.then_some(slope)
+    is_enough.then_some(slope)
 }
 
 #[cfg(test)]
@@ -121,8 +115,8 @@ mod tests {
     use crate::learn::joint_search::test_data::seen_moving;
     use nalgebra::Point3;
 
-    /// What is told of twenty points that turn by `angle` in thirty frames.
-    fn told(pitch: f64, angle: f64) -> Option<f64> {
+    /// The pitch of twenty points that turn by `angle` in thirty frames.
+    fn found(pitch: f64, angle: f64) -> Option<f64> {
         let line = ScrewJoint {
             pitch: Some(pitch),
             ..ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5))
@@ -138,18 +132,18 @@ mod tests {
         joint.known = vec![true; 30];
         joint.summarise();
         let all: Vec<usize> = (0..20).collect();
-        can_be_told(&joint).then(|| pitch_of(&joint, &view, &all)).flatten()
+        turns_enough(&joint).then(|| pitch_of(&joint, &view, &all)).flatten()
     }
 
     #[test]
     fn what_advances_as_it_turns_is_told_from_a_hinge() {
-        assert!((told(-0.02, 1.2).unwrap() + 0.02).abs() < 0.001);
-        assert_eq!(told(0.0, 1.2), None);
+        assert!((found(-0.02, 1.2).unwrap() + 0.02).abs() < 0.001);
+        assert_eq!(found(0.0, 1.2), None);
     }
 
     #[test]
-    fn a_short_turn_or_advance_tells_nothing() {
-        assert_eq!(told(0.05, 0.4), None);
-        assert_eq!(told(0.004, 1.2), None);
+    fn a_short_turn_or_advance_shows_no_pitch() {
+        assert_eq!(found(0.05, 0.4), None);
+        assert_eq!(found(0.004, 1.2), None);
     }
 }

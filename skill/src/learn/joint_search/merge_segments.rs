@@ -1,35 +1,34 @@
-//! One joint seen in two stretches, opening and closing say: its surfaces turned away or an
-//! arm came between. The stretches share the line; their configurations are tied by common
-//! frames or by what the depth pictures say.
+//! One joint that was seen in two segments of time, for instance when it opened and when it closed:
+//! its surfaces turned away, or an arm came between. The segments share the line; their
+//! configurations are tied together by common frames or by the depth pictures.
 
+use super::association::associate;
 use super::bundle_adjustment::refine;
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
-use super::grow::finish;
 use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::{distance_to_line, line_angle, nearest_on_line};
-use crate::math::robust::median;
-use crate::math::robust::overlap;
+use crate::math::robust::{median, overlap};
 use nalgebra::Point3;
 
 /// Largest angle between the axes of one joint, radians.
 const MAX_ANGLE: f64 = 0.175;
 /// Largest distance between its lines, metres.
 const MAX_DISTANCE: f64 = 0.05;
-/// Frames that two stretches must share for their configurations to be compared.
+/// Frames that two segments must share for their configurations to be compared.
 const COMMON_FRAMES: usize = 8;
-/// Frames that a stretch must add.
+/// Frames that a segment must add.
 const LEAST_MORE: usize = 5;
-/// Tracks of each stretch that the merged joint is refined on.
+/// Tracks of each segment that the merged joint is refined on.
 const TRACKS_EACH: usize = 75;
 
 /// How near two joints' lines are to be those of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LineMatch {
-    /// Same line within what a joint is usually known to.
+    /// They are the same line, within the error to which the line of a joint is usually known.
     Same,
-    /// Short stretches or grazing views may have drawn the lines apart: they are one joint if
-    /// one line explains what both do.
+    /// Short segments or grazing views may have moved the lines apart: the joints are one if one line
+    /// explains what both do.
     Possible,
 }
 
@@ -50,20 +49,20 @@ impl LineMatch {
     }
 }
 
-/// How two joints are akin: same kind, near lines, and configurations that run alike over
-/// common frames.
+/// How two joints match: same type, near lines, and configurations that change alike over common
+/// frames; `None` where they do not.
 pub fn line_match(a: &JointEstimate, b: &JointEstimate) -> Option<LineMatch> {
     [LineMatch::Same, LineMatch::Possible].into_iter().find(|k| lines_match(a, b, k.slack()))
 }
 
-/// The other joint is known where this one is not: its tracks this one would have gathered
-/// itself.
+/// The other joint is known in frames in which this one is not. Elsewhere this joint would have
+/// gathered the other's tracks itself.
 pub fn adds_frames(joint: &JointEstimate, other: &JointEstimate) -> bool {
     let beyond = joint.known.iter().zip(&other.known).filter(|(here, there)| !**here && **there);
     beyond.count() >= LEAST_MORE
 }
 
-/// Same kind and near lines.
+/// The joints are of the same type and on near lines.
 pub fn shares_line(a: &JointEstimate, b: &JointEstimate, slack: f64) -> bool {
     if a.dof.hinge != b.dof.hinge || line_angle(&a.dof.axis, &b.dof.axis) > slack * MAX_ANGLE {
         return false;
@@ -84,44 +83,45 @@ fn lines_match(a: &JointEstimate, b: &JointEstimate, slack: f64) -> bool {
     }
     let differences = differences(a, b);
     if differences.len() < COMMON_FRAMES {
-        // Any two slides beside one another share their line: they must share tracks, too,
-        // and more than those of the arm that moves both.
+        // Any two slides beside one another share their line. They must share tracks, too, and more
+        // of them than those of the arm that moves both.
         let shared = overlap(&a.members, &b.members).max(overlap(&b.members, &a.members));
         return a.dof.hinge || shared > 0.3;
     }
     let mut sorted = differences.clone();
     let middle = median(&mut sorted).unwrap_or(0.0);
-    let mut strays: Vec<f64> = differences.iter().map(|d| (d - middle).abs()).collect();
-    strays.sort_by(f64::total_cmp);
-    strays[strays.len() * 9 / 10] < 0.25 * a.span().max(b.span())
+    let mut deviations: Vec<f64> = differences.iter().map(|d| (d - middle).abs()).collect();
+    deviations.sort_by(f64::total_cmp);
+    deviations[deviations.len() * 9 / 10] < 0.25 * a.span().max(b.span())
 }
 
 fn sign(a: &JointEstimate, b: &JointEstimate) -> f64 {
     if a.dof.axis.dot(&b.dof.axis) > 0.0 { 1.0 } else { -1.0 }
 }
 
-/// a's configuration less b's (its sign following the axis) over common frames.
+/// Configuration of `a` less that of `b`, whose sign follows the axis, over common frames.
 fn differences(a: &JointEstimate, b: &JointEstimate) -> Vec<f64> {
     let s = sign(a, b);
     (0..a.q.len()).filter(|&f| a.known[f] && b.known[f]).map(|f| a.q[f] - s * b.q[f]).collect()
 }
 
-/// The joint of both stretches; `None` when nothing remains of it.
+/// The joint of both segments; `None` where too few tracks follow it.
 pub fn merged(
     view: &TracksInFrame,
     a: &JointEstimate,
     b: &JointEstimate,
     candidates: &[usize],
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> Option<JointEstimate> {
     let s = sign(a, b);
     let mut common = differences(a, b);
     let offset = if common.len() >= 3 {
         median(&mut common)?
     } else {
+        let a_by_depth = &a.evidence.configuration_from_depth;
         let mut by_depth: Vec<f64> = (0..b.q.len())
-            .filter(|&f| b.known[f] && a.scanned[f].is_finite())
-            .map(|f| a.scanned[f] - s * b.q[f])
+            .filter(|&f| b.known[f] && a_by_depth[f].is_finite())
+            .map(|f| a_by_depth[f] - s * b.q[f])
             .collect();
         median(&mut by_depth).unwrap_or(0.0)
     };
@@ -136,10 +136,57 @@ pub fn merged(
     some.sort_unstable();
     some.dedup();
     refine(&mut joint, view, &some, config.cut, config.finish_steps + 1);
-    finish(view, &mut joint, candidates, config, 3);
+    associate(view, &mut joint, candidates, config, 3);
     (joint.members.len() >= 5).then_some(joint)
 }
 
 fn spread(members: &[usize]) -> impl Iterator<Item = usize> + '_ {
     members.iter().copied().step_by(members.len().div_ceil(TRACKS_EACH).max(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::Vector3;
+
+    /// A door that opens and closes, known between two frames; its configuration has an offset.
+    fn door(known: std::ops::Range<usize>, offset: f64) -> (TracksInFrame, JointEstimate) {
+        let hinge = ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
+        let q: Vec<f64> = (0..80).map(|f| 0.6 * (0.04 * f64::from(f)).sin()).collect();
+        let places: Vec<Point3<f64>> = (0..12)
+            .map(f64::from)
+            .map(|i| Point3::new(0.15 + 0.03 * i, 0.2 * (1.3 * i).sin(), 1.5))
+            .collect();
+        let view = seen_moving(&hinge, &places, &q);
+        let mut joint = JointEstimate::new(hinge, &view, known.start);
+        joint.known = (0..80).map(|f| known.contains(&f)).collect();
+        joint.q = q.iter().map(|q| q - offset).collect();
+        joint.points = places.iter().map(|p| hinge.move_point(offset, p)).collect();
+        joint.members = (0..12).collect();
+        joint.summarise();
+        (view, joint)
+    }
+
+    #[test]
+    fn two_segments_of_a_door_are_one_joint_with_one_configuration() {
+        let (view, opening) = door(0..50, 0.0);
+        let (_, closing) = door(35..80, 0.2);
+        assert_eq!(line_match(&opening, &closing), Some(LineMatch::Same));
+        assert!(adds_frames(&opening, &closing));
+        let all: Vec<usize> = (0..12).collect();
+        let config = JointSearchConfig::default();
+        let whole = merged(&view, &opening, &closing, &all, &config).unwrap();
+        assert!(whole.known.iter().all(|k| *k));
+        let back = whole.q[79] - whole.q[0];
+        assert!((back - 0.6 * (0.04 * 79.0_f64).sin()).abs() < 0.02, "{back}");
+    }
+
+    #[test]
+    fn a_door_and_a_drawer_are_two_joints() {
+        let (_, opening) = door(0..50, 0.0);
+        let slide = ScrewJoint::slide(Vector3::z(), Point3::origin());
+        assert_eq!(line_match(&opening, &JointEstimate { dof: slide, ..opening.clone() }), None);
+    }
 }

@@ -1,95 +1,195 @@
-//! Our way of learning: joints of one degree of freedom with a shared configuration q(t),
-//! fitted directly to the tracks. Suspected in short windows of time, a joint grows over the
-//! recording and gathers its tracks; poses, tree and covariance follow from it.
+//! Our method: joints of one degree of freedom with a shared configuration q(t), fitted directly to the
+//! tracks. A rigid motion in a short window of time suggests a joint; it grows over the recording and
+//! gathers its tracks. Poses, tree and covariance follow from it.
 //!
-//! Unlike the paper's order (cluster first, poses next, models last) nothing is decided
-//! before a joint has shown that it explains its tracks.
+//! Unlike the paper's order (cluster first, poses next, models last) nothing is decided before a joint
+//! has shown that it explains its tracks. The depth pictures verify each joint: a hand moves with what
+//! it holds, but comes and leaves.
+//!
+//! In comes a [`Recording`] with tracks in the base frame; out come joints in the object frame, which
+//! is the base frame at the first frame.
 
+mod adoption;
+mod association;
 mod bundle_adjustment;
 mod candidates;
 pub(crate) mod config;
 mod configuration_vote;
+mod correlation;
+mod decision;
 mod estimate;
-mod grow;
+mod evidence;
+mod free_space_check;
+mod growth;
 mod helical_pitch;
 mod merge_segments;
 mod motion_hypotheses;
+mod propagation;
+mod refinement;
 mod reparent;
+mod reuse;
 mod screw_joint;
-mod search;
+mod search_state;
+mod selection;
 #[cfg(test)]
 mod test_data;
 mod to_model;
+mod track_scores;
 mod tracks_in_part_frame;
 mod type_selection;
 mod verification;
 mod warm_start;
+mod window_fit;
 
-use super::ego_motion::EgoMotion;
-use super::keyframes::Keyframes;
-use super::learned_joint::LearnedJoint;
-use super::tracking::TrackSet;
-use crate::config::SkillConfig;
+use super::learned_joint::LearnedJoints;
+use super::recording::Recording;
 use crate::object::model::Joint;
-pub use config::JointsConfig;
-use search::Search;
+pub use config::{JointSearchConfig, SearchSettings};
+use search_state::SearchState;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use tracks_in_part_frame::TracksInFrame;
 pub use warm_start::WarmStart;
 
-/// The frames of a demonstration, or those of it that there are by now.
-#[derive(Clone, Copy)]
-pub struct Watched<'s> {
-    /// Tracks.
-    pub set: &'s TrackSet,
-    /// The same from the base.
-    pub base: &'s EgoMotion,
-    /// Whole frames.
-    pub keyframes: &'s Keyframes,
-    /// Configuration.
-    pub config: &'s SkillConfig,
+/// Finds the joints of a demonstration, whose first frames were searched `earlier`.
+pub fn learn(
+    recording: &Recording,
+    earlier: &WarmStart,
+    settings: &SearchSettings,
+) -> LearnedJoints {
+    let moving = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+    let from_nothing: WarmStart;
+    let mut search = SearchState::new(recording, *settings, &moving, earlier, None);
+    find_joints(&mut search);
+    if search.joints.is_empty() && earlier.frames > 0 {
+        from_nothing = search.to_warm_start().without_joints();
+        search = SearchState::new(recording, *settings, &moving, &from_nothing, None);
+        find_joints(&mut search);
+    }
+    refinement::refine_joints(&mut search);
+    let joints = to_model::learned_joints(&search);
+    LearnedJoints { joints, rejections: search.rejections }
 }
 
-impl Watched<'_> {
-    /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
-    pub fn joints(&self, earlier: &WarmStart) -> Vec<LearnedJoint> {
-        let view = self.view();
-        let rejected: WarmStart;
-        let mut search = Search::new(*self, &view, earlier, None);
-        search.run();
-        if search.joints.is_empty() && earlier.frames > 0 {
-            rejected = search.remember().without_joints();
-            search = Search::new(*self, &view, &rejected, None);
-            search.run();
-        }
-        search.polish();
-        search.learned()
+/// Searches the first frames of a demonstration, so that the rest is found sooner. Returns its joints,
+/// too, if it `reports_joints`. A `cancelled` search ends soon and finds nothing.
+pub fn search_ahead(
+    recording: &Recording,
+    earlier: &WarmStart,
+    settings: &SearchSettings,
+    cancelled: &AtomicBool,
+    reports_joints: bool,
+) -> (WarmStart, Option<Vec<Joint>>) {
+    let moving = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+    let mut search = SearchState::new(recording, *settings, &moving, earlier, Some(cancelled));
+    find_joints(&mut search);
+    if search.is_cancelled() {
+        return (WarmStart::default(), None);
     }
+    let joints = || to_model::learned_joints(&search).into_iter().map(|l| l.joint).collect();
+    (search.to_warm_start(), reports_joints.then(joints))
+}
 
-    /// Searches the first frames of a demonstration, so that the rest is found sooner, and tells
-    /// what it believes by then, if asked to. When `cancelled`, what is found is of no use.
-    pub fn remember(
-        &self,
-        earlier: &WarmStart,
-        cancelled: &AtomicBool,
-        tell: Option<&dyn Fn(Vec<Joint>)>,
-    ) -> WarmStart {
-        let view = self.view();
-        let mut search = Search::new(*self, &view, earlier, Some(cancelled));
-        search.run();
+/// Adopts joints, the best one in each round, until none is left.
+fn find_joints(search: &mut SearchState) {
+    let mut unexplained: Vec<usize> = (0..search.base_view.len()).collect();
+    // Candidates of one round need not be grown again in the next.
+    let mut candidates = reuse::reuse_joints(search, &mut unexplained);
+    for round in 0..search.config().rounds {
         if search.is_cancelled() {
-            return WarmStart::default();
+            return;
         }
-        if let Some(tell) = tell {
-            tell(search.learned().into_iter().map(|l| l.joint).collect());
+        candidates = candidates::grow_candidates(search, candidates, &unexplained, round);
+        let mut best = selection::best_of(search, &candidates);
+        if best.is_none() && search.is_rescan_due() {
+            candidates = candidates::rescan(search, candidates, &unexplained, round);
+            best = selection::best_of(search, &candidates);
         }
-        search.remember()
+        let Some(best) = best else { break };
+        let best = adoption::with_its_segments(search, best, &candidates, &unexplained);
+        candidates = adoption::adopt(search, best, candidates, &mut unexplained);
+    }
+    if search.is_the_end() {
+        search.rejections = selection::rejections(search, &candidates);
+    }
+    if search.config().chains && !search.is_cancelled() {
+        reparent::reparent(search);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::test_data::seen_along;
+    use super::*;
+    use crate::learn::ego_motion::EgoMotionConfig;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::{Track, TrackSet};
+    use crate::object::joint_geometry::JointKind;
+    use crate::test_data::{board, seen};
+    use nalgebra::Point3;
+
+    const FRAMES: usize = 60;
+
+    /// Depth of a drawer's front, which rests, comes by 30 cm in 30 frames, and rests.
+    fn front(f: usize) -> f64 {
+        1.5 - 0.01 * (f.clamp(15, 45) - 15) as f64
     }
 
-    fn view(&self) -> Arc<TracksInFrame> {
-        let tracks = &self.base.tracks;
-        let moving = (0..tracks.len()).filter(|&t| tracks[t].moves).collect();
-        Arc::new(TracksInFrame::from_base(self.base, moving))
+    /// Tracks on the front, and pictures of a board at some depth before a wall.
+    fn recording(board_at: impl Fn(usize) -> f64) -> Recording {
+        let path = |i: usize| -> Vec<Point3<f64>> {
+            let (x, y) = (0.03 * (i % 10) as f64 - 0.135, 0.03 * (i / 10) as f64 - 0.075);
+            (0..FRAMES).map(|f| Point3::new(x, y, front(f))).collect()
+        };
+        let paths: Vec<_> = (0..60).map(path).collect();
+        let mut keyframes = Keyframes::new(FRAMES);
+        for f in (0..FRAMES).step_by(3) {
+            keyframes.offer(f, &seen(f as i64, board(0.2, board_at(f), 2.5)));
+        }
+        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let tracks = (0..paths.len()).map(track).collect();
+        let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
+        Recording { tracks, ego_motion: seen_along(&paths), keyframes }
+    }
+
+    fn learned(recording: &Recording, earlier: &WarmStart) -> LearnedJoints {
+        let (joints, ego_motion) = (JointSearchConfig::default(), EgoMotionConfig::default());
+        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        learn(recording, earlier, &settings)
+    }
+
+    #[test]
+    fn a_drawer_that_pictures_show_is_the_only_joint() {
+        let LearnedJoints { joints, .. } = learned(&recording(front), &WarmStart::default());
+        assert_eq!(joints.len(), 1);
+        let joint = &joints[0].joint;
+        assert_eq!((joint.kind, joint.parent, joint.child), (JointKind::Prismatic, 0, 1));
+        assert!(joint.axis[2].abs() > 0.999, "{:?}", joint.axis);
+        assert!((joint.range[1] - joint.range[0] - 0.3).abs() < 0.01, "{:?}", joint.range);
+        assert_eq!(joints[0].tracks.len(), 60);
+    }
+
+    #[test]
+    fn what_pictures_see_through_is_rejected_and_the_reason_is_told() {
+        let LearnedJoints { joints, rejections } =
+            learned(&recording(|_| 2.4), &WarmStart::default());
+        assert!(joints.is_empty());
+        let said: Vec<String> = rejections.iter().map(ToString::to_string).collect();
+        assert!(said.iter().any(|s| s.contains("it was seen through at")), "{said:?}");
+    }
+
+    #[test]
+    fn a_search_ahead_tells_its_joints_unless_it_was_cancelled() {
+        let joints = JointSearchConfig::default();
+        let ego_motion = EgoMotionConfig::default();
+        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        let go_on = AtomicBool::new(false);
+        let through = recording(|_| 2.4);
+        let nothing = WarmStart::default();
+        let (earlier, told) = search_ahead(&through, &nothing, &settings, &go_on, true);
+        assert_eq!((earlier.frames, told), (FRAMES, Some(Vec::new())));
+        let stopped = AtomicBool::new(true);
+        let (ended, told) = search_ahead(&through, &nothing, &settings, &stopped, true);
+        assert_eq!((ended.frames, told), (0, None));
     }
 }

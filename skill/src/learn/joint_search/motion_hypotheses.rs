@@ -1,7 +1,9 @@
-//! Where joints are suspected: rigid motions over short windows of time, shared by tracks
-//! near one another.
+//! Motion hypotheses: rigid motions over short windows of time that tracks near one another share.
+//! Each may be a part that a joint moves, or a hand.
+//!
+//! In come the tracks in the frame of a part; out come hypotheses, the strongest first.
 
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
@@ -22,14 +24,15 @@ pub struct Hypothesis {
     pub motion: Pose,
     /// Tracks that follow it.
     pub tracks: Vec<usize>,
-    /// Evidence: tracks times displacement in sigmas, times the squared share that rests
-    /// before or after (object parts rest, hands do not).
+    /// Strength: tracks times displacement in standard deviations, times the squared share of them
+    /// that rests before or after. Parts of objects rest, hands do not.
     pub rank: f64,
 }
 
 impl Hypothesis {
-    /// A joint moves most of its tracks as they were seen to move in its window. Being among
-    /// a joint's members does not suffice: a poor joint takes in whatever is near.
+    /// A joint moves most of its tracks as they were seen to move in its window: the error is at most
+    /// `max_share` of their way. Being members of the joint does not suffice: a poor joint takes in
+    /// whatever is near.
     pub fn is_explained_by(
         &self,
         joint: &JointEstimate,
@@ -51,7 +54,7 @@ impl Hypothesis {
             })
     }
 
-    /// Most of its tracks stand still in a view.
+    /// Most of its tracks stand still in a view, from the first frame of its window to the last.
     pub fn is_still_in(&self, view: &TracksInFrame) -> bool {
         self.most_tracks(|t| {
             let (Some(a), Some(b)) = (view.at(t, self.from), view.at(t, self.to)) else {
@@ -67,6 +70,8 @@ impl Hypothesis {
     }
 }
 
+/// Share of a hypothesis's tracks from which another one says the same.
+pub const COVERED: f64 = 0.6;
 /// Standard deviations within which two places are one.
 const SAME_PLACE_SIGMAS: f64 = 3.0;
 /// Windows, in frames.
@@ -74,12 +79,12 @@ const WINDOWS: [usize; 3] = [6, 12, 24];
 /// Motions looked for in one window.
 const MODES: usize = 3;
 
-/// All hypotheses of windows that end after `since`, strongest first.
+/// All hypotheses of windows that end in frame `since` or later, the strongest first.
 pub fn hypotheses(
     view: &TracksInFrame,
     candidates: &[usize],
     since: usize,
-    config: &JointsConfig,
+    config: &JointSearchConfig,
     seed: u64,
 ) -> Vec<Hypothesis> {
     let resting: Vec<bool> = (0..view.len())
@@ -94,18 +99,18 @@ pub fn hypotheses(
         .collect();
     let mut found: Vec<Hypothesis> = windows
         .par_iter()
-        .flat_map_iter(|&(a, b)| in_window(view, candidates, &resting, a, b, seed))
+        .flat_map_iter(|&window| in_window(view, candidates, &resting, window, seed))
         .collect();
     found.sort_by(|x, y| y.rank.total_cmp(&x.rank));
     found
 }
 
+/// The rigid motions of most tracks between two frames, one after the other.
 fn in_window(
     view: &TracksInFrame,
     candidates: &[usize],
     resting: &[bool],
-    from: usize,
-    to: usize,
+    (from, to): (usize, usize),
     seed: u64,
 ) -> Vec<Hypothesis> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ ((from as u64) << 20) ^ ((to as u64) << 40));
@@ -122,13 +127,7 @@ fn in_window(
         if left.len() < 4 {
             break;
         }
-        let pairs: Vec<Correspondence> = left
-            .iter()
-            .filter_map(|&t| {
-                let (a, b) = (view.at(t, from)?, view.at(t, to)?);
-                Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma(), weight: 1.0 })
-            })
-            .collect();
+        let pairs = view.correspondences(&left, from, to);
         let options = RansacOptions { cut: 1.5, iterations: 80, locality: Some(0.3) };
         let Some(motion) = ransac_rigid(&pairs, &options, None, &mut rng) else { break };
         if motion.inliers.len() < 4 {
@@ -146,4 +145,49 @@ fn in_window(
         found.push(Hypothesis { from, to, motion: motion.motion, tracks, rank });
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::Vector3;
+
+    /// Ten points on a drawer that rests, opens in 30 frames and rests.
+    fn drawer() -> (ScrewJoint, Vec<f64>, TracksInFrame) {
+        let slide = ScrewJoint::slide(Vector3::z(), Point3::origin());
+        let q: Vec<f64> = (0..60_i32).map(|f| 0.01 * f64::from(f.clamp(15, 45) - 15)).collect();
+        let places: Vec<Point3<f64>> =
+            (0..10).map(|i| Point3::new(0.03 * f64::from(i), 0.1, 1.5)).collect();
+        let view = seen_moving(&slide, &places, &q);
+        (slide, q, view)
+    }
+
+    #[test]
+    fn the_strongest_hypothesis_of_a_drawer_is_most_of_it_as_it_opens() {
+        let (_, q, view) = drawer();
+        let all: Vec<usize> = (0..10).collect();
+        let found = hypotheses(&view, &all, 0, &JointSearchConfig::default(), 1);
+        let best = &found[0];
+        assert!(best.tracks.len() >= 8, "{:?}", best.tracks);
+        let middle = Point3::new(0.135, 0.1, 1.5 + q[best.from]);
+        let way = (best.motion * middle - middle).z;
+        assert!((way - (q[best.to] - q[best.from])).abs() < 0.005, "{way}");
+        assert!(!best.is_still_in(&view));
+        let early = hypotheses(&view, &all, 50, &JointSearchConfig::default(), 1);
+        assert!(early.iter().all(|h| h.to >= 50));
+    }
+
+    #[test]
+    fn a_joint_explains_the_hypothesis_of_its_own_motion_only() {
+        let (slide, q, view) = drawer();
+        let all: Vec<usize> = (0..10).collect();
+        let found = hypotheses(&view, &all, 0, &JointSearchConfig::default(), 1);
+        let mut joint = JointEstimate::new(slide, &view, 0);
+        (joint.q, joint.known) = (q, vec![true; 60]);
+        assert!(found[0].is_explained_by(&joint, &view, 0.5));
+        joint.q.iter_mut().for_each(|q| *q = -*q);
+        assert!(!found[0].is_explained_by(&joint, &view, 0.5));
+    }
 }

@@ -1,97 +1,109 @@
-//! What hangs on what? A part that goes along with another hangs on it, even where it was found
-//! while the other rested, when nothing told that from hanging on the base.
+//! Which part does a joint hang on? A part that goes along with another one hangs on it, even where it
+//! was found while the other rested, when it looked like a part that hangs on the base.
 
-use super::estimate::JointEstimate;
-use super::estimate::base_from_part;
-use super::grow;
-use super::search::Search;
-use super::verification;
+use super::association::associate;
+use super::correlation::frames_away;
+use super::decision::{accepts, is_missed_less};
+use super::estimate::{JointEstimate, base_from_part};
+use super::evidence::Evidence;
+use super::search_state::SearchState;
+use super::verification::verify;
 
 /// Frames for which a part must be lost on the base while another moves.
 const LEAST_LOST: usize = 10;
+/// Rounds of association with the new parent.
+const ROUNDS: usize = 2;
 
-impl Search<'_> {
-    /// Hangs joints of the base on those whose parts they go along with.
-    pub fn rehang(&mut self) {
-        let mut i = 0;
-        while i < self.joints.len() {
-            match self.hung_on_another(i) {
-                Some(hung) => self.hang(i, hung),
-                None => i += 1,
-            }
+/// Attaches joints of the base to the moving parts that their own parts go along with.
+pub fn reparent(search: &mut SearchState) {
+    let mut i = 0;
+    while i < search.joints.len() {
+        match attached_to_another(search, i) {
+            Some(attached) => replace(search, i, attached),
+            None => i += 1,
         }
     }
+}
 
-    /// A joint of the base as one of the part that it goes along with; `None` where there is none.
-    fn hung_on_another(&self, joint: usize) -> Option<JointEstimate> {
-        let carries = |j: &JointEstimate| j.parent == Some(joint);
-        if self.joints[joint].parent.is_some() || self.joints.iter().any(carries) {
-            return None;
-        }
-        (0..self.joints.len())
-            .filter(|&p| p != joint)
-            .filter_map(|p| self.hung(joint, p))
-            .max_by_key(|hung| hung.known_frames().len())
+/// A joint of the base as one of the part that it goes along with; `None` where there is none.
+fn attached_to_another(search: &SearchState, joint: usize) -> Option<JointEstimate> {
+    let is_child = |j: &JointEstimate| j.parent == Some(joint);
+    if search.joints[joint].parent.is_some() || search.joints.iter().any(is_child) {
+        return None;
     }
+    (0..search.joints.len())
+        .filter(|&p| p != joint)
+        .filter_map(|p| attached(search, joint, p))
+        .max_by_key(|attached| attached.known_frames().len())
+}
 
-    fn hung(&self, joint: usize, parent: usize) -> Option<JointEstimate> {
-        let alone = &self.joints[joint];
-        if !self.is_lost_beside(alone, parent) {
-            return None;
-        }
-        let away = verification::away(&self.joints[parent], alone);
-        let at_rest = (0..away.len()).find(|&f| !away[f] && alone.known[f])?;
-        let part_from_base = base_from_part(&self.joints, parent, at_rest).inverse();
-        let mut hung = alone.clone();
-        hung.parent = Some(parent);
-        hung.dof.axis = part_from_base * alone.dof.axis;
-        hung.dof.origin = part_from_base * alone.dof.origin;
-        hung.points.iter_mut().for_each(|p| *p = part_from_base * *p);
-        hung.contradicted.clear();
-        hung.known.iter_mut().zip(&away).for_each(|(known, away)| *known &= !away);
-        if !hung.known[hung.anchor] {
-            hung.anchor = at_rest;
-        }
-        let view = self.view_from(Some(parent));
-        let is_free = |t: &usize| {
-            self.joints
-                .iter()
-                .enumerate()
-                .all(|(j, other)| j == joint || !other.members.contains(t))
-        };
-        let candidates: Vec<usize> = (0..view.len()).filter(is_free).collect();
-        grow::finish(&view, &mut hung, &candidates, &self.config.joints, 2);
-        self.question(&view, &mut hung, &candidates);
-        self.report("hung", &hung);
-        let found_by_tracks = 3 * lost(&hung, &away) < 2 * lost(alone, &away);
-        // Tracks seldom live through a turn; the pictures show where the part went.
-        let found_in_pictures =
-            verification::is_found_everywhere(&hung) && verification::is_missed_less(&hung, alone);
-        if found_in_pictures {
-            // They show it where the tracks say that its parent only rests.
-            hung.coupling = hung.coupling.max(0.0);
-        }
-        let goes_along = found_by_tracks || found_in_pictures;
-        (goes_along && self.witness.accepts(&hung)).then_some(hung)
+/// A joint of the base as one of the part of another; `None` where it does not go along with that.
+fn attached(search: &SearchState, joint: usize, parent: usize) -> Option<JointEstimate> {
+    let alone = &search.joints[joint];
+    if !is_lost_beside(search, alone, parent) {
+        return None;
     }
+    let away = frames_away(&search.joints[parent], alone);
+    let mut attached = in_frame_of(search, alone, parent, &away)?;
+    let view = search.view_from(Some(parent));
+    let is_free = |t: &usize| {
+        let others = search.joints.iter().enumerate();
+        others.into_iter().all(|(j, other)| j == joint || !other.members.contains(t))
+    };
+    let candidates: Vec<usize> = (0..view.len()).filter(is_free).collect();
+    associate(&view, &mut attached, &candidates, search.config(), ROUNDS);
+    attached = verify(search, &view, attached, &candidates, "attached");
+    let found_by_tracks = 3 * lost(&attached, &away) < 2 * lost(alone, &away);
+    // Tracks seldom live through a turn; the pictures show where the part went.
+    let found_in_pictures =
+        attached.evidence.is_found_everywhere() && is_missed_less(&attached, alone);
+    if found_in_pictures {
+        // They show it where the tracks say that its parent only rests.
+        let parent_correlation = attached.evidence.parent_correlation.max(0.0);
+        attached.evidence = Evidence { parent_correlation, ..attached.evidence };
+    }
+    let goes_along = found_by_tracks || found_in_pictures;
+    (goes_along && accepts(&attached, search.config())).then_some(attached)
+}
 
-    /// A joint is lost for most of the time that another's part moves: its own part may hang on
-    /// that.
-    pub(super) fn is_lost_beside(&self, alone: &JointEstimate, other: usize) -> bool {
-        let away = verification::away(&self.joints[other], alone);
-        let lost = lost(alone, &away);
-        lost >= LEAST_LOST && 2 * lost >= away.iter().filter(|a| **a).count()
+/// A joint of the base in the frame of another's part, as it is while that part is where it mostly is;
+/// `None` where it is known only while that part is `away`.
+fn in_frame_of(
+    search: &SearchState,
+    alone: &JointEstimate,
+    parent: usize,
+    away: &[bool],
+) -> Option<JointEstimate> {
+    let at_rest = (0..away.len()).find(|&f| !away[f] && alone.known[f])?;
+    let part_from_base = base_from_part(&search.joints, parent, at_rest).inverse();
+    let mut attached = alone.clone();
+    attached.parent = Some(parent);
+    attached.dof.axis = part_from_base * alone.dof.axis;
+    attached.dof.origin = part_from_base * alone.dof.origin;
+    attached.points.iter_mut().for_each(|p| *p = part_from_base * *p);
+    attached.evidence = Evidence { contradicted_frames: Vec::new(), ..attached.evidence };
+    attached.known.iter_mut().zip(away).for_each(|(known, away)| *known &= !away);
+    if !attached.known[attached.anchor] {
+        attached.anchor = at_rest;
     }
+    Some(attached)
+}
 
-    /// Puts a joint in place of another, after its new parent.
-    fn hang(&mut self, previous_id: usize, hung: JointEstimate) {
-        self.joints.remove(previous_id);
-        self.joints.push(hung);
-        for parent in self.joints.iter_mut().filter_map(|j| j.parent.as_mut()) {
-            *parent -= usize::from(*parent > previous_id);
-        }
-        self.look_from(0);
+/// A joint is lost for most of the time that another's part moves: its own part may hang on that.
+pub fn is_lost_beside(search: &SearchState, alone: &JointEstimate, other: usize) -> bool {
+    let away = frames_away(&search.joints[other], alone);
+    let lost = lost(alone, &away);
+    lost >= LEAST_LOST && 2 * lost >= away.iter().filter(|a| **a).count()
+}
+
+/// Puts a joint in place of number `previous_id`, after its new parent.
+fn replace(search: &mut SearchState, previous_id: usize, attached: JointEstimate) {
+    search.joints.remove(previous_id);
+    search.joints.push(attached);
+    for parent in search.joints.iter_mut().filter_map(|j| j.parent.as_mut()) {
+        *parent -= usize::from(*parent > previous_id);
     }
+    search.renew_views(0);
 }
 
 /// Of these frames, those in which a joint's configuration is not known.
@@ -101,13 +113,16 @@ fn lost(joint: &JointEstimate, frames: &[bool]) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{WarmStart, Watched};
     use super::*;
-    use crate::config::SkillConfig;
+    use crate::learn::ego_motion::EgoMotionConfig;
+    use crate::learn::joint_search::config::{JointSearchConfig, SearchSettings};
     use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_along;
     use crate::learn::joint_search::tracks_in_part_frame::TracksInFrame;
+    use crate::learn::joint_search::verification::evaluate;
+    use crate::learn::joint_search::warm_start::WarmStart;
     use crate::learn::keyframes::Keyframes;
+    use crate::learn::recording::Recording;
     use crate::learn::tracking::{Track, TrackSet};
     use crate::test_data::seen;
     use linkage_driver::RgbdFrame;
@@ -219,21 +234,23 @@ mod tests {
         }
         let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
         let tracks = (0..paths.len()).map(track).collect();
-        let set = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
-        let mut config = SkillConfig::default();
-        config.joints.min_gain = 10.0;
-        let watched = Watched { set: &set, base: &base, keyframes: &keyframes, config: &config };
+        let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
+        let recording = Recording { tracks, ego_motion: base, keyframes };
+        let joints = JointSearchConfig { min_gain: 10.0, ..JointSearchConfig::default() };
+        let ego_motion = EgoMotionConfig::default();
+        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
         let nothing = WarmStart::default();
-        let mut search = Search::new(watched, &watched.view(), &nothing, None);
+        let view = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+        let mut search = SearchState::new(&recording, settings, &view, &nothing, None);
         let mut alone = joint(back, lean, POINTS..2 * POINTS);
         alone.known.iter_mut().enumerate().for_each(|(f, known)| *known = seat_turn(f) == 0.0);
         search.joints = vec![alone, joint(seat, seat_turn, 0..POINTS)];
-        search.look_from(0);
+        search.renew_views(0);
         let mut back = search.joints[0].clone();
         back.gain = 100.0;
-        search.witness.examine(&mut back, &search.joints);
+        back.evidence = evaluate(&search, &view, &back);
         search.joints[0] = back;
-        search.rehang();
+        reparent(&mut search);
         let back = search.joints.iter().find(|j| j.dof.axis.y.abs() < 0.9)?;
         back.parent
     }

@@ -1,4 +1,4 @@
-//! What tests of joints look at: a part of few points, seen to move with 2 mm of noise.
+//! Test data: a part of few points, seen to move with 2 mm of noise.
 
 use super::screw_joint::ScrewJoint;
 use super::tracks_in_part_frame::TracksInFrame;

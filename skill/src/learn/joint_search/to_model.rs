@@ -1,68 +1,54 @@
-//! From grown joints to learned ones: numbered parents first, carried into the object frame, the
-//! first frame at configuration 0.
+//! From the joints of a search to learned ones: numbered parents first, carried into the object frame,
+//! with configuration 0 at the first frame. The object frame is the base frame at the first frame.
 
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::{JointEstimate, base_from_part};
+use super::search_state::SearchState;
 use super::tracks_in_part_frame::TracksInFrame;
 use super::{bundle_adjustment, type_selection};
-use crate::config::SkillConfig;
-use crate::learn::ego_motion::EgoMotion;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
-use crate::learn::tracking::{TrackSet, Trajectory};
+use crate::learn::tracking::Trajectory;
 use crate::math::rigid::Pose;
 use crate::object::model::{Joint, covariance_rows, is_undecided};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// Tracks that a covariance is taken over.
 const COVARIANCE_TRACKS: usize = 300;
 
-/// The learned joints, parents before children; `view_from` gives the view from each one's part.
-pub fn to_learned(
-    set: &TrackSet,
-    base: &EgoMotion,
-    view_from: impl Fn(Option<usize>) -> Arc<TracksInFrame> + Sync,
-    joints: &[JointEstimate],
-    config: &SkillConfig,
-) -> Vec<LearnedJoint> {
-    let view = view_from(None);
+/// The learned joints, parents before children.
+pub fn learned_joints(search: &SearchState) -> Vec<LearnedJoint> {
+    let joints = &search.joints;
     let order = parents_first(joints);
     let number_of = |joint: usize| order.iter().position(|&j| j == joint).map_or(0, |n| n + 1);
     order
         .par_iter()
         .enumerate()
         .map(|(n, &i)| {
-            let (mut joint, base_from_part) =
-                learned(set, base, &view_from(joints[i].parent), joints, i, config);
-            joint.name = format!("joint{}", n + 1);
-            joint.parent = joints[i].parent.map_or(0, number_of);
-            joint.child = n + 1;
+            let members = joints[i].members.iter();
             LearnedJoint {
-                joint,
-                base_from_part,
-                tracks: joints[i].members.iter().map(|&t| view.track_ids[t]).collect(),
+                joint: Joint {
+                    name: format!("joint{}", n + 1),
+                    parent: joints[i].parent.map_or(0, number_of),
+                    child: n + 1,
+                    ..joint_in_object(search, i)
+                },
+                base_from_part: trajectory(search, i),
+                tracks: members.map(|&t| search.base_view.track_ids[t]).collect(),
                 plain_surface: Vec::new(),
             }
         })
         .collect()
 }
 
-/// A joint, not yet numbered, and its part's poses in the base since the first frame.
-fn learned(
-    set: &TrackSet,
-    base: &EgoMotion,
-    own_view: &TracksInFrame,
-    joints: &[JointEstimate],
-    index: usize,
-    config: &SkillConfig,
-) -> (Joint, Trajectory) {
-    let joint = &joints[index];
+/// A joint in the object frame, which is the base frame at the first frame; not yet numbered. A moving
+/// parent's line is carried to where the parent is then.
+fn joint_in_object(search: &SearchState, index: usize) -> Joint {
+    let (config, joint) = (search.config(), &search.joints[index]);
+    let view = search.view_from(joint.parent);
     let frames = joint.known_frames();
-    // The object frame is the base at the first frame; a moving parent's line is carried to
-    // where the parent is then.
     let base_from_parent =
-        joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, 0));
+        joint.parent.map_or_else(Pose::identity, |p| base_from_part(&search.joints, p, 0));
     let mut geometry = joint.dof.geometry().transformed(&base_from_parent);
     let before = geometry.axis;
     let first = joint.filled[0];
@@ -73,36 +59,41 @@ fn learned(
     if !joint.dof.hinge {
         geometry.origin = base_from_parent * mean_point(joint);
     }
-    let rest = base_from_part(joints, index, 0).inverse();
-    let mut trajectory: Trajectory = vec![None; base.camera_from_base.len()];
-    for &f in &frames {
-        trajectory[f] = Some(base_from_part(joints, index, f) * rest);
-    }
     let some: Vec<usize> = joint.members.iter().copied().take(COVARIANCE_TRACKS).collect();
-    let spread = bundle_adjustment::covariance(joint, own_view, &some, config.joints.cut);
+    let spread = bundle_adjustment::covariance(joint, &view, &some, config.cut);
     let covariance = carried(
-        &(spread * config.joints.covariance_inflation + systematic(joint, &config.joints)),
+        &(spread * config.covariance_inflation + systematic(joint, config)),
         &base_from_parent,
         before.dot(&geometry.axis) < 0.0,
     );
-    let type_probabilities = type_selection::type_probabilities(joint, own_view, &config.joints);
-    let joint = Joint {
+    let type_probabilities = type_selection::type_probabilities(joint, &view, config);
+    Joint {
         range: range_of(&configuration),
         covariance: covariance_rows(&covariance),
         observations: frames.len(),
         bic: -2.0 * joint.gain,
         log_likelihood: joint.gain,
-        position_rmse: position_rmse(joint, own_view),
-        configuration: set.timed(&frames, &configuration),
+        position_rmse: position_rmse(joint, &view),
+        configuration: search.recording.tracks.timed(&frames, &configuration),
         undecided: is_undecided(&type_probabilities),
         type_probabilities,
         ..Joint::of(&geometry)
-    };
-    (joint, trajectory)
+    }
+}
+
+/// The poses of a joint's part in the base frame since the first frame, where they are known.
+fn trajectory(search: &SearchState, index: usize) -> Trajectory {
+    let joints = &search.joints;
+    let rest = base_from_part(joints, index, 0).inverse();
+    let mut trajectory: Trajectory = vec![None; search.recording.ego_motion.camera_from_base.len()];
+    for f in joints[index].known_frames() {
+        trajectory[f] = Some(base_from_part(joints, index, f) * rest);
+    }
+    trajectory
 }
 
 /// Covariance of (axis, origin) from errors that all of a camera's readings share.
-fn systematic(joint: &JointEstimate, config: &JointsConfig) -> DMatrix<f64> {
+fn systematic(joint: &JointEstimate, config: &JointSearchConfig) -> DMatrix<f64> {
     let across = Matrix3::identity() - joint.dof.axis * joint.dof.axis.transpose();
     let mut covariance = DMatrix::zeros(6, 6);
     covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * config.systematic_rad.powi(2)));
@@ -112,7 +103,7 @@ fn systematic(joint: &JointEstimate, config: &JointsConfig) -> DMatrix<f64> {
     covariance
 }
 
-/// A covariance of (axis, origin) in a turned frame; `reversed`: of the opposite axis.
+/// A covariance of (axis, origin) in another frame; `reversed`: the axis points the other way there.
 fn carried(covariance: &DMatrix<f64>, other_from_this: &Pose, reversed: bool) -> DMatrix<f64> {
     let rotation = other_from_this.rotation.to_rotation_matrix().into_inner();
     let mut turn = DMatrix::zeros(6, 6);

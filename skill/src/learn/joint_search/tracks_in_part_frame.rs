@@ -1,8 +1,8 @@
-//! The moving tracks as seen from a part: from the base, or from a part that moves itself.
+//! The moving tracks as seen from a part: from the base, or from a part that moves itself. Tracks are
+//! numbered by their row here; places are in metres in the frame of the part.
 
-use super::estimate::JointEstimate;
 use crate::learn::ego_motion::{BaseObservation, EgoMotion, TrackInBase, path_moves, rest_length};
-use crate::math::rigid::matrix_pose;
+use crate::math::ransac::Correspondence;
 use crate::math::robust::median_point;
 use nalgebra::{IsometryMatrix3, Point3};
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ struct Life {
     start: usize,
 }
 
-/// Tracks by frames.
+/// Tracks with their observations by frame.
 pub struct TracksInFrame {
     /// Frames of the recording.
     pub frames: usize,
@@ -28,12 +28,12 @@ pub struct TracksInFrame {
     /// The frame of each observation.
     frame_of: Arc<Vec<u32>>,
     lives: Arc<Vec<Life>>,
-    /// False where the part that is looked from is itself not known.
+    /// By frame: false where the pose of the part is not known.
     pub usable: Vec<bool>,
 }
 
 impl TracksInFrame {
-    /// The given tracks from the base.
+    /// The given tracks, in the base frame.
     pub fn from_base(base: &EgoMotion, track_ids: Vec<usize>) -> Self {
         let frames = base.camera_from_base.len();
         let mut lives = Vec::with_capacity(track_ids.len());
@@ -54,12 +54,16 @@ impl TracksInFrame {
         Self { frames, track_ids, seen, frame_of, lives, usable: vec![true; frames] }
     }
 
-    /// The same tracks from a part that moves in this view.
-    pub fn seen_from(&self, part: &JointEstimate) -> Self {
-        let both = self.usable.iter().zip(&part.known).map(|(usable, known)| usable & known);
-        let geometry = part.dof.geometry();
-        let motion = |&q: &f64| matrix_pose(&geometry.motion(-q));
-        let part_from_view: Vec<IsometryMatrix3<f64>> = part.filled.iter().map(motion).collect();
+    /// The tracks that move in the base frame, as seen from there.
+    pub fn moving(base: &EgoMotion) -> Self {
+        let moving = (0..base.tracks.len()).filter(|&t| base.tracks[t].moves).collect();
+        Self::from_base(base, moving)
+    }
+
+    /// The same tracks in the frame of a part that moves in this one: `part_from_view` by frame. Only
+    /// frames in which the part's pose is `known` can be used.
+    pub fn carried(&self, part_from_view: &[IsometryMatrix3<f64>], known: &[bool]) -> Self {
+        let both = self.usable.iter().zip(known).map(|(usable, known)| usable & known);
         let from_part = |(seen, frame): (&Option<BaseObservation>, &u32)| {
             seen.map(|s| s.moved(&part_from_view[*frame as usize]))
         };
@@ -78,11 +82,20 @@ impl TracksInFrame {
         self.track_ids.len()
     }
 
-    /// A track in a frame.
+    /// The observation of a track in a frame.
     pub fn at(&self, track: usize, frame: usize) -> Option<&BaseObservation> {
         let life = self.lives[track];
         let alive = life.first <= frame && frame < life.end;
         if alive { self.seen[life.start + frame - life.first].as_ref() } else { None }
+    }
+
+    /// Where tracks are in two frames, for those that are seen in both.
+    pub fn correspondences(&self, tracks: &[usize], from: usize, to: usize) -> Vec<Correspondence> {
+        let both = |&t: &usize| {
+            let (a, b) = (self.at(t, from)?, self.at(t, to)?);
+            Some(Correspondence { from: a.point, to: b.point, sigma: b.sigma(), weight: 1.0 })
+        };
+        tracks.iter().filter_map(both).collect()
     }
 
     /// A track's observations in usable frames.
@@ -102,19 +115,20 @@ impl TracksInFrame {
         path_moves(&path, least_m, sigmas)
     }
 
-    /// It has been seen elsewhere, twice in a row, than where it was last seen by a frame.
+    /// After `frame`, the track was seen twice in a row away from the place where it was last seen
+    /// until then.
     pub fn moved_since(&self, track: usize, frame: usize) -> bool {
         let Some((_, before)) = self.life(track).take_while(|(f, _)| *f <= frame).last() else {
             return false;
         };
-        let mut strays = 0;
+        let mut away = 0;
         self.life(track).filter(|(f, _)| *f > frame).any(|(_, s)| {
-            strays = if s.is_away_from(&before.point) { strays + 1 } else { 0 };
-            strays > 1
+            away = if s.is_away_from(&before.point) { away + 1 } else { 0 };
+            away > 1
         })
     }
 
-    /// Truncated cost of a track that stays where it is, over the frames that count.
+    /// Truncated cost of a track if it stood still, over the frames that count.
     pub fn static_cost(&self, track: usize, counts: &[bool], cut: f64) -> f64 {
         let life: Vec<&BaseObservation> =
             self.life(track).filter(|(f, _)| counts[*f]).map(|(_, s)| s).collect();
@@ -128,5 +142,24 @@ impl TracksInFrame {
         let path: Vec<(Point3<f64>, f64)> =
             self.life(track).map(|(_, s)| (s.point, s.sigma())).collect();
         [rest_length(path.iter().copied()), rest_length(path.iter().rev().copied())]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::test_data::seen_along;
+
+    #[test]
+    fn a_track_that_moved_once_and_came_back_has_not_moved() {
+        let path = |away: &[usize]| -> Vec<Point3<f64>> {
+            (0..20)
+                .map(|f| Point3::new(if away.contains(&f) { 0.1 } else { 0.0 }, 0.0, 1.0))
+                .collect()
+        };
+        let view = TracksInFrame::moving(&seen_along(&[path(&[12]), path(&[12, 13])]));
+        assert!(!view.moved_since(0, 9));
+        assert!(view.moved_since(1, 9));
+        assert!(!view.moved_since(1, 15));
     }
 }

@@ -1,10 +1,11 @@
-//! Slide, hinge or screw? The same tracks are explained each way; what separates the costs is
-//! the evidence. A motion too short bends too little to tell. What does not advance is no screw.
+//! Slide, hinge or screw? The same tracks are explained by a joint of each type, and the types are
+//! compared by their Bayesian information criterion. A motion that is too short bends too little to
+//! tell them apart. What does not advance is no screw.
 
+use super::association::{ADJUSTED_FRAMES, thinned};
 use super::bundle_adjustment::{locate_points, refine};
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
-use super::grow;
 use super::screw_joint::ScrewJoint;
 use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::orthonormal_basis;
@@ -19,14 +20,15 @@ const TRACKS: usize = 150;
 const FAR_HINGES_M: [f64; 2] = [0.5, 2.0];
 /// Refinement steps of the other kinds.
 const STEPS: usize = 10;
-/// Probability of each kind by the BIC of all (Kass & Raftery 1995).
+
+/// Probability of each type, by the BIC of all (Kass & Raftery 1995).
 pub fn type_probabilities(
     joint: &JointEstimate,
     view: &TracksInFrame,
-    config: &JointsConfig,
+    config: &JointSearchConfig,
 ) -> BTreeMap<JointKind, f64> {
     let mut sampled = joint.clone();
-    sampled.known = grow::thinned(&joint.known, joint.anchor, grow::FINISH_FRAMES);
+    sampled.known = thinned(&joint.known, joint.anchor, ADJUSTED_FRAMES);
     let sample = Sample::of(joint, &sampled, view, config);
     let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(&sampled))]);
     let explained = |start: JointEstimate| {
@@ -51,14 +53,14 @@ fn kind(joint: &JointEstimate) -> JointKind {
     joint.dof.geometry().kind
 }
 
-/// Some of a joint's tracks in some of its frames, which all kinds are to explain.
+/// Some of a joint's tracks in some of its frames, which joints of all types are to explain.
 struct Sample<'s> {
     view: &'s TracksInFrame,
-    config: &'s JointsConfig,
+    config: &'s JointSearchConfig,
     tracks: Vec<usize>,
-    /// Observations that each one stands for.
+    /// Observations that each sampled one stands for.
     stands_for: f64,
-    /// Observations that are independent.
+    /// Number of independent observations.
     independent: f64,
 }
 
@@ -67,7 +69,7 @@ impl<'s> Sample<'s> {
         joint: &JointEstimate,
         sampled: &JointEstimate,
         view: &'s TracksInFrame,
-        config: &'s JointsConfig,
+        config: &'s JointSearchConfig,
     ) -> Self {
         let stride = joint.members.len().div_ceil(TRACKS).max(1);
         let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
@@ -170,7 +172,7 @@ mod tests {
 
     fn probability_of_a_hinge(angle: f64) -> f64 {
         let (view, joint) = seen_turning(&DOOR, angle);
-        type_probabilities(&joint, &view, &JointsConfig::default())[&JointKind::Revolute]
+        type_probabilities(&joint, &view, &JointSearchConfig::default())[&JointKind::Revolute]
     }
 
     #[test]
@@ -188,7 +190,7 @@ mod tests {
     fn what_advances_as_it_turns_is_a_screw() {
         let lift = ScrewJoint { pitch: Some(-0.02), ..DOOR };
         let (view, joint) = seen_turning(&lift, 1.2);
-        let of_types = type_probabilities(&joint, &view, &JointsConfig::default());
+        let of_types = type_probabilities(&joint, &view, &JointSearchConfig::default());
         assert!(of_types[&JointKind::Helical] > 0.99);
     }
 }

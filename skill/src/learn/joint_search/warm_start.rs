@@ -1,12 +1,15 @@
-//! What a search over the first frames of a recording found, for the search over more of them:
-//! so that little is left to do after the last frame.
+//! What a search over the first frames of a recording found, for the next search over more of them, so
+//! that little is left to do after the last frame. Tracks are numbered as in the track set, since the
+//! next search has other tracks in other rows.
 
-use super::candidates::COVERED;
-use super::config::JointsConfig;
+use super::config::JointSearchConfig;
+use super::decision::max_segment_cost;
 use super::estimate::JointEstimate;
-use super::motion_hypotheses::Hypothesis;
+use super::evidence::Evidence;
+use super::motion_hypotheses::{COVERED, Hypothesis};
+use super::propagation::MAX_LOST;
 use super::tracks_in_part_frame::TracksInFrame;
-use super::{grow, type_selection, verification};
+use super::type_selection;
 use crate::learn::tracking::TrackSet;
 use crate::math::rigid::line_angle;
 use crate::math::robust::overlap;
@@ -14,15 +17,15 @@ use nalgebra::Point3;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-/// Probability of a joint's type from which it need not be asked again.
+/// Probability of a joint's type from which the type is certain.
 const CERTAIN: f64 = 0.99;
-/// Share of a joint's tracks that its counterpart of an earlier search has.
+/// Share of a cached joint's tracks that its counterpart must have.
 const SAME_JOINT: f64 = 0.5;
-/// Angle between their axes, radians.
+/// Largest angle between their axes, radians.
 const SAME_AXIS: f64 = 0.2;
 
-/// Joints of an earlier search. What it suspected and did not believe is not carried on: from
-/// search to search, any hand would come to look like a joint. It only need not be asked again.
+/// Joints of an earlier search. Candidates that it rejected are not carried on: from search to search,
+/// any hand would come to look like a joint. They only need not be grown again.
 #[derive(Debug, Clone, Default)]
 pub struct WarmStart {
     /// Frames that were searched.
@@ -30,46 +33,46 @@ pub struct WarmStart {
     /// Rank of the strongest hypothesis.
     pub best_rank: f64,
     joints: Vec<CachedJoint>,
-    /// FrameCandidates of the base's frame, their tracks by number in the track set.
+    /// Hypotheses in the base frame that were rejected, their tracks by number in the track set.
     rejected: Vec<RejectedHypothesis>,
 }
 
-/// Tracks that were suspected of a joint, and frames over which they are none.
+/// Tracks of a motion hypothesis, and the frames over which they are no joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RejectedHypothesis {
     tracks: Vec<usize>,
     first: usize,
     last: usize,
-    /// Frames that were asked.
+    /// Frames that were searched.
     frames: usize,
-    /// More frames say no more of it: it was lost before the last, or fitted too poorly.
+    /// More frames say no more of it: it was lost before the last one, or fitted too poorly.
     for_good: bool,
 }
 
 impl RejectedHypothesis {
-    /// A hypothesis and what it grew to, which is not believed.
+    /// A hypothesis and what it grew to, which is not accepted.
     pub fn new(
         h: &Hypothesis,
         grown: Option<&JointEstimate>,
         view: &TracksInFrame,
-        config: &JointsConfig,
+        config: &JointSearchConfig,
     ) -> Self {
         let known = grown.map(JointEstimate::known_frames).unwrap_or_default();
         let first = known.first().map_or(h.from, |f| h.from.min(*f));
         let last = known.last().map_or(h.to, |f| h.to.max(*f));
-        let is_lost = last + grow::MAX_LOST < view.frames;
-        let is_poor = grown.is_some_and(|j| j.cost > verification::most_tolerated(config));
+        let is_lost = last + MAX_LOST < view.frames;
+        let is_poor = grown.is_some_and(|j| j.cost > max_segment_cost(config));
         let tracks = h.tracks.clone();
         Self { tracks, first, last, frames: view.frames, for_good: is_lost || is_poor }
     }
 
-    /// Nothing that was seen since may tell more of it.
+    /// Few of its tracks have moved since, so that nothing more is known of it.
     fn still_holds(&self, view: &TracksInFrame) -> bool {
         let moved = |t: &&usize| view.moved_since(**t, self.frames - 1);
         self.for_good || 4 * self.tracks.iter().filter(moved).count() <= self.tracks.len()
     }
 
-    /// A hypothesis would grow to the same.
+    /// Another hypothesis would grow to the same.
     pub fn covers(&self, h: &Hypothesis) -> bool {
         self.first <= h.from && h.to <= self.last && overlap(&h.tracks, &self.tracks) > COVERED
     }
@@ -79,7 +82,7 @@ impl RejectedHypothesis {
     }
 }
 
-/// A grown joint without the rows of its view.
+/// A joint without the rows of its view.
 #[derive(Debug, Clone)]
 struct CachedJoint {
     joint: JointEstimate,
@@ -114,43 +117,45 @@ impl CachedJoint {
         joint.q.resize(view.frames, 0.0);
         joint.known.resize(view.frames, false);
         joint.filled.resize(view.frames, 0.0);
-        joint.scanned.resize(view.frames, f64::NAN);
+        let mut configuration_from_depth = joint.evidence.configuration_from_depth;
+        configuration_from_depth.resize(view.frames, f64::NAN);
+        joint.evidence = Evidence { configuration_from_depth, ..joint.evidence };
         joint
     }
 }
 
 impl WarmStart {
-    /// What a search found. Joints of a type not yet certain are to be found anew: a short
-    /// motion may have been told wrong.
+    /// What a search found. Joints whose type is not certain yet are found anew by the next search: a
+    /// short motion may have been taken for the wrong type.
     pub fn of<'d>(
         set: &TrackSet,
         view_from: impl Fn(Option<usize>) -> Arc<TracksInFrame>,
         joints: &[JointEstimate],
         rejected: impl Iterator<Item = &'d RejectedHypothesis>,
         best_rank: f64,
-        config: &JointsConfig,
+        config: &JointSearchConfig,
     ) -> Self {
         let view = view_from(None);
         let id = |row: usize| Some(set.tracks[view.track_ids[row]].id);
-        let remembered = |j: &JointEstimate| {
-            let of_types = type_selection::type_probabilities(j, &view_from(j.parent), config);
-            CachedJoint::new(j, of_types.values().any(|p| *p >= CERTAIN), &view, set)
+        let cached = |j: &JointEstimate| {
+            let probabilities = type_selection::type_probabilities(j, &view_from(j.parent), config);
+            CachedJoint::new(j, probabilities.values().any(|p| *p >= CERTAIN), &view, set)
         };
         Self {
             frames: view.frames,
             best_rank,
-            joints: joints.iter().map(remembered).collect(),
+            joints: joints.iter().map(cached).collect(),
             rejected: rejected.map(|d| d.renumbered(id)).collect(),
         }
     }
 
-    /// Only what need not be asked again, for a search anew.
+    /// Only the hypotheses that need not be grown again, for a search from nothing.
     pub fn without_joints(&self) -> Self {
         Self { rejected: self.rejected.clone(), ..Self::default() }
     }
 
-    /// What need not be asked again, its tracks by their rows in the base's view.
-    pub fn dismissed_in(&self, view: &TracksInFrame, set: &TrackSet) -> Vec<RejectedHypothesis> {
+    /// The hypotheses that need not be grown again, their tracks by their rows in the base's view.
+    pub fn rejected_in(&self, view: &TracksInFrame, set: &TrackSet) -> Vec<RejectedHypothesis> {
         let rows = rows_by_id(view, set);
         self.rejected
             .iter()
@@ -159,15 +164,15 @@ impl WarmStart {
             .collect()
     }
 
-    /// The first frame whose windows are new in the frame of a part.
+    /// The first frame whose windows of time are new in the frame of a part.
     pub fn since(&self, parent: Option<usize>) -> usize {
         let is_open = |r: &CachedJoint| r.joint.parent == parent && !r.is_certain;
         if self.joints.iter().any(is_open) { 0 } else { self.frames }
     }
 
-    /// Joints in the frame of a part, which was number `parent` of the earlier search, in a view
-    /// of more frames; and whether their types are certain.
-    pub fn recalled(
+    /// Joints in the frame of a part, which was number `parent` of the earlier search, in a view of
+    /// more frames; and whether their types are certain.
+    pub fn joints_of(
         &self,
         parent: Option<usize>,
         view: &TracksInFrame,
@@ -181,7 +186,7 @@ impl WarmStart {
             .collect()
     }
 
-    /// The joint of the earlier search that a joint was.
+    /// Number of the joint of the earlier search that a joint was.
     pub fn counterpart(
         &self,
         joint: &JointEstimate,
@@ -244,10 +249,10 @@ mod tests {
         door.members = vec![1, 4, 6];
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
-        let config = JointsConfig::default();
-        let memory =
+        let config = JointSearchConfig::default();
+        let warm_start =
             WarmStart::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
-        let joints = memory.recalled(None, &view(30), &tracks());
+        let joints = warm_start.joints_of(None, &view(30), &tracks());
         let (door, _) = &joints[0];
         assert_eq!(door.members, [1, 4, 6]);
         assert_eq!(door.points[4], Point3::new(0.3, 0.1, 1.5));
@@ -260,36 +265,36 @@ mod tests {
         let early = view(20);
         let still = JointEstimate::new(HINGE, &early, 0);
         let of = |joints: &[JointEstimate]| {
-            let config = JointsConfig::default();
+            let config = JointSearchConfig::default();
             WarmStart::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
         };
         assert_eq!(of(&[still]).since(None), 0);
         assert_eq!(of(&[]).since(None), 20);
     }
 
-    /// FrameCandidates that stand after more frames, of one that was rejected after 40: it had been
-    /// followed until a frame.
+    /// Rejected hypotheses that still hold now, of one that was rejected after 40 frames: it had been
+    /// followed until frame `last`.
     fn rejected(last: usize, now: &TracksInFrame) -> Vec<RejectedHypothesis> {
         let early = view(40);
         let mut hand = JointEstimate::new(HINGE, &early, 0);
         hand.known = (0..40).map(|f| (5..=last).contains(&f)).collect();
         hand.cost = 3.0;
-        let config = JointsConfig::default();
-        let rejected = RejectedHypothesis::new(&suspicion(6, 12), Some(&hand), &early, &config);
+        let config = JointSearchConfig::default();
+        let rejected = RejectedHypothesis::new(&hypothesis(6, 12), Some(&hand), &early, &config);
         let of_early =
             WarmStart::of(&tracks(), |_| Arc::clone(&early), &[], [rejected].iter(), 7.0, &config);
-        of_early.dismissed_in(now, &tracks())
+        of_early.rejected_in(now, &tracks())
     }
 
-    fn suspicion(from: usize, to: usize) -> Hypothesis {
+    fn hypothesis(from: usize, to: usize) -> Hypothesis {
         Hypothesis { from, to, motion: Pose::identity(), tracks: vec![1, 2, 3, 4], rank: 1.0 }
     }
 
     #[test]
     fn what_was_lost_before_the_last_frame_is_not_asked_about_those_frames_again() {
         let rejected = rejected(20, &view(60));
-        assert!(rejected[0].covers(&suspicion(8, 14)));
-        assert!(!rejected[0].covers(&suspicion(30, 42)), "it may be a joint later");
+        assert!(rejected[0].covers(&hypothesis(8, 14)));
+        assert!(!rejected[0].covers(&hypothesis(30, 42)), "it may be a joint later");
     }
 
     #[test]

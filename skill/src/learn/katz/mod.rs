@@ -12,17 +12,18 @@ pub(crate) mod config;
 mod model;
 mod rigid_body;
 
-use super::ego_motion::EgoMotion;
-use super::learned_joint::{LearnedJoint, orient, range_of};
+use super::learned_joint::{LearnedJoint, LearnedJoints, orient, range_of};
+use super::recording::Recording;
 use super::tracking::TrackSet;
-use crate::math::rigid::Pose;
 use crate::object::model::Joint;
 use config::KatzConfig;
 use model::Fit;
 use rigid_body::Body;
 
-/// Bodies and joints of a demonstration.
-pub fn learn(set: &TrackSet, base: &EgoMotion, config: &KatzConfig) -> Vec<LearnedJoint> {
+/// The joints between bodies, and between bodies and the base. The baseline does not say what it
+/// leaves out.
+pub fn learn(recording: &Recording, config: &KatzConfig) -> LearnedJoints {
+    let base = &recording.ego_motion;
     let bodies: Vec<Body> = rigid_body::cluster(base, config)
         .into_iter()
         .filter_map(|tracks| Body::follow(base, tracks, config))
@@ -48,9 +49,9 @@ pub fn learn(set: &TrackSet, base: &EgoMotion, config: &KatzConfig) -> Vec<Learn
         let number = joints.len() + 1;
         number_of[i] = Some(number);
         let parent_number = parent.and_then(|p| number_of[p]).unwrap_or(0);
-        joints.push(to_learned(set, number, parent_number, child, fit));
+        joints.push(to_learned(&recording.tracks, number, parent_number, child, fit));
     }
-    joints
+    LearnedJoints { joints, rejections: Vec::new() }
 }
 
 fn to_learned(set: &TrackSet, number: usize, parent: usize, body: &Body, fit: Fit) -> LearnedJoint {
@@ -76,15 +77,12 @@ fn to_learned(set: &TrackSet, number: usize, parent: usize, body: &Body, fit: Fi
     }
 }
 
-/// Motion of a body in the frame of another since its first frame.
-fn relative(pose: &Pose, parent: Option<&Pose>) -> Pose {
-    parent.map_or(*pose, |p| p.inverse() * pose)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::ego_motion::{BaseObservation, Information, TrackInBase};
+    use crate::learn::ego_motion::{BaseObservation, EgoMotion, Information, TrackInBase};
+    use crate::learn::keyframes::Keyframes;
+    use crate::math::rigid::Pose;
     use crate::object::joint_geometry::{JointGeometry, JointKind};
     use nalgebra::{Point3, Vector3};
     use std::sync::Arc;
@@ -109,8 +107,10 @@ mod tests {
             static_count: 40,
             tracks,
         };
-        let set = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks: Vec::new() };
-        learn(&set, &base, &KatzConfig::default())
+        let frame_utimes = (0..FRAMES as i64).collect();
+        let tracks = TrackSet { frame_utimes, tracks: Vec::new() };
+        let recording = Recording { tracks, ego_motion: base, keyframes: Keyframes::new(2) };
+        learn(&recording, &KatzConfig::default()).joints
     }
 
     fn q(frame: usize) -> f64 {

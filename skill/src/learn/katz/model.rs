@@ -1,7 +1,6 @@
 //! A slide first; a hinge when the slide leaves too much; else no joint.
 
 use super::config::KatzConfig;
-use super::relative;
 use super::rigid_body::Body;
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
@@ -110,4 +109,9 @@ fn judged(
         residual: (sum / n).sqrt(),
         turn_residual: (turned / n).sqrt(),
     }
+}
+
+/// Motion of a body in the frame of another since its first frame.
+fn relative(pose: &Pose, parent: Option<&Pose>) -> Pose {
+    parent.map_or(*pose, |p| p.inverse() * pose)
 }

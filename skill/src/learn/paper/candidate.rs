@@ -1,11 +1,13 @@
 //! A moving part with the joint that explains its motion relative to the base.
 
+use super::config::PaperSettings;
 use super::pose_optimisation::PartMotion;
 use crate::articulation::{FittedJoint, PoseSample, fit_models};
-use crate::config::SkillConfig;
-use crate::learn::learned_joint::span_of;
+use crate::learn::learned_joint::{RejectedCandidate, span_of};
 use crate::math::robust::Moments;
+
 /// A part while the tree is built.
+#[derive(Clone)]
 pub(super) struct Candidate {
     pub motion: PartMotion,
     pub fit: FittedJoint,
@@ -13,14 +15,24 @@ pub(super) struct Candidate {
     pub frames: Vec<usize>,
 }
 
-pub(super) fn fit_to_base(motion: PartMotion, config: &SkillConfig) -> Option<Candidate> {
+impl Candidate {
+    /// What a report tells of a candidate that is no part of an object.
+    pub(super) fn rejected(&self, reason: String) -> RejectedCandidate {
+        let kind = self.fit.geometry.kind;
+        let (tracks, frames) = (self.motion.tracks.len(), self.frames.len());
+        RejectedCandidate { kind, tracks, frames, reason }
+    }
+}
+
+/// Fits the joint models to the motion of a part in the base frame; `None` where no model fits.
+pub(super) fn fit_to_base(motion: PartMotion, settings: &PaperSettings) -> Option<Candidate> {
     let (frames, samples): (Vec<usize>, Vec<PoseSample>) = motion
         .base_from_part
         .iter()
         .enumerate()
         .filter_map(|(t, pose)| Some((t, PoseSample::from_pose(t as f64, pose.as_ref()?))))
         .unzip();
-    let fit = fit_models(&samples, &config.articulate).ok()?.into_iter().next()?;
+    let fit = fit_models(&samples, settings.articulate).ok()?.into_iter().next()?;
     tracing::debug!(
         tracks = motion.tracks.len(),
         kind = fit.geometry.kind.name(),
@@ -32,6 +44,8 @@ pub(super) fn fit_to_base(motion: PartMotion, config: &SkillConfig) -> Option<Ca
     Some(Candidate { motion, fit, frames })
 }
 
+/// The frames in which both parts have a pose, and the pose of `b` in the frame of `a` there;
+/// `None` where there is no such frame.
 pub(super) fn relative_samples(
     a: &PartMotion,
     b: &PartMotion,
@@ -50,7 +64,7 @@ pub(super) fn relative_samples(
 
 /// Squared correlation of two configurations, 0 to 1: a hand, or an edge that is dragged along,
 /// moves with the part that it holds.
-pub(super) fn coupling(a: &Candidate, b: &Candidate) -> f64 {
+pub(super) fn correlation(a: &Candidate, b: &Candidate) -> f64 {
     let common: Vec<(f64, f64)> = a
         .frames
         .iter()

@@ -1,6 +1,24 @@
-//! Configuration of the paper's method as a whole.
+//! Configuration of the paper's method.
 
+use super::pose_optimisation::PoseConfig;
+use super::segmentation::SegmentConfig;
+use crate::articulation::ArticulateConfig;
 use serde::{Deserialize, Serialize};
+
+/// What each stage of the paper's method is configured with.
+#[derive(Debug, Clone, Copy)]
+pub struct PaperSettings<'c> {
+    /// Motion segmentation, III-B.
+    pub segment: &'c SegmentConfig,
+    /// Pose optimisation, III-C.
+    pub pose: &'c PoseConfig,
+    /// Joint models, III-D.
+    pub articulate: &'c ArticulateConfig,
+    /// Which parts and joints are believed.
+    pub structure: &'c PaperConfig,
+    /// Seed of all random sampling.
+    pub seed: u64,
+}
 
 /// Which parts and joints are believed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -12,9 +30,10 @@ pub struct PaperConfig {
     pub min_slide_m: f64,
     /// Least motion of a hinge, radians.
     pub min_turn_rad: f64,
-    /// Largest root mean square distance to the joint's model, metres,
+    /// Largest root mean square distance to the joint's model, metres, of a part that hardly moves.
     pub max_position_rmse_m: f64,
-    /// plus this share of the way that the part makes: hands roughly follow many a model.
+    /// Share of the way that the part makes that this distance may grow by. Hands roughly follow
+    /// many models.
     pub max_rmse_share: f64,
     /// Largest share of samples that the joint does not explain.
     pub max_outlier_ratio: f64,
@@ -28,9 +47,9 @@ pub struct PaperConfig {
     /// Squared correlation with a better joint's configuration from which a joint is taken for
     /// a consequence of it.
     pub max_coupling: f64,
-    /// Two stretches of one joint agree within this angle, radians.
+    /// Largest angle between the axes of two segments of one joint, radians.
     pub merge_angle_rad: f64,
-    /// and this distance, metres.
+    /// Largest distance between the lines of two segments of one joint, metres.
     pub merge_distance_m: f64,
 }
 

@@ -1,30 +1,30 @@
 //! Candidates that are one part, or one joint seen in two segments of time, are merged.
 
 use super::candidate::{Candidate, fit_to_base, relative_samples};
-use super::config::PaperConfig;
+use super::config::{PaperConfig, PaperSettings};
 use super::pose_optimisation;
 use super::segmentation::Cluster;
 use crate::articulation::fit_models;
-use crate::config::SkillConfig;
 use crate::learn::ego_motion::EgoMotion;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::JointKind;
+
 /// Clusters that keep still relative to one another are one part.
-pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, config: &SkillConfig) {
+pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, settings: &PaperSettings) {
     let mut i = 0;
     while i < parts.len() {
         let mut j = i + 1;
         while j < parts.len() {
             let rigid = relative_samples(&parts[i].motion, &parts[j].motion)
-                .filter(|(_, s)| s.len() >= config.structure.min_frames)
-                .and_then(|(_, s)| fit_models(&s, &config.articulate).ok())
+                .filter(|(_, s)| s.len() >= settings.structure.min_frames)
+                .and_then(|(_, s)| fit_models(&s, settings.articulate).ok())
                 .and_then(|fits| fits.into_iter().next())
                 .is_some_and(|f| {
                     f.geometry.kind == JointKind::Fixed
-                        && f.position_rmse < config.articulate.position_sigma_m * 2.0
+                        && f.position_rmse < settings.articulate.position_sigma_m * 2.0
                         && f.outlier_ratio < 0.2
                 });
-            match rigid.then(|| joined(base, &parts[i], &parts[j], config)).flatten() {
+            match rigid.then(|| merged_cluster(base, &parts[i], &parts[j], settings)).flatten() {
                 Some(merged) => {
                     parts[i] = merged;
                     parts.remove(j);
@@ -37,30 +37,32 @@ pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, config: 
     }
 }
 
-fn joined(
+/// One part of the tracks of both; `None` where it is seen for a shorter time than each alone.
+fn merged_cluster(
     base: &EgoMotion,
     a: &Candidate,
     b: &Candidate,
-    config: &SkillConfig,
+    settings: &PaperSettings,
 ) -> Option<Candidate> {
     let mut tracks = [a.motion.tracks.clone(), b.motion.tracks.clone()].concat();
     tracks.sort_unstable();
-    let motion = pose_optimisation::estimate(base, &Cluster { tracks }, &config.pose, config.seed)?;
-    let merged = fit_to_base(motion, config)?;
+    let motion =
+        pose_optimisation::estimate(base, &Cluster { tracks }, settings.pose, settings.seed)?;
+    let merged = fit_to_base(motion, settings)?;
     let longest = a.frames.len().max(b.frames.len());
     (merged.frames.len() >= longest && merged.fit.geometry.kind != JointKind::Fixed)
         .then_some(merged)
 }
 
 /// Opening and closing may be seen as two parts with hardly a common frame, since surfaces
-/// turn away: two stretches with one line are one joint, continuous in between.
-pub(super) fn merge_stretches(parts: &mut Vec<Candidate>, config: &SkillConfig) {
+/// turn away: two segments of time with one line are one joint, continuous in between.
+pub(super) fn merge_segments(parts: &mut Vec<Candidate>, settings: &PaperSettings) {
     let mut i = 0;
     while i < parts.len() {
         let mut j = i + 1;
         while j < parts.len() {
-            if same_line(&parts[i], &parts[j], &config.structure)
-                && let Some(merged) = concatenated(&parts[i], &parts[j], config)
+            if same_line(&parts[i], &parts[j], settings.structure)
+                && let Some(merged) = joined_in_time(&parts[i], &parts[j], settings)
             {
                 parts[i] = merged;
                 parts.remove(j);
@@ -73,6 +75,7 @@ pub(super) fn merge_stretches(parts: &mut Vec<Candidate>, config: &SkillConfig) 
     }
 }
 
+/// Both are joints of one type about near lines, and are hardly seen at the same time.
 fn same_line(a: &Candidate, b: &Candidate, config: &PaperConfig) -> bool {
     let (ga, gb) = (&a.fit.geometry, &b.fit.geometry);
     if ga.kind != gb.kind || ga.kind == JointKind::Fixed {
@@ -89,8 +92,8 @@ fn same_line(a: &Candidate, b: &Candidate, config: &PaperConfig) -> bool {
     near && common * 4 < a.frames.len().min(b.frames.len())
 }
 
-/// The later stretch is moved along the joint so that it starts where the earlier one ends.
-fn concatenated(a: &Candidate, b: &Candidate, config: &SkillConfig) -> Option<Candidate> {
+/// The later segment is moved along the joint so that it starts where the earlier one ends.
+fn joined_in_time(a: &Candidate, b: &Candidate, settings: &PaperSettings) -> Option<Candidate> {
     let (early, late) = if a.frames.first()? <= b.frames.first()? { (a, b) } else { (b, a) };
     let mut motion = early.motion.clone();
     let geometry = early.fit.geometry;
@@ -107,5 +110,5 @@ fn concatenated(a: &Candidate, b: &Candidate, config: &SkillConfig) -> Option<Ca
     motion.tracks.extend(&late.motion.tracks);
     motion.tracks.sort_unstable();
     motion.tracks.dedup();
-    fit_to_base(motion, config)
+    fit_to_base(motion, settings)
 }

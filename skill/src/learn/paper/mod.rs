@@ -5,20 +5,19 @@
 mod candidate;
 pub(crate) mod config;
 mod merge;
+mod part_evidence;
 mod part_motions;
 pub mod pose_optimisation;
 mod rejection;
 pub mod segmentation;
 mod tree;
 
-use super::ego_motion::EgoMotion;
-use super::keyframes::Keyframes;
-use super::learned_joint::LearnedJoint;
+use super::learned_joint::{LearnedJoints, RejectedCandidate};
+use super::recording::Recording;
 use super::stage_times::StageTimes;
-use super::tracking::TrackSet;
-use crate::config::SkillConfig;
 use candidate::{Candidate, fit_to_base};
-use merge::{merge_rigid, merge_stretches};
+use config::PaperSettings;
+use merge::{merge_rigid, merge_segments};
 use part_motions::motions_of;
 use pose_optimisation::PartMotion;
 use rayon::prelude::*;
@@ -26,50 +25,51 @@ use rejection::doubt;
 use segmentation::segment;
 use tree::build_tree;
 
-/// Sections III-B to III-D of the paper.
-pub fn from_clusters(
-    set: &TrackSet,
-    base: &EgoMotion,
-    keyframes: &Keyframes,
-    config: &SkillConfig,
+/// Clusters of tracks (III-B), their poses (III-C), and the kinematic tree of the joints between
+/// them (III-D); with the moving things that are no part of an object.
+pub fn learn(
+    recording: &Recording,
+    settings: &PaperSettings,
     times: &mut StageTimes,
-) -> Vec<LearnedJoint> {
-    let clusters = times.measure("segment", || segment(set, base, &config.segment));
+) -> LearnedJoints {
+    let Recording { tracks, ego_motion, .. } = recording;
+    let clusters = times.measure("segment", || segment(tracks, ego_motion, settings.segment));
     let motions: Vec<PartMotion> = times.measure("pose", || {
-        clusters.par_iter().flat_map_iter(|c| motions_of(base, keyframes, c, config)).collect()
+        clusters.par_iter().flat_map_iter(|c| motions_of(recording, c, settings)).collect()
     });
     times.measure("articulate", || {
-        let candidates = candidates(base, keyframes, motions, config);
-        build_tree(set, base, candidates, config)
+        let (parts, rejections) = believed(recording, motions, settings);
+        LearnedJoints { joints: build_tree(recording, parts, settings), rejections }
     })
 }
 
-fn candidates(
-    base: &EgoMotion,
-    keyframes: &Keyframes,
+/// The moving things that are parts of an object, and those that are not.
+fn believed(
+    recording: &Recording,
     motions: Vec<PartMotion>,
-    config: &SkillConfig,
-) -> Vec<Candidate> {
+    settings: &PaperSettings,
+) -> (Vec<Candidate>, Vec<RejectedCandidate>) {
     let mut fitted: Vec<Candidate> =
-        motions.into_iter().filter_map(|m| fit_to_base(m, config)).collect();
-    merge_rigid(base, &mut fitted, config);
-    merge_stretches(&mut fitted, config);
+        motions.into_iter().filter_map(|m| fit_to_base(m, settings)).collect();
+    merge_rigid(&recording.ego_motion, &mut fitted, settings);
+    merge_segments(&mut fitted, settings);
     fitted.sort_by_key(|c| std::cmp::Reverse(c.motion.tracks.len()));
-    let mut believed: Vec<Candidate> = Vec::new();
+    let (mut believed, mut rejections) = (Vec::new(), Vec::new());
     for candidate in fitted {
-        let reason = doubt(base, keyframes, &candidate, &believed, config);
+        let reason = doubt(recording, &candidate, &believed, settings);
         tracing::debug!(
             tracks = candidate.motion.tracks.len(),
             kind = candidate.fit.geometry.kind.name(),
             frames = candidate.frames.len(),
             rmse_m = candidate.fit.position_rmse,
             outliers = candidate.fit.outlier_ratio,
-            refused = reason.as_deref().unwrap_or("no"),
+            rejected = reason.as_deref().unwrap_or("no"),
             "part"
         );
-        if reason.is_none() {
-            believed.push(candidate);
+        match reason {
+            Some(reason) => rejections.push(candidate.rejected(reason)),
+            None => believed.push(candidate),
         }
     }
-    believed
+    (believed, rejections)
 }

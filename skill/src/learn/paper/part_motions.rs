@@ -1,41 +1,40 @@
 //! The motions in a cluster of tracks (paper, section III-C), without the tracks that do not
 //! belong to it (outliers).
 
+use super::config::PaperSettings;
 use super::pose_optimisation;
 use super::pose_optimisation::PartMotion;
 use super::segmentation::Cluster;
-use crate::config::SkillConfig;
-use crate::learn::ego_motion::EgoMotion;
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
-use crate::learn::keyframes::Keyframes;
+use crate::learn::recording::Recording;
 use crate::math::robust::median_point;
 use nalgebra::Point3;
-/// The motions in a cluster, the clearest first. A hand and what it holds move as one for a
-/// while, so a cluster may chain several things: what departs from its motion, or is
-/// contradicted by the pictures, is looked at again by itself.
+
+/// The motions in a cluster, the clearest first. A hand and what it holds move as one for a while, so
+/// that a cluster may hold several things: tracks that depart from its motion, or that the pictures
+/// contradict, are a cluster of their own in the next round.
 pub(super) fn motions_of(
-    base: &EgoMotion,
-    keyframes: &Keyframes,
+    recording: &Recording,
     cluster: &Cluster,
-    config: &SkillConfig,
+    settings: &PaperSettings,
 ) -> Vec<PartMotion> {
     let mut motions = Vec::new();
     let mut rest = cluster.tracks.clone();
     for round in 0..MOTIONS_OF_A_CLUSTER {
-        let seed = config.seed + round;
+        let seed = settings.seed + round;
         let Some(motion) = pose_optimisation::estimate(
-            base,
+            &recording.ego_motion,
             &Cluster { tracks: rest.clone() },
-            &config.pose,
+            settings.pose,
             seed,
         ) else {
             break;
         };
-        let motion = without_strangers(base, keyframes, motion, config);
+        let motion = without_outliers(recording, motion, settings);
         let before = rest.len();
         rest.retain(|t| !motion.tracks.contains(t));
         motions.push(motion);
-        if rest.len() < config.segment.min_cluster || rest.len() == before {
+        if rest.len() < settings.segment.min_cluster || rest.len() == before {
             break;
         }
     }
@@ -48,21 +47,21 @@ const MOTIONS_OF_A_CLUSTER: u64 = 5;
 /// Takes out tracks that depart from the motion and tracks that the pictures contradict one by
 /// one (a hand moves with what it holds, but comes and leaves), and estimates the motion anew
 /// from the rest.
-fn without_strangers(
-    base: &EgoMotion,
-    keyframes: &Keyframes,
+fn without_outliers(
+    recording: &Recording,
     mut motion: PartMotion,
-    config: &SkillConfig,
+    settings: &PaperSettings,
 ) -> PartMotion {
-    for round in 0..STRANGER_ROUNDS {
+    let base = &recording.ego_motion;
+    for round in 0..OUTLIER_ROUNDS {
         let all = motion.tracks.len();
-        let mut kept = pose_optimisation::followers(base, &motion, &config.pose);
-        kept = uncontradicted(base, keyframes, &motion, &kept);
-        if kept.len() == all || kept.len() < config.segment.min_cluster {
+        let mut kept = pose_optimisation::followers(base, &motion, settings.pose);
+        kept = uncontradicted(recording, &motion, &kept);
+        if kept.len() == all || kept.len() < settings.segment.min_cluster {
             break;
         }
-        let seed = config.seed + round;
-        match pose_optimisation::estimate(base, &Cluster { tracks: kept }, &config.pose, seed) {
+        let seed = settings.seed + round;
+        match pose_optimisation::estimate(base, &Cluster { tracks: kept }, settings.pose, seed) {
             Some(again) => motion = again,
             None => break,
         }
@@ -70,16 +69,12 @@ fn without_strangers(
     motion
 }
 
-/// Rounds of dismissing strangers: the motion is clearer after each.
-const STRANGER_ROUNDS: u64 = 3;
+/// Rounds of removing outliers: the motion is clearer after each.
+const OUTLIER_ROUNDS: u64 = 3;
 
-/// Tracks whose place on the part is not seen through in a third of the keyframes that tell.
-fn uncontradicted(
-    base: &EgoMotion,
-    keyframes: &Keyframes,
-    motion: &PartMotion,
-    tracks: &[usize],
-) -> Vec<usize> {
+/// Tracks whose place on the part is not seen through in a third of the keyframes that show something there.
+fn uncontradicted(recording: &Recording, motion: &PartMotion, tracks: &[usize]) -> Vec<usize> {
+    let base = &recording.ego_motion;
     let on_part = |id: usize| {
         let places: Vec<Point3<f64>> = base.tracks[id]
             .seen()
@@ -90,7 +85,7 @@ fn uncontradicted(
     let stands = |id: usize| {
         let Some(place) = on_part(id) else { return false };
         let mut all = FreeSpaceCounts::default();
-        for (frame, picture) in keyframes.iter() {
+        for (frame, picture) in recording.keyframes.iter() {
             if let Some(pose) = motion.base_from_part[frame] {
                 let camera_from_part = base.camera_from_base[frame] * pose;
                 all.add(count_free_space(picture, &[place], &camera_from_part));

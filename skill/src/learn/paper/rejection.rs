@@ -1,22 +1,21 @@
 //! Which candidates are no part of an object, and why.
 
-use super::candidate::{Candidate, coupling};
-use crate::config::SkillConfig;
-use crate::learn::ego_motion::EgoMotion;
-use crate::learn::free_space::{rests, seen_through};
-use crate::learn::keyframes::Keyframes;
+use super::candidate::{Candidate, correlation};
+use super::config::PaperSettings;
+use super::part_evidence::{resting_share, seen_through_share};
 use crate::learn::learned_joint::span_of;
+use crate::learn::recording::Recording;
 use crate::math::robust::extent;
 use crate::object::joint_geometry::JointKind;
+
 /// Why a moving thing is no part of an object, if it is not.
 pub(super) fn doubt(
-    base: &EgoMotion,
-    keyframes: &Keyframes,
+    recording: &Recording,
     candidate: &Candidate,
     believed: &[Candidate],
-    config: &SkillConfig,
+    settings: &PaperSettings,
 ) -> Option<String> {
-    let limits = &config.structure;
+    let limits = settings.structure;
     let fit = &candidate.fit;
     let span = span_of(&fit.configuration);
     let least = match fit.geometry.kind {
@@ -38,22 +37,15 @@ pub(super) fn doubt(
     if fit.outlier_ratio > limits.max_outlier_ratio {
         return Some(format!("no joint explains {:.0} % of it", 100.0 * fit.outlier_ratio));
     }
-    let rest = rests(base, &candidate.motion.tracks, limits.rest_frames);
+    let rest = resting_share(&recording.ego_motion, &candidate.motion.tracks, limits.rest_frames);
     if rest < limits.min_rest_share {
         return Some(format!("only {:.0} % of it ever rests", 100.0 * rest));
     }
-    let through = seen_through(
-        base,
-        keyframes,
-        &candidate.motion,
-        &fit.geometry,
-        &candidate.frames,
-        &fit.configuration,
-    );
+    let through = seen_through_share(recording, candidate);
     if through > limits.max_seen_through {
         return Some(format!("{:.0} % of it is seen through", 100.0 * through));
     }
-    if believed.iter().any(|b| coupling(candidate, b) > limits.max_coupling) {
+    if believed.iter().any(|b| correlation(candidate, b) > limits.max_coupling) {
         return Some("it moves as a part does that more tracks vouch for".to_owned());
     }
     None

@@ -1,117 +1,133 @@
 //! The kinematic tree (paper, section III-D): which part hangs on which, by least BIC.
+//!
+//! In come parts with their poses in the base frame; out come joints in the object frame, which is
+//! the base frame at the first frame.
 
 use super::candidate::{Candidate, relative_samples};
-use super::pose_optimisation::PartMotion;
+use super::config::PaperSettings;
 use crate::articulation::{FittedJoint, Link, fit_models, spanning_tree};
-use crate::config::SkillConfig;
-use crate::learn::ego_motion::EgoMotion;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
-use crate::learn::tracking::{TrackSet, Trajectory};
-use crate::object::joint_geometry::{JointGeometry, JointKind};
+use crate::learn::recording::Recording;
+use crate::learn::tracking::Trajectory;
+use crate::math::rigid::Pose;
+use crate::object::joint_geometry::JointKind;
 use crate::object::model::{Joint, covariance_rows};
+
+/// BIC a frame by which a moving parent must be better than the base. Two sliders beside one
+/// another are joined by one degree of freedom, too: where the base explains a part as well as a
+/// moving part does, it is preferred.
+const PREFER_BASE: f64 = 2.0;
+
+/// A joint that may be in the tree, fitted to the motion of node `b` in the frame of node `a`. Node
+/// 0 is the base, node `i + 1` is part `i`.
+struct PossibleJoint {
+    link: Link,
+    fit: FittedJoint,
+    /// Frames of the fit's samples.
+    frames: Vec<usize>,
+}
+
 /// The minimum spanning tree over base and parts (paper, Eq. 7).
 pub(super) fn build_tree(
-    set: &TrackSet,
-    base: &EgoMotion,
+    recording: &Recording,
     parts: Vec<Candidate>,
-    config: &SkillConfig,
+    settings: &PaperSettings,
 ) -> Vec<LearnedJoint> {
-    let mut links = Vec::new();
-    let mut fits: Vec<(FittedJoint, Vec<usize>)> = Vec::new();
-    for (i, part) in parts.iter().enumerate() {
-        links.push(Link { a: 0, b: i + 1, cost: per_frame(&part.fit, part.frames.len()) });
-        fits.push((part.fit.clone(), part.frames.clone()));
-    }
-    for i in 0..parts.len() {
-        for j in i + 1..parts.len() {
-            let Some((frames, samples)) = relative_samples(&parts[i].motion, &parts[j].motion)
-            else {
-                continue;
-            };
-            // A link that was seen for a small part of the time explains little.
-            if 2 * frames.len() < parts[i].frames.len().max(parts[j].frames.len()) {
-                continue;
-            }
-            let Some(fit) = fit_models(&samples, &config.articulate)
-                .ok()
-                .and_then(|f| f.into_iter().find(|f| f.geometry.kind != JointKind::Fixed))
-            else {
-                continue;
-            };
-            // The base explains as well as a moving part: prefer it (two sliders beside one
-            // another are joined by one degree of freedom, too).
-            let cost = per_frame(&fit, frames.len()) + PREFER_BASE;
-            links.push(Link { a: i + 1, b: j + 1, cost });
-            fits.push((fit, frames));
-        }
-    }
+    let possible = possible_joints(&parts, settings);
+    let links: Vec<Link> = possible.iter().map(|p| p.link).collect();
     let mut learned: Vec<LearnedJoint> = Vec::new();
-    let mut number_of_part = vec![0; parts.len() + 1];
+    let mut number_of_node = vec![0; parts.len() + 1];
     for (parent, child, link) in spanning_tree(parts.len() + 1, &links) {
-        let (fit, frames) = &fits[link];
-        let number = learned.len() + 1;
-        number_of_part[child] = number;
+        number_of_node[child] = learned.len() + 1;
         // Links between parts were fitted as a -> b with a < b.
         let reversed = links[link].a != parent;
         if reversed && parent != 0 {
             continue;
         }
-        let in_parent = fit.geometry;
-        let parent_motion = (parent > 0).then(|| &parts[parent - 1].motion);
-        learned.push(to_learned(
-            set,
-            number,
-            number_of_part[parent],
-            in_parent,
-            fit,
-            frames,
-            &parts[child - 1],
-            parent_motion,
-            base.camera_from_base.len(),
-        ));
+        let parent_part = parent.checked_sub(1).map(|p| &parts[p]);
+        match to_learned(recording, &possible[link], &parts[child - 1], parent_part) {
+            Some(mut joint) => {
+                let number = learned.len() + 1;
+                joint.joint.name = format!("joint{number}");
+                joint.joint.parent = number_of_node[parent];
+                joint.joint.child = number;
+                learned.push(joint);
+            }
+            None => tracing::warn!(parent, child, "a joint is left out: its part has no pose"),
+        }
     }
     learned
 }
 
-/// BIC a frame by which a moving parent must be better than the base.
-const PREFER_BASE: f64 = 2.0;
+/// The joints of each part with the base, and those between two parts.
+fn possible_joints(parts: &[Candidate], settings: &PaperSettings) -> Vec<PossibleJoint> {
+    let with_base = |(i, part): (usize, &Candidate)| PossibleJoint {
+        link: Link { a: 0, b: i + 1, cost: per_frame(&part.fit, part.frames.len()) },
+        fit: part.fit.clone(),
+        frames: part.frames.clone(),
+    };
+    let mut possible: Vec<PossibleJoint> = parts.iter().enumerate().map(with_base).collect();
+    for i in 0..parts.len() {
+        for j in i + 1..parts.len() {
+            if let Some((fit, frames)) = fit_between(&parts[i], &parts[j], settings) {
+                let cost = per_frame(&fit, frames.len()) + PREFER_BASE;
+                possible.push(PossibleJoint {
+                    link: Link { a: i + 1, b: j + 1, cost },
+                    fit,
+                    frames,
+                });
+            }
+        }
+    }
+    possible
+}
+
+/// The joint that explains the motion of `b` in the frame of `a` best; `None` where they were seen
+/// together for a small part of the time, which explains little.
+fn fit_between(
+    a: &Candidate,
+    b: &Candidate,
+    settings: &PaperSettings,
+) -> Option<(FittedJoint, Vec<usize>)> {
+    let (frames, samples) = relative_samples(&a.motion, &b.motion)?;
+    if 2 * frames.len() < a.frames.len().max(b.frames.len()) {
+        return None;
+    }
+    let fits = fit_models(&samples, settings.articulate).ok()?;
+    let fit = fits.into_iter().find(|f| f.geometry.kind != JointKind::Fixed)?;
+    Some((fit, frames))
+}
 
 fn per_frame(fit: &FittedJoint, frames: usize) -> f64 {
     fit.bic / frames.max(1) as f64
 }
 
-#[allow(clippy::too_many_arguments)]
+/// The joint in the object frame, not yet numbered, with the poses of its part; `None` where the
+/// part or its parent has no pose to start from.
 fn to_learned(
-    set: &TrackSet,
-    number: usize,
-    parent: usize,
-    in_parent: JointGeometry,
-    fit: &FittedJoint,
-    frames: &[usize],
+    recording: &Recording,
+    possible: &PossibleJoint,
     part: &Candidate,
-    parent_motion: Option<&PartMotion>,
-    frame_count: usize,
-) -> LearnedJoint {
-    // Object frame: the base at the first frame. A moving parent's line is carried there by
-    // the parent's pose in the first frame that it was seen in.
-    let base_from_parent = parent_motion
-        .and_then(|m| m.base_from_part.iter().flatten().next().copied())
-        .unwrap_or_default();
-    let mut geometry = in_parent.transformed(&base_from_parent);
+    parent: Option<&Candidate>,
+) -> Option<LearnedJoint> {
+    let PossibleJoint { fit, frames, .. } = possible;
+    // A moving parent's line is carried to the object frame by the parent's pose in the first frame
+    // that it was seen in.
+    let base_from_parent = match parent {
+        Some(parent) => *parent.motion.base_from_part.iter().flatten().next()?,
+        None => Pose::identity(),
+    };
+    let mut geometry = fit.geometry.transformed(&base_from_parent);
     let mut configuration: Vec<f64> = fit.configuration.clone();
     orient(&mut geometry, &mut configuration);
-    let mut base_from_part: Trajectory = vec![None; frame_count];
-    let rest = part.motion.base_from_part[part.frames[0]].unwrap_or_default();
-    for (&frame, pose) in
-        part.frames.iter().zip(part.frames.iter().map(|f| part.motion.base_from_part[*f]))
-    {
-        base_from_part[frame] = pose.map(|p| p * rest.inverse());
+    let poses = &part.motion.base_from_part;
+    let part_from_base_at_rest = poses[*part.frames.first()?]?.inverse();
+    let mut base_from_part: Trajectory = vec![None; recording.ego_motion.camera_from_base.len()];
+    for &frame in &part.frames {
+        base_from_part[frame] = poses[frame].map(|p| p * part_from_base_at_rest);
     }
-    LearnedJoint {
+    Some(LearnedJoint {
         joint: Joint {
-            name: format!("joint{number}"),
-            parent,
-            child: number,
             range: range_of(&configuration),
             covariance: covariance_rows(&fit.covariance),
             observations: frames.len(),
@@ -119,11 +135,69 @@ fn to_learned(
             log_likelihood: fit.log_likelihood,
             position_rmse: fit.position_rmse,
             orientation_rmse: fit.orientation_rmse,
-            configuration: set.timed(frames, &configuration),
+            configuration: recording.tracks.timed(frames, &configuration),
             ..Joint::of(&geometry)
         },
         base_from_part,
         tracks: part.motion.tracks.clone(),
         plain_surface: Vec::new(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::articulation::ArticulateConfig;
+    use crate::learn::ego_motion::EgoMotion;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::paper::candidate::fit_to_base;
+    use crate::learn::paper::config::PaperConfig;
+    use crate::learn::paper::pose_optimisation::{PartMotion, PoseConfig};
+    use crate::learn::paper::segmentation::SegmentConfig;
+    use crate::learn::tracking::TrackSet;
+
+    const FRAMES: usize = 40;
+
+    /// The joints of a drawer that opens by 8 mm a frame, after something was done to its part.
+    fn joints_of_drawer(change: impl Fn(&mut Candidate)) -> Vec<LearnedJoint> {
+        let (segment, pose) = (SegmentConfig::default(), PoseConfig::default());
+        let (articulate, structure) = (ArticulateConfig::default(), PaperConfig::default());
+        let settings = PaperSettings {
+            segment: &segment,
+            pose: &pose,
+            articulate: &articulate,
+            structure: &structure,
+            seed: 1,
+        };
+        let pose = |f: usize| Some(Pose::translation(0.0, 0.0, 1.5 - 0.008 * f as f64));
+        let base_from_part = (0..FRAMES).map(pose).collect();
+        let motion = PartMotion { base_from_part, reference_frame: 0, tracks: vec![3, 4] };
+        let mut drawer = fit_to_base(motion, &settings).unwrap();
+        change(&mut drawer);
+        let recording = Recording {
+            tracks: TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks: Vec::new() },
+            ego_motion: EgoMotion {
+                camera_from_base: vec![Pose::identity(); FRAMES],
+                ..EgoMotion::default()
+            },
+            keyframes: Keyframes::new(2),
+        };
+        build_tree(&recording, vec![drawer], &settings)
+    }
+
+    #[test]
+    fn a_drawer_slides_on_the_base() {
+        let joints = joints_of_drawer(|_| ());
+        assert_eq!(joints.len(), 1);
+        let LearnedJoint { joint, base_from_part, tracks, .. } = &joints[0];
+        assert_eq!((joint.kind, joint.parent, joint.child), (JointKind::Prismatic, 0, 1));
+        assert_eq!(tracks, &[3, 4]);
+        assert_eq!(base_from_part[0], Some(Pose::identity()), "since the first frame");
+        assert!((joint.range[1] - joint.range[0] - 0.312).abs() < 0.005, "{:?}", joint.range);
+    }
+
+    #[test]
+    fn a_part_without_a_pose_to_start_from_is_left_out() {
+        assert!(joints_of_drawer(|drawer| drawer.motion.base_from_part[0] = None).is_empty());
     }
 }

@@ -8,9 +8,10 @@ use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, SymmetricEigen, Vector3, Vector6};
 
 /// Fewest planes.
 const MIN_PLANES: usize = 6;
-/// Tracks' direction gives way to one whose variance is so much smaller.
+/// Factor by which the variance of the planes' direction must be smaller than that of the tracks' to
+/// correct it.
 const SURER: f64 = 4.0;
-/// Both must agree within so many standard deviations.
+/// Largest difference of both directions, in standard deviations.
 const MAX_SIGMAS: f64 = 4.0;
 
 /// A direction with what is not known of it.
@@ -41,12 +42,12 @@ impl Direction {
     }
 
     /// Corrects a joint's line, where the planes are much surer of its direction than the tracks
-    /// that told it and do not contradict them. Its place follows as far as the tracks' errors of
+    /// that gave it and do not contradict them. Its place follows as far as the tracks' errors of
     /// direction and place go together: a Kalman update with the direction as what was measured.
     pub fn correct(&self, learned: &mut LearnedJoint) -> bool {
         let joint = &mut learned.joint;
-        let told = Vector3::from(joint.axis);
-        let axis = if self.axis.dot(&told) < 0.0 { -self.axis } else { self.axis };
+        let tracked = Vector3::from(joint.axis);
+        let axis = if self.axis.dot(&tracked) < 0.0 { -self.axis } else { self.axis };
         let Some(covariance) = joint.known_covariance() else { return false };
         let (u, v) = orthonormal_basis(&axis);
         let across = Matrix2x3::from_rows(&[u.transpose(), v.transpose()]);
@@ -54,7 +55,7 @@ impl Direction {
         measures.fixed_view_mut::<2, 3>(0, 0).copy_from(&across);
         let of_tracks = measures * covariance * measures.transpose();
         let of_planes = across * self.covariance * across.transpose();
-        let apart = across * (axis - told);
+        let apart = across * (axis - tracked);
         let Some(information) = (of_tracks + of_planes).try_inverse() else { return false };
         let contradicts = apart.dot(&(information * apart)) > MAX_SIGMAS * MAX_SIGMAS;
         if of_tracks.trace() < SURER * of_planes.trace() || contradicts {
@@ -62,7 +63,7 @@ impl Direction {
         }
         let gain = covariance * measures.transpose() * information;
         let step: Vector6<f64> = gain * apart;
-        joint.axis = (told + step.fixed_rows::<3>(0)).normalize().into();
+        joint.axis = (tracked + step.fixed_rows::<3>(0)).normalize().into();
         joint.origin = (Vector3::from(joint.origin) + step.fixed_rows::<3>(3)).into();
         joint.covariance = covariance_rows(&(covariance - gain * measures * covariance));
         true
@@ -88,8 +89,8 @@ mod tests {
             .collect()
     }
 
-    /// A door whose tracks tell a direction off by 0.06 rad, and claim so many.
-    fn told(sigma: f64) -> LearnedJoint {
+    /// A door whose tracks give a direction that is off by 0.06 rad, with a standard deviation.
+    fn tracked(sigma: f64) -> LearnedJoint {
         let axis = UnitVector3::new_normalize(Vector3::new(0.06, 1.0, 0.0));
         let covariance = Matrix6::identity() * sigma * sigma;
         let joint = Joint {
@@ -109,8 +110,8 @@ mod tests {
     }
 
     #[test]
-    fn planes_correct_a_direction_that_few_tracks_told() {
-        let mut learned = told(0.05);
+    fn planes_correct_a_direction_of_few_tracks() {
+        let mut learned = tracked(0.05);
         assert!(Direction::across(&normals(0.8)).unwrap().correct(&mut learned));
         assert!(off(&learned) < 0.005, "{}", off(&learned));
         assert!(learned.joint.covariance[0][0] < 1e-4);
@@ -118,7 +119,7 @@ mod tests {
 
     #[test]
     fn the_place_follows_where_its_error_goes_with_that_of_the_direction() {
-        let mut learned = told(0.05);
+        let mut learned = tracked(0.05);
         for k in 0..3 {
             learned.joint.covariance[k][k + 3] = 0.5 * 0.05 * 0.05;
             learned.joint.covariance[k + 3][k] = 0.5 * 0.05 * 0.05;
@@ -130,7 +131,7 @@ mod tests {
     #[test]
     fn tracks_that_are_sure_are_not_corrected() {
         for sigma in [0.002, 0.01] {
-            let mut learned = told(sigma);
+            let mut learned = tracked(sigma);
             assert!(!Direction::across(&normals(0.8)).unwrap().correct(&mut learned));
             assert!(off(&learned) > 0.05);
         }
@@ -138,7 +139,7 @@ mod tests {
 
     #[test]
     fn a_plane_that_hardly_turns_tells_no_direction() {
-        let mut learned = told(0.05);
+        let mut learned = tracked(0.05);
         assert!(!Direction::across(&normals(0.02)).unwrap().correct(&mut learned));
     }
 }

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanesConfig {
-    /// Plain parts are sought where tracks tell of no joint, and joints are followed by their
-    /// planes where their tracks are lost.
+    /// Plain parts are sought where tracks show no joint, and joints are followed by their planes where
+    /// their tracks are lost.
     pub enabled: bool,
-    /// Gain up to which joints that tracks told of give way to a plain part's hinge.
+    /// Gain up to which joints of tracks give way to a plain part's hinge.
     pub meagre_gain: f64,
     /// Fewest keyframes that show the part.
     pub min_keyframes: usize,
@@ -19,7 +19,7 @@ pub struct PlanesConfig {
     pub max_rmse_m: f64,
     /// Largest share of the part's points that may be seen through.
     pub max_through: f64,
-    /// Least share of them that must be seen through were it turned aside.
+    /// Least share of them that must be seen through if the part were turned aside by half its range.
     pub min_tells: f64,
 }
 

@@ -7,9 +7,8 @@
 //! configurations, where a hand covers the part or another part looks the same, but a part moves
 //! on from where it was.
 
-use crate::learn::ego_motion::EgoMotion;
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
-use crate::learn::keyframes::Keyframes;
+use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
 use linkage_driver::RgbdFrame;
@@ -29,15 +28,6 @@ const MAX_RESIDUAL_M: f64 = 0.04;
 /// What a way of one metre between two keyframes costs, as a share of all points' agreement. A
 /// part that jumps to and fro by its whole width must gain by it in the pictures.
 const COST_OF_A_METRE: f64 = 2.0;
-
-/// The keyframes, and where the camera was.
-#[derive(Clone, Copy)]
-pub struct View<'v> {
-    /// Camera motion.
-    pub base: &'v EgoMotion,
-    /// Whole frames.
-    pub keyframes: &'v Keyframes,
-}
 
 /// A piece of surface: places on it and its normal, base frame, at configuration 0.
 #[derive(Debug, Clone)]
@@ -148,9 +138,9 @@ pub fn follow(
     geometry: &JointGeometry,
     range: [f64; 2],
     reach: f64,
-    view: &View,
+    recording: &Recording,
 ) -> Following {
-    let View { base, keyframes } = *view;
+    let Recording { ego_motion: base, keyframes, .. } = recording;
     let thinned = surface.thinned();
     let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
     let step = (range[1] - range[0]) / (STEPS - 1) as f64;
@@ -277,6 +267,9 @@ fn best_path(table: &[Vec<FreeSpaceCounts>], cost_of_a_step: f64) -> Vec<usize> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learn::ego_motion::EgoMotion;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::TrackSet;
     use crate::math::rigid::Pose;
     use crate::test_data::seen;
     use nalgebra::{UnitVector3, Vector3};
@@ -304,10 +297,10 @@ mod tests {
             keyframes.offer(f, &plate_at(q));
         }
         let camera_from_base = vec![Pose::identity(); configurations.len()];
-        let base = EgoMotion { camera_from_base, ..EgoMotion::default() };
+        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
+        let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
         let (front, geometry) = drawer();
-        let view = View { base: &base, keyframes: &keyframes };
-        follow(&front, &geometry, [-0.2, 0.6], 1.0, &view)
+        follow(&front, &geometry, [-0.2, 0.6], 1.0, &recording)
     }
 
     #[test]

@@ -1,72 +1,62 @@
-//! What a hinge does where its tracks are lost: a lid that turns its other face, a door seen
-//! at a grazing angle. Its plane is still there, about the line that the tracks told. And where
-//! few tracks live on from one stretch to the next, the stretches may be linked wrongly, by a
-//! few degrees; the plane, which has no memory, tells by how much. Where the plane is seen
-//! edge-on, so that the camera has no depth of it, the edge itself tells.
+//! The configuration of a hinge where its tracks are lost: a lid turns its other face, or a door is
+//! seen at a grazing angle. Its plane is still there, about the line of the tracks. Where few tracks
+//! live on from one segment of time to the next, the segments may be linked wrongly by a few degrees;
+//! the plane, which does not drift, shows by how much. Where the plane is seen edge-on, so that the
+//! camera has no depth of it, the edge itself shows the configuration.
 
 use super::axis_direction::Direction;
 use super::part_plane::PartPlane;
 use super::plane_segments::{Cylinder, PlanePatch, Sampling, moving_patches};
 use super::planes_about_axis::{edges, plane_observations};
 use crate::learn::ego_motion::EgoMotion;
-use crate::learn::keyframes::Keyframes;
 use crate::learn::learned_joint::{LearnedJoint, range_of};
+use crate::learn::recording::Recording;
 use crate::learn::tracking::TrackSet;
 use crate::math::rigid::{Pose, distance_to_line};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 
 /// Share of the keyframes from which a joint is known well enough.
 const KNOWN_ENOUGH: f64 = 0.9;
-/// The part may reach this much farther than its tracks: a share,
+/// How much farther than its tracks a part may reach, as a share of the tracks' reach.
 const MAX_BEYOND: f64 = 0.5;
-/// and metres.
+/// How much farther than that it may reach, metres.
 const BEYOND_M: f64 = 0.1;
 
 /// Mends and fills in configurations of hinges of the base where the part's plane shows them.
-pub fn extend(
-    joints: &mut [LearnedJoint],
-    set: &TrackSet,
-    base: &EgoMotion,
-    keyframes: &Keyframes,
-) {
+pub fn extend(joints: &mut [LearnedJoint], recording: &Recording) {
     let carries: Vec<usize> = joints.iter().map(|l| l.joint.parent).collect();
     for learned in joints.iter_mut() {
         let joint = &learned.joint;
         let apt = joint.kind == JointKind::Revolute && joint.parent == 0;
         if apt && !carries.contains(&joint.child) {
-            let reach = reach(learned, base, &joint.geometry());
-            extend_to(reach, learned, set, base, keyframes);
+            let reach = reach(learned, &recording.ego_motion, &joint.geometry());
+            extend_to(reach, learned, recording);
         }
     }
 }
 
-/// The same for one hinge of the base, whose part reaches so far from the line.
-pub fn extend_to(
-    reach: f64,
-    learned: &mut LearnedJoint,
-    set: &TrackSet,
-    base: &EgoMotion,
-    keyframes: &Keyframes,
-) {
+/// Mends and fills in the configurations of one hinge of the base; its part reaches `reach` metres
+/// from the line.
+pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) {
     let radius = reach * (1.0 + MAX_BEYOND) + BEYOND_M;
     let cylinder = Cylinder { line: learned.joint.geometry(), radius };
-    let frames: Vec<usize> = keyframes.iter().map(|(frame, _)| frame).collect();
+    let frames: Vec<usize> = recording.keyframes.iter().map(|(frame, _)| frame).collect();
     let known = frames.iter().filter(|&&f| learned.base_from_part[f].is_some()).count();
     let sampling = if (known as f64) < KNOWN_ENOUGH * frames.len() as f64 {
         Sampling::Fine
     } else {
         Sampling::Coarse
     };
-    let patches = moving_patches(keyframes, base, sampling, Some(&cylinder));
+    let patches = moving_patches(recording, sampling, Some(&cylinder));
     let tracks = learned.tracks.clone();
     let linked = |a: usize, b: usize| {
-        let lives = |f: usize, id: usize| base.tracks[id].at(f).is_some();
+        let lives = |f: usize, id: usize| recording.ego_motion.tracks[id].at(f).is_some();
         tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
     };
-    direct(learned, &patches, set, &linked);
+    direct(learned, &patches, &recording.tracks, &linked);
     let shown = shown_by_plane(learned, &patches, &frames, &linked);
     if !shown.is_empty() {
-        apply(learned, &shown, set);
+        apply(learned, &shown, &recording.tracks);
     }
 }
 
@@ -101,7 +91,8 @@ fn direct(
     }
 }
 
-/// Frame and configuration where the plane tells another than the tracks, or alone tells one.
+/// Frames and configurations in which the plane shows another configuration than the tracks, or in
+/// which it alone shows one.
 fn shown_by_plane(
     learned: &LearnedJoint,
     patches: &[PlanePatch],
@@ -221,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn stretches_of_tracks_that_slipped_are_mended_by_the_plane() {
+    fn segments_of_tracks_that_slipped_are_mended_by_the_plane() {
         let slipped = |f: usize| Some(turn(f) - if f < 20 { 0.0 } else { 0.1 });
         let found = shown(&both_faces(0.0), slipped, 0);
         let mended = |f: usize| found.iter().find(|(frame, _)| *frame == f).map(|(_, q)| *q);

@@ -14,22 +14,23 @@ const PAIR_TURN_RAD: std::ops::Range<f64> = 0.15..2.2;
 const MAX_TILT: f64 = 0.08;
 /// Largest distance of hinge and plane, metres.
 const MAX_DISTANCE_M: f64 = 0.04;
-/// What planes do not tell, however many there are: the direction, radians,
+/// Error of a hinge's direction that all planes share, however many there are, radians.
 pub const SYSTEMATIC_RAD: f64 = 0.0025;
 /// Largest gap between a hinge's line and its part, metres.
 const MAX_GAP_M: f64 = 0.25;
 /// Largest distance of a part's far edge from the line, metres.
 const MAX_REACH_M: f64 = 2.5;
-/// Standard deviation of a plane's distance from the line, metres,
+/// Standard deviation of a plane's distance from the line, metres.
 const RESIDUAL_M: f64 = 0.003;
-/// and of the line from its part's face: parts have a thickness, and hinges stand out.
+/// Standard deviation of the line's distance from its part's face, metres: parts have a thickness, and hinges stand out.
 const OFFSET_M: f64 = 0.02;
-/// Planes share errors: their distances are known no better than this, metres,
+/// Least standard deviation of a plane's distance, metres: planes share errors.
 const LEAST_RMSE_M: f64 = 0.001;
-/// and the line's place is less known than if they were independent, by this factor.
-const CORRELATED: f64 = 3.0;
-/// Two lines are alike within this angle, radians, and this distance, metres.
+/// Factor on the standard deviation of the line's place, for the planes are not independent.
+const CORRELATED: f64 = 6.0;
+/// Largest angle between two lines that are alike, radians.
 const SAME_ANGLE_RAD: f64 = 0.1;
+/// Largest distance between two lines that are alike, metres.
 const SAME_LINE_M: f64 = 0.08;
 
 /// A hinge and the planes that turn about it.
@@ -62,6 +63,11 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// The line, without its range.
+    pub fn geometry(&self) -> JointGeometry {
+        JointGeometry::hinge(UnitVector3::new_normalize(self.axis), self.origin)
+    }
+
     /// The hinge of the planes that support the line, or of some of them.
     pub fn hinge(&self, patches: &[PlanePatch], support: &[usize]) -> Option<Hinge> {
         refined(patches, support, &self.axis, &self.origin)
@@ -102,12 +108,12 @@ fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
         return None;
     }
     let (axis, origin) = line_between(a, b)?;
-    let lie = PoseAboutAxis::of(a, &origin, &axis)?;
-    PoseAboutAxis::of(b, &origin, &axis).filter(|other| lie.alike(other))?;
-    if lie.least > MAX_GAP_M || lie.reach > MAX_REACH_M {
+    let pose = PoseAboutAxis::of(a, &origin, &axis)?;
+    PoseAboutAxis::of(b, &origin, &axis).filter(|other| pose.alike(other))?;
+    if pose.least > MAX_GAP_M || pose.reach > MAX_REACH_M {
         return None;
     }
-    let support = supporters(patches, &axis, &origin, &lie);
+    let support = supporters(patches, &axis, &origin, &pose);
     let samples = support.iter().map(|&k| patches[k].points.len()).sum();
     Some(Candidate { axis, origin, support, samples })
 }
@@ -133,13 +139,13 @@ fn supporters(
     patches: &[PlanePatch],
     axis: &Vector3<f64>,
     origin: &Point3<f64>,
-    lie: &PoseAboutAxis,
+    pose: &PoseAboutAxis,
 ) -> Vec<usize> {
     let mut found: Vec<usize> = Vec::new();
     for (k, patch) in patches.iter().enumerate() {
         let fits = patch.normal.dot(axis).abs() < MAX_TILT
             && (patch.offset - patch.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
-            && PoseAboutAxis::of(patch, origin, axis).is_some_and(|other| lie.alike(&other));
+            && PoseAboutAxis::of(patch, origin, axis).is_some_and(|other| pose.alike(&other));
         if !fits {
             continue;
         }
@@ -178,7 +184,7 @@ fn refined(
     }
     let arms: Vec<Vector3<f64>> = planes
         .iter()
-        .map(|p| PoseAboutAxis::of(p, origin, &direction).map(|lie| lie.arm))
+        .map(|p| PoseAboutAxis::of(p, origin, &direction).map(|pose| pose.arm))
         .collect::<Option<_>>()?;
     let (u, v) = orthonormal_basis(&direction);
     let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;

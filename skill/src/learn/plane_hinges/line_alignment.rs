@@ -6,8 +6,9 @@
 //! A plane that turns little hardly tells how far the line lies from it along its normal. There a
 //! prior holds: a hinge is within some centimetres of the face of its part.
 
-use super::depth_following::{Following, Surface, View, residuals};
+use super::depth_following::{Following, Surface, residuals};
 use super::hinge::Hinge;
+use crate::learn::recording::Recording;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{DMatrix, Matrix4, Point3, UnitVector3, Vector3, Vector4};
@@ -47,14 +48,14 @@ pub fn align_line(
     told: &Hinge,
     following: &Following,
     least_shown: f64,
-    view: &View,
+    recording: &Recording,
 ) -> AlignedLine {
     let mut q: Vec<(usize, f64)> = following.shown(least_shown).map(|p| (p.frame, p.q)).collect();
     let mut geometry = told.geometry();
     let mut information = Matrix4::identity();
     let mut rmse = 0.0;
     for _ in 0..STEPS {
-        let (system, squares, weight) = reduced_system(surface, &geometry, &mut q, view);
+        let (system, squares, weight) = reduced_system(surface, &geometry, &mut q, recording);
         rmse = (squares / weight.max(1e-9)).sqrt();
         let known = prior(surface, told, &geometry);
         information = system.left + known.left;
@@ -81,7 +82,7 @@ fn reduced_system(
     surface: &Surface,
     geometry: &JointGeometry,
     q: &mut [(usize, f64)],
-    view: &View,
+    recording: &Recording,
 ) -> (LineSystem, f64, f64) {
     let mut all = LineSystem { left: Matrix4::zeros(), right: Vector4::zeros() };
     let (mut squares, mut weights) = (0.0, 0.0);
@@ -91,8 +92,10 @@ fn reduced_system(
         moved_line(geometry, &step)
     });
     for (frame, q) in q {
-        let Some((_, picture)) = view.keyframes.iter().find(|(f, _)| f == frame) else { continue };
-        let camera_from_base = view.base.camera_from_base[*frame];
+        let Some((_, picture)) = recording.keyframes.iter().find(|(f, _)| f == frame) else {
+            continue;
+        };
+        let camera_from_base = recording.ego_motion.camera_from_base[*frame];
         let motion = geometry.motion(*q);
         let beside = shifted.each_ref().map(|g| g.motion(*q));
         let (mut left, mut right) = (Matrix4::zeros(), Vector4::zeros());

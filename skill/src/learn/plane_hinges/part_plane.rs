@@ -10,19 +10,19 @@ use std::collections::{BTreeMap, BTreeSet};
 const MAX_STRAY_RAD: f64 = 0.1;
 /// Keyframes in which tracks and plane must agree.
 const MIN_AGREEING: usize = 2;
-/// Stretches of tracks may be linked wrongly by this much.
+/// Segments of tracks may be linked wrongly by this much, radians.
 const MAX_SLIP_RAD: f64 = 0.3;
-/// Slips that are worth mending: what planes tell is about a third as far off.
+/// Least slip that is worth mending, radians: what planes show is about a third as far off.
 const MIN_SLIP_RAD: f64 = 0.015;
 /// Keyframes that must show the plane before slips are believed.
 const MIN_SHOWN: usize = 6;
 /// Tracks that link one face to the other: then the faces need not be parallel.
 pub const LINKS: usize = 6;
-/// An edge keeps its angle to the plane within this,
+/// Largest deviation of an edge's angle to the plane, radians.
 const MAX_LEAD_STRAY_RAD: f64 = 0.03;
-/// at turns that count once within
+/// Turns within this of each other count once, radians.
 const TURN_STEP_RAD: f64 = 0.05;
-/// and some of which are so far from each other.
+/// Least distance between the smallest and the largest turn at which an edge keeps that angle, radians.
 const MIN_APART_RAD: f64 = 0.1;
 /// Farthest turn from one keyframe to the next; as much more for each that shows nothing.
 const MAX_STEP_RAD: f64 = 0.9;
@@ -54,14 +54,14 @@ impl<'a> PartPlane<'a> {
             return None;
         }
         let mut plane_observations: Vec<&PlaneObservation> = Vec::new();
-        for sighting in all.iter().filter(|s| s.lie.alike(&reference.lie)) {
+        for observation in all.iter().filter(|s| s.pose.alike(&reference.pose)) {
             match plane_observations.last_mut() {
-                Some(last) if last.frame == sighting.frame => {
-                    if sighting.samples > last.samples {
-                        *last = sighting;
+                Some(last) if last.frame == observation.frame => {
+                    if observation.samples > last.samples {
+                        *last = observation;
                     }
                 }
-                _ => plane_observations.push(sighting),
+                _ => plane_observations.push(observation),
             }
         }
         let joins = |w: &[&PlaneObservation]| {
@@ -109,7 +109,7 @@ impl<'a> PartPlane<'a> {
             .collect()
     }
 
-    /// Configurations in keyframes in which tracks tell nothing: from the plane, and from an
+    /// Configurations in keyframes in which no track shows the joint: from the plane, and from an
     /// edge where that is all that is left to see.
     pub fn alone(
         &self,
@@ -132,9 +132,9 @@ impl<'a> PartPlane<'a> {
             unseen += 1;
             let own = self.plane_observations.iter().find(|s| s.frame == frame).map(|s| s.turn);
             let by_edge = edge.as_ref().and_then(|edge| edge.turn(frame));
-            let told = own.into_iter().chain(by_edge).map(|turn| near(turn - zero, before));
+            let shown = own.into_iter().chain(by_edge).map(|turn| near(turn - zero, before));
             let step = |q: &f64| (q - before).abs();
-            if let Some(q) = told.min_by(|a, b| step(a).total_cmp(&step(b)))
+            if let Some(q) = shown.min_by(|a, b| step(a).total_cmp(&step(b)))
                 && step(&q) < MAX_STEP_RAD * f64::from(unseen)
             {
                 found.push((frame, q));

@@ -1,7 +1,7 @@
 //! Flat pieces of what moves, keyframe by keyframe.
 
 use crate::learn::ego_motion::{EgoMotion, coarse_sigma};
-use crate::learn::keyframes::Keyframes;
+use crate::learn::recording::Recording;
 use crate::math::rigid::{distance_to_line, matrix_pose, plane_through};
 use crate::object::joint_geometry::JointGeometry;
 use linkage_driver::RgbdFrame;
@@ -22,9 +22,9 @@ pub enum Sampling {
 const MIN_SAMPLES: usize = 40;
 /// Patches in one keyframe, at most.
 const MAX_PATCHES: usize = 4;
-/// Planes that are tried for each,
+/// Planes that are tried for each patch.
 const TRIES: usize = 40;
-/// and samples that are asked about them.
+/// Samples that vote for one of these planes.
 const VOTERS: usize = 400;
 /// Cosine of the largest angle between a sample's normal and its patch's.
 const SAME_NORMAL: f64 = 0.97;
@@ -76,12 +76,12 @@ impl Cylinder {
 /// Flat pieces of surfaces that are elsewhere in other keyframes; in a cylinder only those that
 /// could turn about its line.
 pub fn moving_patches(
-    keyframes: &Keyframes,
-    base: &EgoMotion,
+    recording: &Recording,
     sampling: Sampling,
     cylinder: Option<&Cylinder>,
 ) -> Vec<PlanePatch> {
-    let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
+    let pictures: Vec<(usize, &RgbdFrame)> = recording.keyframes.iter().collect();
+    let base = &recording.ego_motion;
     let stride = pictures.len().div_ceil(MOST_ASKED).max(1);
     let asked: Vec<(usize, &RgbdFrame)> = pictures.iter().copied().step_by(stride).collect();
     pictures

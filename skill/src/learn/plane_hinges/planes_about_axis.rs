@@ -1,4 +1,4 @@
-//! Flat pieces as they lie about a hinge's line.
+//! The poses of plane patches about a hinge's line.
 
 use super::plane_segments::PlanePatch;
 use crate::math::rigid::{orthonormal_basis, wrapped};
@@ -6,14 +6,16 @@ use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{Point3, Vector3};
 
 /// Reach and place along the hinge may differ by this share of the reach.
-const MAX_STRETCH: f64 = 0.25;
-/// The line that tracks told may be off by this much: sine of its angle with a plane,
+const MAX_CHANGE: f64 = 0.25;
+/// Largest sine of the angle between the line and the plane of a part: the line of the tracks may be
+/// off by this much.
 const MAX_TILT: f64 = 0.12;
-/// and metres.
+/// Largest distance between the line and the plane, metres.
 const MAX_DISTANCE_M: f64 = 0.05;
-/// One edge keeps its distance from the line, metres,
+/// Largest difference between the distances of one edge from the line, metres.
 const SAME_DISTANCE_M: f64 = 0.015;
-/// and its middle along it, as far as hands leave it in sight.
+/// Largest difference between the places of its middle along the line, metres, as far as hands leave it
+/// in sight.
 const SAME_PLACE_M: f64 = 0.25;
 /// It is as wide each time, but for this share.
 const SAME_WIDTH: f64 = 0.5;
@@ -49,7 +51,7 @@ impl PoseAboutAxis {
 
     /// Reaches as far, at the same place along the line.
     pub fn alike(&self, other: &Self) -> bool {
-        let most = MAX_STRETCH * self.reach.max(other.reach);
+        let most = MAX_CHANGE * self.reach.max(other.reach);
         (self.reach - other.reach).abs() < most && (self.along - other.along).abs() < most
     }
 }
@@ -59,7 +61,7 @@ pub struct PlaneObservation {
     /// Frame number.
     pub frame: usize,
     /// Where it lies about the line.
-    pub lie: PoseAboutAxis,
+    pub pose: PoseAboutAxis,
     /// Angle of its arm about the line, from a direction that is the same in all keyframes.
     pub turn: f64,
     /// Unit normal, base frame.
@@ -111,11 +113,11 @@ pub fn plane_observations(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<P
                 && (p.offset - p.normal.dot(&origin.coords)).abs() < MAX_DISTANCE_M
         })
         .filter_map(|p| {
-            let lie = PoseAboutAxis::of(p, &origin, &axis)?;
-            let turn = angle(&lie.arm, &axis);
-            let fore = axis.cross(&lie.arm).dot(&p.normal) > 0.0;
+            let pose = PoseAboutAxis::of(p, &origin, &axis)?;
+            let turn = angle(&pose.arm, &axis);
+            let fore = axis.cross(&pose.arm).dot(&p.normal) > 0.0;
             let (frame, normal, samples) = (p.frame, p.normal, p.points.len());
-            Some(PlaneObservation { frame, lie, turn, normal, samples, fore })
+            Some(PlaneObservation { frame, pose, turn, normal, samples, fore })
         })
         .collect()
 }

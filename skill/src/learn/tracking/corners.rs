@@ -1,6 +1,6 @@
 //! Good features to track (Shi & Tomasi 1994) at several scales, spread by a mask.
 
-use super::TrackConfig;
+use super::config::TrackConfig;
 use crate::image::gray::{Gray, empty_mask};
 use nalgebra::Point2;
 use opencv::core::{Mat, Point, Point2f, Scalar, Size, Vector};

@@ -1,6 +1,6 @@
 //! From a place in the picture to a place in space.
 
-use super::Observation;
+use super::track::Observation;
 use linkage_driver::depth::{BilateralConfig, SurfacePatch, depth_sigma, smooth};
 use linkage_driver::{DepthImage, RgbdFrame};
 use nalgebra::Point2;

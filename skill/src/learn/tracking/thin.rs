@@ -1,11 +1,11 @@
-//! Which frames of a long demonstration are kept: memory is bounded, and frames in which nothing
-//! moves tell nothing that the one before them did not.
+//! Which frames of a long demonstration are kept: memory is bounded, and frames in which nothing moves
+//! show nothing that the frame before them did not.
 
-use super::TrackSet;
+use super::track::{Track, TrackSet};
 
-/// A picture has moved when so many of its features have, and at least the share below: fewer are
-/// features that slip.
+/// Fewest features that have moved in a picture that has changed: fewer are features that slip.
 const MIN_MOVED: usize = 6;
+/// Least share of the features that have moved then.
 const MOVED_SHARE: f64 = 0.005;
 /// Motion between two kept frames, pixels: as little as suffices to drop enough frames.
 const STEPS_PX: [f32; 10] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, f32::INFINITY];
@@ -14,7 +14,7 @@ const LONGEST_GAP_US: i64 = 1_000_000;
 
 /// Marks at most `most` frames (at least 2): the first, the last, and between them those that
 /// differ most from the kept one before.
-pub fn telling_frames(set: &TrackSet, most: usize) -> Vec<bool> {
+pub fn informative_frames(set: &TrackSet, most: usize) -> Vec<bool> {
     let n = set.frames();
     let most = most.max(2);
     if n <= most {
@@ -109,7 +109,7 @@ impl TrackSet {
             track.first_frame = before.get(first).copied().unwrap_or(count);
         }
         let mut stay = 0;
-        let mut renumber = |track: &crate::learn::tracking::Track| {
+        let mut renumber = |track: &Track| {
             let stays = !track.observations.is_empty();
             stay += usize::from(stays);
             stays.then_some(stay - 1)
@@ -122,7 +122,7 @@ impl TrackSet {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Observation, Track};
+    use super::super::track::Observation;
     use super::*;
     use nalgebra::Point2;
     use proptest::prelude::*;
@@ -156,7 +156,7 @@ mod tests {
         // Still for 20 s, 3 s of motion, still for 20 s.
         let x = |i: usize| (i.clamp(600, 690) - 600) as f32 * 3.0;
         let set = recording(&(0..1290).map(x).collect::<Vec<_>>());
-        let kept = kept(&telling_frames(&set, 200));
+        let kept = kept(&informative_frames(&set, 200));
         let moving = kept.iter().filter(|i| (600..=690).contains(*i)).count();
         assert!(moving >= 90, "every frame of the motion stays: {moving}");
         assert!(kept.len() <= 200);
@@ -169,7 +169,7 @@ mod tests {
     fn a_slow_motion_is_kept_though_no_frame_differs_from_the_one_before() {
         let x = |i: usize| i as f32 * 0.05;
         let set = recording(&(0..2000).map(x).collect::<Vec<_>>());
-        let kept = kept(&telling_frames(&set, 500));
+        let kept = kept(&informative_frames(&set, 500));
         assert!(kept.len() > 100, "{}", kept.len());
     }
 
@@ -201,7 +201,7 @@ mod tests {
             most in 2..100_usize,
         ) {
             let mut set = recording(&x);
-            let marks = telling_frames(&set, most);
+            let marks = informative_frames(&set, most);
             prop_assert!(marks.iter().filter(|m| **m).count() <= most);
             prop_assert!(marks[0] && marks[x.len() - 1]);
             set.keep_frames(&marks);

@@ -1,9 +1,11 @@
 //! The tracker: one frame in, all tracks one frame longer.
 
+use super::config::TrackConfig;
+use super::corners;
 use super::depth_lift::Lifter;
 use super::descriptor::{Descriptors, describe, distance};
 use super::flow::{Picture, Prediction};
-use super::{Track, TrackConfig, TrackSet, corners};
+use super::track::{Track, TrackSet};
 use crate::image::gray::Gray;
 use linkage_driver::RgbdFrame;
 use nalgebra::{Point2, Point3};

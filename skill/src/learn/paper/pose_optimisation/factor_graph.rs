@@ -1,6 +1,7 @@
 //! The factor graph of one part: relative motions with a robust loss, and constant velocity.
 
-use super::{PoseConfig, RelativeMotion};
+use super::config::PoseConfig;
+use super::relative_motion::RelativeMotion;
 use crate::math::rigid::Pose;
 use factrs::core::{
     BetweenResidual, Factor, GaussNewton, GaussianNoise, GemanMcClure, Graph, PriorResidual, SE3,

@@ -1,6 +1,6 @@
 //! Relative motions of a cluster between pairs of frames.
 
-use super::PoseConfig;
+use super::config::PoseConfig;
 use crate::learn::ego_motion::EgoMotion;
 use crate::learn::paper::segmentation::Cluster;
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
@@ -39,23 +39,23 @@ pub fn measure(
     for to in 0..frames {
         for &gap in &config.gaps {
             if let Some(from) = to.checked_sub(gap) {
-                motions.extend(between(base, cluster, centre, from, to, config, &mut rng));
+                let pairs = correspondences(base, cluster, centre, (from, to), config);
+                motions.extend(relative_motion(&pairs, (from, to), config, &mut rng));
             }
         }
     }
     motions
 }
 
-fn between(
+/// The cluster's tracks that are seen in both of two frames, about the centre.
+fn correspondences(
     base: &EgoMotion,
     cluster: &Cluster,
     centre: &Point3<f64>,
-    from: usize,
-    to: usize,
+    (from, to): (usize, usize),
     config: &PoseConfig,
-    rng: &mut ChaCha8Rng,
-) -> Option<RelativeMotion> {
-    let pairs: Vec<Correspondence> = cluster
+) -> Vec<Correspondence> {
+    cluster
         .tracks
         .iter()
         .filter_map(|&id| {
@@ -67,16 +67,25 @@ fn between(
                 weight: 1.0,
             })
         })
-        .collect();
+        .collect()
+}
+
+/// The motion that most of the correspondences between two frames follow.
+fn relative_motion(
+    pairs: &[Correspondence],
+    (from, to): (usize, usize),
+    config: &PoseConfig,
+    rng: &mut ChaCha8Rng,
+) -> Option<RelativeMotion> {
     if pairs.len() < config.min_tracks {
         return None;
     }
     let options = RansacOptions { cut: 1.0, iterations: config.ransac_iterations, locality: None };
-    let found = ransac_rigid(&pairs, &options, Some(&Pose::identity()), rng)?;
+    let found = ransac_rigid(pairs, &options, Some(&Pose::identity()), rng)?;
     if found.inliers.len() < config.min_tracks {
         return None;
     }
-    let (spread, residual) = spread_and_residual(&pairs, &found.inliers, &found.motion);
+    let (spread, residual) = spread_and_residual(pairs, &found.inliers, &found.motion);
     let n = found.inliers.len() as f64;
     let point_sigma = residual.max(0.001);
     Some(RelativeMotion {

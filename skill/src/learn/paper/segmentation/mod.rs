@@ -7,6 +7,7 @@
 //! one part.
 
 mod dbscan;
+mod pair_evidence;
 mod split_chains;
 
 use crate::learn::ego_motion::{BaseObservation, EgoMotion, TrackInBase};
@@ -14,9 +15,10 @@ use crate::learn::tracking::TrackSet;
 use crate::math::robust::{extent, median_point};
 use dbscan::dbscan;
 use nalgebra::{DMatrix, Point3, Vector3};
+use pair_evidence::PairEvidence;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use split_chains::unchain;
+use split_chains::split_chained_clusters;
 use std::cmp::Ordering;
 
 /// Values of the segmentation stage.
@@ -80,11 +82,11 @@ pub fn segment(set: &TrackSet, base: &EgoMotion, config: &SegmentConfig) -> Vec<
         moving.par_iter().map(|&t| frames_of_motion(&base.tracks[t], config)).collect();
     let evidence = evidence(set, base, &moving, &motion, config);
     let neighbours: Vec<Vec<usize>> = (0..moving.len())
-        .map(|i| (0..moving.len()).filter(|&j| evidence[(i, j)] == Evidence::Similar).collect())
+        .map(|i| (0..moving.len()).filter(|&j| evidence[(i, j)] == PairEvidence::Similar).collect())
         .collect();
     let mut clusters: Vec<Cluster> = dbscan(&neighbours, config.min_neighbours)
         .into_iter()
-        .flat_map(|members| unchain(&evidence, members, config.min_cluster))
+        .flat_map(|members| split_chained_clusters(&evidence, members, config.min_cluster))
         .map(|members| {
             let mut tracks: Vec<usize> = members.into_iter().map(|i| moving[i]).collect();
             tracks.sort_unstable();
@@ -112,17 +114,6 @@ fn longest_moving(base: &EgoMotion, limit: usize) -> Vec<usize> {
     moving
 }
 
-/// What two tracks say about each other.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Evidence {
-    /// They were not seen moving together.
-    None,
-    /// They keep their distance.
-    Similar,
-    /// They do not.
-    Different,
-}
-
 /// The evidence between each two of `moving`.
 fn evidence(
     set: &TrackSet,
@@ -130,18 +121,18 @@ fn evidence(
     moving: &[usize],
     motion: &[Vec<bool>],
     config: &SegmentConfig,
-) -> DMatrix<Evidence> {
+) -> DMatrix<PairEvidence> {
     let n = moving.len();
-    let rows: Vec<Vec<Evidence>> = (0..n)
+    let rows: Vec<Vec<PairEvidence>> = (0..n)
         .into_par_iter()
         .map(|i| {
             (i + 1..n)
                 .map(|j| {
                     let common = Common::of(base, (moving[i], &motion[i]), (moving[j], &motion[j]));
                     match similarity(set, base, &common, config) {
-                        None => Evidence::None,
-                        Some(l) if 1.0 - l <= config.epsilon => Evidence::Similar,
-                        Some(_) => Evidence::Different,
+                        None => PairEvidence::None,
+                        Some(l) if 1.0 - l <= config.epsilon => PairEvidence::Similar,
+                        Some(_) => PairEvidence::Different,
                     }
                 })
                 .collect()
@@ -149,7 +140,7 @@ fn evidence(
         .collect();
     DMatrix::from_fn(n, n, |i, j| match i.cmp(&j) {
         Ordering::Less => rows[i][j - i - 1],
-        Ordering::Equal => Evidence::None,
+        Ordering::Equal => PairEvidence::None,
         Ordering::Greater => rows[j][i - j - 1],
     })
 }

@@ -1,0 +1,117 @@
+//! Adoption of the chosen joint: the other segments of time in which it was seen are merged into it,
+//! and it becomes a joint of the search or part of one that is there already.
+
+use super::decision::{SEGMENT_VIOLATION_SLACK, is_segment};
+use super::estimate::JointEstimate;
+use super::evidence::Evidence;
+use super::merge_segments::{LineMatch, adds_frames, line_match, merged};
+use super::search_state::SearchState;
+use super::tracks_in_part_frame::TracksInFrame;
+use super::verification::{evaluate, without_outliers};
+use crate::math::robust::overlap;
+
+/// Share of a candidate's tracks that another one must have to be a segment that adds nothing.
+const SAME_TRACKS: f64 = 0.7;
+/// How far the cost of a merged joint may exceed the largest cost.
+const COST_SLACK: f64 = 0.6;
+/// Share of its tracks that an adopted joint explains from which a candidate is dropped.
+const EXPLAINED: f64 = 0.3;
+
+/// The chosen joint with those of the candidates that are other segments of it.
+pub fn with_its_segments(
+    search: &SearchState,
+    mut best: JointEstimate,
+    candidates: &[JointEstimate],
+    unexplained: &[usize],
+) -> JointEstimate {
+    let config = search.config();
+    if !config.merge {
+        return best;
+    }
+    let mut others: Vec<&JointEstimate> =
+        candidates.iter().filter(|j| j.parent == best.parent && is_segment(j, config)).collect();
+    others.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let view = search.view_from(best.parent);
+    for other in others {
+        if !adds_frames(&best, other) {
+            continue;
+        }
+        let Some(line_match) = line_match(&best, other) else { continue };
+        if overlap(&other.members, &best.members) < SAME_TRACKS {
+            let whole = try_merge(search, &view, [&best, other], line_match, unexplained);
+            best = whole.unwrap_or(best);
+        }
+    }
+    best
+}
+
+/// The joint of two segments, with its evidence, where it explains more than each of them.
+fn try_merge(
+    search: &SearchState,
+    view: &TracksInFrame,
+    [a, b]: [&JointEstimate; 2],
+    line_match: LineMatch,
+    unexplained: &[usize],
+) -> Option<JointEstimate> {
+    let config = search.config();
+    let mut candidates = unexplained.to_vec();
+    candidates.extend(a.members.iter().chain(&b.members));
+    candidates.sort_unstable();
+    candidates.dedup();
+    let mut whole = merged(view, a, b, &candidates, config)?;
+    whole = without_outliers(search, view, whole);
+    let parent_correlation = a.evidence.parent_correlation;
+    whole.evidence = Evidence { parent_correlation, ..evaluate(search, view, &whole) };
+    let needed = a.gain.max(b.gain) + line_match.required_gain() * a.gain.min(b.gain);
+    let is_better = whole.gain > needed
+        && whole.cost < config.max_cost + COST_SLACK
+        && whole.evidence.free_space_violation < config.max_through + SEGMENT_VIOLATION_SLACK;
+    tracing::debug!(gain = whole.gain as i64, before = a.gain as i64, is_better, "merge");
+    is_better.then_some(whole)
+}
+
+/// Adopts a joint: tracks that it explains are not searched any more. Returns its number and the
+/// candidates that are left, which are not explained by it and do not hang on it.
+pub fn adopt(
+    search: &mut SearchState,
+    joint: JointEstimate,
+    mut candidates: Vec<JointEstimate>,
+    unexplained: &mut Vec<usize>,
+) -> Vec<JointEstimate> {
+    let explained = search.explained_tracks(&joint, unexplained);
+    let adopted = add_joint(search, joint, unexplained);
+    unexplained.retain(|t| !explained.contains(t));
+    candidates.retain(|j| is_apart(j, &explained) && j.parent != Some(adopted));
+    candidates
+}
+
+/// A candidate has most of its tracks apart from those that a joint explains.
+pub fn is_apart(candidate: &JointEstimate, explained: &[usize]) -> bool {
+    overlap(&candidate.members, explained) < EXPLAINED
+}
+
+/// Adds a joint, or makes it part of one that is there already. Returns its number.
+pub fn add_joint(search: &mut SearchState, joint: JointEstimate, unexplained: &[usize]) -> usize {
+    let matching: Vec<(usize, LineMatch)> = (0..search.joints.len())
+        .filter(|_| search.config().merge)
+        .filter_map(|i| Some((i, line_match(&search.joints[i], &joint)?)))
+        .collect();
+    let view = search.view_from(joint.parent);
+    let same_parent = |(i, _): &&(usize, LineMatch)| search.joints[*i].parent == joint.parent;
+    let whole = matching.iter().filter(same_parent).find_map(|&(i, line_match)| {
+        let segments = [&search.joints[i], &joint];
+        Some((i, try_merge(search, &view, segments, line_match, unexplained)?))
+    });
+    if let Some((i, whole)) = whole {
+        search.joints[i] = whole;
+        search.renew_views(i);
+        return i;
+    }
+    // What cannot be merged with a joint on the same line is not a joint beside it.
+    if let Some((i, _)) = matching.iter().find(|(_, line_match)| *line_match == LineMatch::Same) {
+        return *i;
+    }
+    search.joints.push(joint);
+    search.renew_views(search.joints.len() - 1);
+    search.joints.len() - 1
+}

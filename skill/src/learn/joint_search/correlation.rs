@@ -1,0 +1,125 @@
+//! How the configuration of one joint depends on another's. A hand follows what it holds, and in the
+//! frame of a moving part what stands still makes a perfect mirror of the part's own joint.
+
+use super::estimate::JointEstimate;
+use super::tracks_in_part_frame::TracksInFrame;
+use crate::math::robust::{Moments, median};
+use nalgebra::{DMatrix, DVector};
+use std::ops::RangeInclusive;
+
+/// Largest share of a child's configuration that may be a function of its parent's.
+pub const MAX_CORRELATION: f64 = 0.85;
+/// What the correlation with a parent may be. Below, the parent rests whenever the child is known.
+pub const ALLOWED_CORRELATION: RangeInclusive<f64> = 0.0..=MAX_CORRELATION;
+/// Known frames between which the changes of two configurations are compared.
+const LAG: usize = 5;
+/// Change of a child's configuration that noise may cause.
+const CHILD_NOISE: f64 = 0.01;
+
+/// Share of a child's configuration, 0 to 1, that is a function of its parent's; 1 where they are
+/// hardly known together, and -1 where the parent rests.
+pub fn correlation_with_parent(joint: &JointEstimate, parent: &JointEstimate) -> f64 {
+    let common: Vec<usize> =
+        joint.known_frames().into_iter().filter(|&f| parent.known[f]).collect();
+    if common.len() < 5 {
+        return 1.0;
+    }
+    let pairs: Vec<(f64, f64)> = common.iter().map(|&f| (parent.filled[f], joint.q[f])).collect();
+    let moments = Moments::of(&pairs);
+    if moments.xx.sqrt() < resting_spread(parent) {
+        return -1.0;
+    }
+    let overall = moments.correlation_sq().unwrap_or(1.0);
+    overall.max(correlation_of_changes(joint, parent, &common))
+}
+
+/// The same share of the changes while the parent moves. A part that hangs on it goes along and rests
+/// in its frame; one that hangs on the base moves back as fast as the parent moves forth.
+fn correlation_of_changes(joint: &JointEstimate, parent: &JointEstimate, common: &[usize]) -> f64 {
+    let (mut pp, mut cc, mut pc) = (0.0, 0.0, 0.0);
+    for pair in common.windows(LAG + 1) {
+        let (a, b) = (pair[0], pair[LAG]);
+        let dp = parent.filled[b] - parent.filled[a];
+        if b - a > 2 * LAG || dp.abs() < 0.1 * parent.span() {
+            continue;
+        }
+        let dc = joint.q[b] - joint.q[a];
+        pp += dp * dp;
+        cc += dc * dc + CHILD_NOISE * CHILD_NOISE;
+        pc += dp * dc;
+    }
+    if pp <= 0.0 { 0.0 } else { pc * pc / (pp * cc) }
+}
+
+/// Share of a joint's configuration that is a smooth function of another's; 0 unless nearly all that
+/// it does happens while the other is known.
+pub fn share_following(joint: &JointEstimate, other: &JointEstimate) -> f64 {
+    let known = joint.known_frames();
+    let common: Vec<usize> = known.iter().copied().filter(|&f| other.known[f]).collect();
+    if common.len() < 10 || 5 * common.len() < 4 * known.len() {
+        return 0.0;
+    }
+    let design = DMatrix::from_fn(common.len(), 3, |i, k| other.q[common[i]].powi(k as i32));
+    let q = DVector::from_fn(common.len(), |i, _| joint.q[common[i]]);
+    let Ok(fitted) = design.clone().svd(true, true).solve(&q, 1e-9) else { return 0.0 };
+    let spread = q.add_scalar(-q.mean()).norm_squared();
+    1.0 - (design * fitted - &q).norm_squared() / spread.max(f64::EPSILON)
+}
+
+/// Spread of a configuration, radians or metres, up to which a part rests.
+fn resting_spread(joint: &JointEstimate) -> f64 {
+    if joint.dof.hinge { 0.04 } else { 0.02 }
+}
+
+/// A part moves while some of the tracks live; `view` is the view from it.
+pub fn moves_during(part: &JointEstimate, view: &TracksInFrame, tracks: &[usize]) -> bool {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (f, _) in tracks.iter().flat_map(|&t| view.life(t)) {
+        low = low.min(part.filled[f]);
+        high = high.max(part.filled[f]);
+    }
+    high - low > resting_spread(part)
+}
+
+/// By frame: a part is away from where it mostly is while a joint's configuration is known.
+pub fn frames_away(part: &JointEstimate, joint: &JointEstimate) -> Vec<bool> {
+    let mut beside: Vec<f64> = joint.known_frames().iter().map(|&f| part.filled[f]).collect();
+    let usual = median(&mut beside).unwrap_or(0.0);
+    part.filled.iter().map(|q| (q - usual).abs() > resting_spread(part)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::{Point3, Vector3};
+
+    /// A slide with these configurations.
+    fn slide(q: impl Fn(f64) -> f64) -> JointEstimate {
+        let dof = ScrewJoint::slide(Vector3::x(), Point3::origin());
+        let view = seen_moving(&dof, &[Point3::new(0.0, 0.0, 1.0)], &[0.0; 60]);
+        let mut joint = JointEstimate::new(dof, &view, 0);
+        joint.q = (0..60).map(|f| q(f64::from(f))).collect();
+        joint.known = vec![true; 60];
+        joint.summarise();
+        joint
+    }
+
+    #[test]
+    fn what_mirrors_its_parent_is_told_from_what_moves_by_itself() {
+        let parent = slide(|f| 0.2 * (0.2 * f).sin());
+        let mirror = slide(|f| -0.2 * (0.2 * f).sin());
+        let own = slide(|f| 0.2 * (0.07 * f).cos());
+        assert!(correlation_with_parent(&mirror, &parent) > 0.9);
+        assert!(ALLOWED_CORRELATION.contains(&correlation_with_parent(&own, &parent)));
+        assert_eq!(correlation_with_parent(&own, &slide(|_| 0.1)), -1.0, "the parent rests");
+    }
+
+    #[test]
+    fn what_follows_another_joint_smoothly_follows_it() {
+        let other = slide(|f| 0.2 * (0.05 * f).sin());
+        assert!(share_following(&slide(|f| (0.2 * (0.05 * f).sin()).powi(2)), &other) > 0.99);
+        assert!(share_following(&slide(|f| 0.2 * (0.9 * f).sin()), &other) < 0.5);
+    }
+}

@@ -1,0 +1,455 @@
+//! Is a candidate a joint of an object? Its support by tracks and the [`Evidence`] of its last
+//! verification are compared with limits; the first limit that is broken is the reason to reject it.
+//!
+//! The largest cost of an observation depends on what else speaks for the joint: parts that hang on
+//! it raise its cost while they move. A hand is not there from beginning to end, and along an arm the
+//! pictures hardly discriminate where it is.
+
+use super::config::JointSearchConfig;
+use super::correlation::{ALLOWED_CORRELATION, MAX_CORRELATION};
+use super::estimate::JointEstimate;
+use super::evidence::Evidence;
+use super::free_space_check::SILENT;
+
+/// Fewest tracks of a joint.
+const MIN_TRACKS: usize = 5;
+/// Fewest frames in which the configuration of a joint is known.
+const MIN_FRAMES: usize = 15;
+/// Fewest frames of a segment of time in which a joint was seen.
+const MIN_SEGMENT_FRAMES: usize = 10;
+/// A segment needs the least gain of a joint divided by this.
+const SEGMENT_GAIN_DIVISOR: f64 = 3.0;
+
+/// Allowed above `max_cost` for a joint that is known nearly always and that nothing speaks against.
+const ALLOWANCE_ALWAYS: f64 = 1.8;
+/// Allowed above `max_cost` for a solid joint that is known most of the time.
+const ALLOWANCE_MOSTLY: f64 = 1.0;
+/// Allowed above `max_cost` for a joint that is found in all pictures.
+const ALLOWANCE_FOUND: f64 = 0.6;
+/// Share of the frames from which a joint is known nearly always.
+const ALWAYS: f64 = 0.9;
+/// Share of the frames from which a joint is known most of the time.
+const MOSTLY: f64 = 0.6;
+/// Fewest tracks of a solid joint.
+const SOLID_TRACKS: usize = 50;
+/// Largest share of a solid joint's points that are seen through.
+const SOLID_VIOLATION: f64 = 0.12;
+/// Factor on the largest cost of a segment up to which pictures are asked about a candidate.
+pub const HOPELESS_COST: f64 = 1.2;
+
+/// Share of points, half the range aside, from which pictures discriminate for sure.
+const WELL_DISCRIMINATED: f64 = 0.6;
+/// Factor on the least gain of a joint that the pictures alone would show.
+const SHOWN_GAIN: f64 = 0.4;
+/// Factor on the least gain of a slide of which pictures say nothing. Corners that somebody's outline
+/// makes with a wall seem to slide along it.
+const SILENT_SLIDE_GAIN: f64 = 40.0;
+/// Factor on the least gain of a hinge of which pictures say nothing and that is known for a short
+/// while.
+const SILENT_BRIEF_GAIN: f64 = 3.0;
+/// Share of the frames below which a joint is known for a short while.
+const BRIEF: f64 = 0.5;
+/// Share of its points in all pictures that may be missing from a joint that gets an allowance on its
+/// cost although pictures do not discriminate for sure. The same share tells two parents apart.
+const MAX_MISSING: f64 = 0.05;
+
+/// Least travel of a slide, metres.
+const MIN_SLIDE_M: f64 = 0.06;
+/// Least travel of a slide that rests before and after it moves, metres. A person's trunk sways by as
+/// much, but never rests.
+const SMALL_SLIDE_M: f64 = 0.03;
+/// Fewest frames for which a part rests before and after it moves.
+const REST_FRAMES: usize = 10;
+/// Largest way of a slide that rests, metres.
+const REST_M: f64 = 0.004;
+/// Largest turn of a hinge that rests, radians.
+const REST_RAD: f64 = 0.01;
+/// Largest share of such a part's points that are seen through.
+const REST_VIOLATION: f64 = 0.05;
+/// Least share of such a part's points that would be seen through half the range aside. It is small,
+/// for half of a short way is hardly discriminated.
+const REST_DISCRIMINABILITY: f64 = 0.2;
+/// Least turn of a hinge, radians.
+const MIN_TURN_RAD: f64 = 0.12;
+/// Least way that most points of a hinge's part make, metres.
+const MIN_ARC_M: f64 = 0.03;
+
+/// How far a segment may exceed the largest share of points that are seen through.
+pub const SEGMENT_VIOLATION_SLACK: f64 = 0.03;
+/// How far a segment may exceed the largest share of points that are missing.
+const SEGMENT_UNOBSERVED_SLACK: f64 = 0.05;
+
+/// Why a candidate is no joint.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Rejection {
+    /// Too few tracks.
+    #[error("{found} tracks follow it; at least {MIN_TRACKS} are needed")]
+    TooFewTracks {
+        /// Tracks that follow it.
+        found: usize,
+    },
+    /// Known in too few frames.
+    #[error("its configuration is known in {found} frames; at least {MIN_FRAMES} are needed")]
+    TooFewFrames {
+        /// Frames with a configuration.
+        found: usize,
+    },
+    /// It explains little that standing still does not explain.
+    #[error(
+        "it explains its tracks by {gain:.0} better than rest does; at least {needed:.0} is needed"
+    )]
+    LowGain {
+        /// Its gain.
+        gain: f64,
+        /// The gain that is needed.
+        needed: f64,
+    },
+    /// Its tracks depart from it.
+    #[error("its tracks cost {cost:.2} an observation; at most {allowed:.2} is allowed")]
+    HighCost {
+        /// Mean cost of an observation.
+        cost: f64,
+        /// The largest one.
+        allowed: f64,
+    },
+    /// Its parent rests, so that it may as well hang on the base.
+    #[error("its parent rests whenever it is seen")]
+    ParentRests,
+    /// Its configuration is a function of its parent's.
+    #[error(
+        "{:.0} % of its motion follows from its parent's; at most {:.0} % is allowed",
+        100.0 * share,
+        100.0 * MAX_CORRELATION
+    )]
+    FollowsParent {
+        /// Share of its configuration.
+        share: f64,
+    },
+    /// A slide that hardly moves.
+    #[error("it slides by {travel_m:.3} m; at least {needed_m} m is needed")]
+    ShortSlide {
+        /// Its range, metres.
+        travel_m: f64,
+        /// The least range of such a slide, metres.
+        needed_m: f64,
+    },
+    /// A hinge that hardly turns.
+    #[error(
+        "it turns by {turn_rad:.2} rad, and most of its points by {arc_m:.3} m; \
+         at least {MIN_TURN_RAD} rad and {MIN_ARC_M} m are needed"
+    )]
+    ShortTurn {
+        /// Its range, radians.
+        turn_rad: f64,
+        /// Way of three quarters of its points at most, metres.
+        arc_m: f64,
+    },
+    /// Pictures show something behind it.
+    #[error(
+        "it was seen through at {:.0} % of its points; at most {:.0} % are allowed",
+        100.0 * share,
+        100.0 * allowed
+    )]
+    SeenThrough {
+        /// Share of its points.
+        share: f64,
+        /// The largest share.
+        allowed: f64,
+    },
+    /// Pictures do not show it while its configuration is unknown.
+    #[error(
+        "{:.0} % of its points were missing while its configuration was unknown; \
+         at most {:.0} % are allowed",
+        100.0 * share,
+        100.0 * allowed
+    )]
+    Unobserved {
+        /// Share of its points.
+        share: f64,
+        /// The largest share.
+        allowed: f64,
+    },
+    /// Its tracks go on where it does not explain them.
+    #[error(
+        "{:.0} % of its tracks' observations are in frames that it does not explain; \
+         at most {:.0} % are allowed",
+        100.0 * share,
+        100.0 * allowed
+    )]
+    Uncovered {
+        /// Share of the observations.
+        share: f64,
+        /// The largest share.
+        allowed: f64,
+    },
+    /// Another candidate explains the same tracks in more frames, with another parent.
+    #[error("a candidate with another parent explains the same tracks in more frames")]
+    ExplainedWithAnotherParent,
+    /// It does what an accepted joint does.
+    #[error(
+        "{:.0} % of its motion follows from an accepted joint; at most {:.0} % is allowed",
+        100.0 * share,
+        100.0 * allowed
+    )]
+    FollowsAcceptedJoint {
+        /// Share of its configuration.
+        share: f64,
+        /// The largest share.
+        allowed: f64,
+    },
+    /// Next to nothing beside an accepted joint about the same line.
+    #[error("it turns about the line of an accepted joint and has little of that joint's gain")]
+    OnLineOfAcceptedJoint,
+    /// A hand that rests on a part.
+    #[error("pictures show it on the part of an accepted joint wherever that part goes")]
+    OnPartOfAcceptedJoint,
+}
+
+/// All limits are kept, or the first that is broken.
+pub fn decide(
+    joint: &JointEstimate,
+    evidence: &Evidence,
+    config: &JointSearchConfig,
+) -> Result<(), Rejection> {
+    let (tracks, frames) = (joint.members.len(), joint.known_frames().len());
+    let (gain, needed) = (joint.gain, min_gain(joint, evidence, config));
+    let (cost, allowed_cost) = (joint.cost, max_cost(joint, evidence, config));
+    let share = evidence.parent_correlation;
+    let correlation = if share < *ALLOWED_CORRELATION.start() {
+        Rejection::ParentRests
+    } else {
+        Rejection::FollowsParent { share }
+    };
+    let table = [
+        (tracks >= MIN_TRACKS, Rejection::TooFewTracks { found: tracks }),
+        (frames >= MIN_FRAMES, Rejection::TooFewFrames { found: frames }),
+        (gain >= needed, Rejection::LowGain { gain, needed }),
+        (cost <= allowed_cost, Rejection::HighCost { cost, allowed: allowed_cost }),
+        (ALLOWED_CORRELATION.contains(&share), correlation),
+        travel(joint, evidence),
+        (
+            evidence.free_space_violation <= config.max_through,
+            Rejection::SeenThrough {
+                share: evidence.free_space_violation,
+                allowed: config.max_through,
+            },
+        ),
+        (
+            evidence.unobserved_ratio <= config.max_hidden,
+            Rejection::Unobserved { share: evidence.unobserved_ratio, allowed: config.max_hidden },
+        ),
+        (
+            evidence.uncovered_ratio <= config.max_unruly,
+            Rejection::Uncovered { share: evidence.uncovered_ratio, allowed: config.max_unruly },
+        ),
+    ];
+    table.into_iter().find(|(is_kept, _)| !is_kept).map_or(Ok(()), |(_, rejection)| Err(rejection))
+}
+
+/// A joint keeps all limits.
+pub fn accepts(joint: &JointEstimate, config: &JointSearchConfig) -> bool {
+    decide(joint, &joint.evidence, config).is_ok()
+}
+
+/// A candidate is good enough to be a segment of a joint that is accepted.
+pub fn is_segment(joint: &JointEstimate, config: &JointSearchConfig) -> bool {
+    let evidence = &joint.evidence;
+    joint.members.len() >= MIN_TRACKS
+        && joint.gain > config.min_gain / SEGMENT_GAIN_DIVISOR
+        && joint.cost < max_segment_cost(config)
+        && evidence.free_space_violation < config.max_through + SEGMENT_VIOLATION_SLACK
+        && evidence.unobserved_ratio < config.max_hidden + SEGMENT_UNOBSERVED_SLACK
+        && joint.known_frames().len() >= MIN_SEGMENT_FRAMES
+        && evidence.parent_correlation < MAX_CORRELATION
+}
+
+/// The depth pictures could still make a joint of a candidate, or a segment of one.
+pub fn is_worth_verifying(
+    joint: &JointEstimate,
+    parent_correlation: f64,
+    config: &JointSearchConfig,
+) -> bool {
+    joint.members.len() >= MIN_TRACKS
+        && joint.gain > config.min_gain / SEGMENT_GAIN_DIVISOR
+        && joint.cost <= HOPELESS_COST * max_segment_cost(config)
+        && parent_correlation <= MAX_CORRELATION
+}
+
+/// Cost of an observation from which a candidate is not even a segment of a joint.
+pub fn max_segment_cost(config: &JointSearchConfig) -> f64 {
+    config.max_cost + ALLOWANCE_ALWAYS
+}
+
+/// Largest cost of an observation of a joint.
+fn max_cost(joint: &JointEstimate, evidence: &Evidence, config: &JointSearchConfig) -> f64 {
+    let coverage = joint.coverage();
+    let solid =
+        evidence.free_space_violation <= SOLID_VIOLATION && joint.members.len() >= SOLID_TRACKS;
+    let found_everywhere = evidence.is_found_everywhere();
+    let comes_and_leaves = evidence.discriminability < WELL_DISCRIMINATED
+        && missing_share(joint, evidence) > MAX_MISSING;
+    let nothing_against =
+        found_everywhere || evidence.is_there_throughout() || stands_between_rests(joint, evidence);
+    let allowance = match coverage {
+        _ if comes_and_leaves => 0.0,
+        c if c >= ALWAYS && solid && nothing_against => ALLOWANCE_ALWAYS,
+        c if c >= MOSTLY && solid => ALLOWANCE_MOSTLY,
+        _ if found_everywhere => ALLOWANCE_FOUND,
+        _ => 0.0,
+    };
+    config.max_cost + allowance
+}
+
+/// Least gain of a joint: less where the pictures alone would show it, more where they discriminate
+/// nothing and it was seen for a short while, most for a slide of which they discriminate nothing.
+pub fn min_gain(joint: &JointEstimate, evidence: &Evidence, config: &JointSearchConfig) -> f64 {
+    let least = config.min_gain;
+    match evidence.discriminability {
+        d if d >= WELL_DISCRIMINATED && evidence.is_found_everywhere() => SHOWN_GAIN * least,
+        d if d < SILENT && !joint.dof.hinge => SILENT_SLIDE_GAIN * least,
+        d if d < SILENT && joint.coverage() < BRIEF => SILENT_BRIEF_GAIN * least,
+        _ => least,
+    }
+}
+
+/// Of two parents of one part, pictures miss more of it where `other` puts it.
+pub fn is_missed_less(joint: &JointEstimate, other: &JointEstimate) -> bool {
+    let missed = |joint: &JointEstimate| missing_share(joint, &joint.evidence);
+    missed(other) > MAX_MISSING && 3.0 * missed(joint) < 2.0 * missed(other)
+}
+
+/// Share of its points, in all pictures, that are not found.
+fn missing_share(joint: &JointEstimate, evidence: &Evidence) -> f64 {
+    evidence.unobserved_ratio * (1.0 - joint.coverage())
+}
+
+/// A joint is known nearly always, rests before and after it moves, and pictures bear it out. A
+/// person's trunk sways all the time, and a hand comes and leaves.
+fn stands_between_rests(joint: &JointEstimate, evidence: &Evidence) -> bool {
+    let known = joint.known_frames();
+    let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return false };
+    let still = if joint.dof.hinge { REST_RAD } else { REST_M };
+    let is_at = |f: usize, end: usize| (joint.q[f] - joint.q[end]).abs() < still;
+    let before = known.iter().take_while(|&&f| is_at(f, first)).count();
+    let after = known.iter().rev().take_while(|&&f| is_at(f, last)).count();
+    joint.coverage() >= ALWAYS
+        && before.min(after) >= REST_FRAMES
+        && evidence.free_space_violation <= REST_VIOLATION
+        && evidence.discriminability >= REST_DISCRIMINABILITY
+}
+
+/// Whether a joint moves enough, and the rejection where it does not.
+fn travel(joint: &JointEstimate, evidence: &Evidence) -> (bool, Rejection) {
+    let span = joint.span();
+    if !joint.dof.hinge {
+        let needed_m =
+            if stands_between_rests(joint, evidence) { SMALL_SLIDE_M } else { MIN_SLIDE_M };
+        return (span >= needed_m, Rejection::ShortSlide { travel_m: span, needed_m });
+    }
+    let mut levers: Vec<f64> =
+        joint.members.iter().map(|&t| joint.dof.lever(&joint.points[t])).collect();
+    levers.sort_by(f64::total_cmp);
+    let lever = levers.get(levers.len() * 3 / 4).copied().unwrap_or(0.0);
+    let arc_m = span * lever;
+    let is_enough = span >= MIN_TURN_RAD && arc_m >= MIN_ARC_M;
+    (is_enough, Rejection::ShortTurn { turn_rad: span, arc_m })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::{Point3, Vector3};
+
+    const FRAMES: usize = 100;
+
+    fn decided(joint: &JointEstimate) -> Result<(), Rejection> {
+        decide(joint, &joint.evidence, &JointSearchConfig::default())
+    }
+
+    fn is_accepted(joint: &JointEstimate) -> bool {
+        decided(joint).is_ok()
+    }
+
+    /// A drawer that was followed for a share of the recording, and whose tracks cost more than its
+    /// own motion explains; the pictures show it wherever it is.
+    fn drawer(coverage: f64, unobserved_ratio: f64) -> JointEstimate {
+        let front = Point3::new(0.0, 0.0, 1.5);
+        let slide = ScrewJoint::slide(Vector3::z(), front);
+        let view = seen_moving(&slide, &[front; 60], &[0.0; FRAMES]);
+        let mut joint = JointEstimate::new(slide, &view, 0);
+        joint.known = (0..FRAMES).map(|f| (f as f64) < coverage * FRAMES as f64).collect();
+        joint.members = (0..60).collect();
+        joint.range = [0.0, 0.2];
+        (joint.gain, joint.cost) = (2000.0, 2.7);
+        joint.evidence = Evidence {
+            free_space_violation: 0.02,
+            discriminability: 0.5,
+            unobserved_ratio,
+            ..joint.evidence
+        };
+        joint
+    }
+
+    fn discriminated(joint: JointEstimate, discriminability: f64) -> JointEstimate {
+        let evidence = Evidence { discriminability, ..joint.evidence.clone() };
+        JointEstimate { evidence, ..joint }
+    }
+
+    #[test]
+    fn a_joint_with_noisy_tracks_is_accepted_where_all_pictures_show_its_part() {
+        assert!(is_accepted(&drawer(0.5, 0.0)));
+        assert!(is_accepted(&drawer(0.7, 0.0)));
+        assert!(is_accepted(&drawer(0.95, 0.3)));
+        assert!(is_accepted(&discriminated(drawer(0.5, 0.2), 0.9)));
+    }
+
+    #[test]
+    fn corners_along_a_wall_need_more_tracks_than_a_drawer() {
+        let along_a_wall = discriminated(drawer(0.8, 0.0), 0.02);
+        assert!(!is_accepted(&along_a_wall));
+        assert!(
+            is_accepted(&JointEstimate { gain: 16_000.0, ..along_a_wall.clone() }),
+            "a sliding door"
+        );
+        let wheel = ScrewJoint::hinge(Vector3::z(), Point3::new(0.2, 0.0, 1.5));
+        assert!(is_accepted(&JointEstimate { dof: wheel, range: [0.0, 0.6], ..along_a_wall }));
+    }
+
+    #[test]
+    fn an_arm_that_comes_and_leaves_is_no_joint() {
+        assert!(!is_accepted(&drawer(0.5, 0.2)));
+        assert!(!is_accepted(&drawer(0.7, 0.25)));
+    }
+
+    #[test]
+    fn a_rejection_tells_what_was_found_and_what_is_allowed() {
+        let said = |joint: &JointEstimate| decided(joint).unwrap_err().to_string();
+        let with = |evidence: Evidence| JointEstimate { evidence, ..drawer(0.95, 0.0) };
+        let seen = drawer(0.95, 0.0).evidence;
+        assert_eq!(
+            said(&with(Evidence { free_space_violation: 0.41, ..seen.clone() })),
+            "its tracks cost 2.70 an observation; at most 2.20 is allowed"
+        );
+        let cheap = JointEstimate {
+            cost: 1.0,
+            ..with(Evidence { free_space_violation: 0.41, ..seen.clone() })
+        };
+        assert_eq!(
+            said(&cheap),
+            "it was seen through at 41 % of its points; at most 22 % are allowed"
+        );
+        let rests = with(Evidence { parent_correlation: -1.0, ..seen.clone() });
+        assert_eq!(said(&rests), "its parent rests whenever it is seen");
+        let follows = with(Evidence { parent_correlation: 0.97, ..seen });
+        assert_eq!(
+            said(&follows),
+            "97 % of its motion follows from its parent's; at most 85 % is allowed"
+        );
+        let short = JointEstimate { range: [0.0, 0.01], ..drawer(0.95, 0.0) };
+        assert_eq!(said(&short), "it slides by 0.010 m; at least 0.06 m is needed");
+        let few = JointEstimate { members: vec![1, 2], ..drawer(0.95, 0.0) };
+        assert_eq!(said(&few), "2 tracks follow it; at least 5 are needed");
+    }
+}

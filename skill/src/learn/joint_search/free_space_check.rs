@@ -1,0 +1,298 @@
+//! The depth pictures are asked about a joint: a part is where its joint puts it, or the joint is
+//! wrong. Points of the part that a picture sees through contradict the joint; points that are found
+//! where another configuration would put them say nothing.
+
+use super::estimate::{JointEstimate, base_from_part};
+use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
+use crate::learn::recording::Recording;
+use crate::math::rigid::Pose;
+use linkage_driver::RgbdFrame;
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+/// Share of points, half the range aside, below which pictures say nothing of where they are.
+pub const SILENT: f64 = 0.1;
+/// Members that are looked for in the pictures, at the most.
+const MAX_POINTS: usize = 120;
+/// Configurations that are tried where none is known.
+const SCAN: usize = 33;
+/// How far beyond the range known so far a hinge may have gone, radians.
+const BEYOND_TURN: f64 = 1.6;
+/// How far beyond the range known so far a slide may have gone, metres.
+const BEYOND_SLIDE: f64 = 0.4;
+
+/// The keyframes of a recording, for questions about joints.
+#[derive(Clone, Copy)]
+pub struct FreeSpaceCheck<'r> {
+    /// Keyframes and camera motion.
+    pub recording: &'r Recording,
+}
+
+/// What all pictures together say of a joint's points.
+pub struct FreeSpaceEvidence {
+    /// Share of the points that are seen through.
+    pub violation: f64,
+    /// Share of them that would be seen through half the range aside.
+    pub discriminability: f64,
+    /// Share of them that is not found in frames of unknown configuration.
+    pub unobserved_ratio: f64,
+    /// Keyframes with the configuration there, from depth where tracks do not give it.
+    pub configurations: Vec<(usize, f64)>,
+    /// Frames in which the joint is contradicted.
+    pub contradicted_frames: Vec<usize>,
+}
+
+/// What one picture says of a joint's points.
+struct FrameEvidence {
+    frame: usize,
+    /// The configuration, or the one at which most is found where it is not known.
+    q: f64,
+    found: FreeSpaceCounts,
+    /// What is found half the range aside; `None` where the configuration is not known.
+    aside: Option<FreeSpaceCounts>,
+}
+
+impl FreeSpaceCheck<'_> {
+    /// What the keyframes say of a joint; `None` where nothing follows it. `joints` holds its parents.
+    pub fn evidence(
+        &self,
+        joint: &JointEstimate,
+        joints: &[JointEstimate],
+    ) -> Option<FreeSpaceEvidence> {
+        let stride = joint.members.len().div_ceil(MAX_POINTS).max(1);
+        let points: Vec<Point3<f64>> =
+            joint.members.iter().step_by(stride).map(|&t| joint.points[t]).collect();
+        if points.is_empty() {
+            return None;
+        }
+        let frames = self.by_frame(joint, &points, joints);
+        Some(summed_up(&frames, points.len(), joint.known.len()))
+    }
+
+    /// What each picture says of a joint's points.
+    fn by_frame(
+        &self,
+        joint: &JointEstimate,
+        points: &[Point3<f64>],
+        joints: &[JointEstimate],
+    ) -> Vec<FrameEvidence> {
+        let (near, far) = (near_scan(joint), far_scan(joint));
+        let aside = 0.5 * joint.span();
+        let in_frame = |&(frame, picture): &(usize, &RgbdFrame)| {
+            let camera_from_parent = self.camera_from_parent(joint, joints, frame);
+            let probe = |q: f64| {
+                let camera_from_part = camera_from_parent * joint.dof.geometry().motion(q);
+                count_free_space(picture, points, &camera_from_part)
+            };
+            if joint.known[frame] {
+                let q = joint.q[frame];
+                let [low, high] = [-aside, aside].map(|d| probe(q + d));
+                let aside = Some(if high.through > low.through { high } else { low });
+                return FrameEvidence { frame, q, found: probe(q), aside };
+            }
+            let best_of = |scan: &[f64]| {
+                scan.iter()
+                    .map(|&q| (q, probe(q)))
+                    .max_by_key(|(_, found)| found.margin())
+                    .expect("a scan is not empty")
+            };
+            let (mut q, mut found) = best_of(&near);
+            if 2 * found.agrees < points.len() {
+                let beyond = best_of(&far);
+                if beyond.1.margin() > found.margin() {
+                    (q, found) = beyond;
+                }
+            }
+            FrameEvidence { frame, q, found, aside: None }
+        };
+        let pictures: Vec<(usize, &RgbdFrame)> = self.recording.keyframes.iter().collect();
+        pictures.par_iter().map(in_frame).collect()
+    }
+
+    /// Members that are no outliers. An outlier track is contradicted by the pictures by itself where
+    /// most of the joint stands: a hand moves with what it holds, but comes and leaves. All members
+    /// stay where most of them would be outliers.
+    pub fn inlier_members(&self, joint: &JointEstimate, joints: &[JointEstimate]) -> Vec<usize> {
+        let pictures: Vec<(Pose, &RgbdFrame)> = self
+            .recording
+            .keyframes
+            .iter()
+            .filter(|(f, _)| joint.known[*f])
+            .map(|(f, picture)| {
+                let camera_from_parent = self.camera_from_parent(joint, joints, f);
+                (camera_from_parent * joint.dof.geometry().motion(joint.q[f]), picture)
+            })
+            .collect();
+        let is_inlier = |t: &usize| {
+            let mut all = FreeSpaceCounts::default();
+            for (camera_from_part, picture) in &pictures {
+                all.add(count_free_space(picture, &[joint.points[*t]], camera_from_part));
+            }
+            all.mostly_agrees()
+        };
+        let kept: Vec<usize> = joint.members.par_iter().copied().filter(is_inlier).collect();
+        if 2 * kept.len() > joint.members.len() { kept } else { joint.members.clone() }
+    }
+
+    /// The pictures show a joint's points where another joint, number `index`, would put them: a hand
+    /// that rests on a part is no part. Where pictures discriminate nothing they do not say that
+    /// either.
+    pub fn is_on(&self, joint: &JointEstimate, index: usize, joints: &[JointEstimate]) -> bool {
+        if joint.evidence.discriminability < SILENT {
+            return false;
+        }
+        let other = &joints[index];
+        let both = |f: usize| joint.known[f] && other.known[f];
+        let Some(start) = (0..joint.known.len()).find(|&f| both(f)) else { return false };
+        let base_from_joint =
+            |f: usize| base_from_parent(joint, joints, f) * joint.dof.geometry().motion(joint.q[f]);
+        let other_from_joint =
+            base_from_part(joints, index, start).inverse() * base_from_joint(start);
+        let points: Vec<Point3<f64>> = joint.members.iter().map(|&t| joint.points[t]).collect();
+        let (mut own, mut others) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
+        for (frame, picture) in self.recording.keyframes.iter().filter(|(f, _)| both(*f)) {
+            let camera_from_base = self.recording.ego_motion.camera_from_base[frame];
+            let ask = |base_from_points: Pose| {
+                count_free_space(picture, &points, &(camera_from_base * base_from_points))
+            };
+            own.add(ask(base_from_joint(frame)));
+            others.add(ask(base_from_part(joints, index, frame) * other_from_joint));
+        }
+        own.agrees > 0
+            && 10 * others.agrees >= 9 * own.agrees
+            && others.through <= own.through + own.agrees / 20
+    }
+
+    fn camera_from_parent(
+        &self,
+        joint: &JointEstimate,
+        joints: &[JointEstimate],
+        frame: usize,
+    ) -> Pose {
+        let camera_from_base = self.recording.ego_motion.camera_from_base[frame];
+        camera_from_base * base_from_parent(joint, joints, frame)
+    }
+}
+
+/// What pictures say of a joint of `points` points in a recording of `frames` frames.
+fn summed_up(pictures: &[FrameEvidence], points: usize, frames: usize) -> FreeSpaceEvidence {
+    let (mut there, mut aside) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
+    let (mut unknown, mut found_in_unknown) = (0, 0);
+    let mut contradicted_frames = Vec::new();
+    for FrameEvidence { frame, found, aside: elsewhere, .. } in pictures {
+        there.add(*found);
+        if let Some(elsewhere) = elsewhere {
+            aside.add(*elsewhere);
+            if 5 * found.count() >= points && found.through > found.agrees {
+                contradicted_frames.extend(frame.saturating_sub(2)..(frame + 3).min(frames));
+            }
+        } else {
+            unknown += 1;
+            found_in_unknown += found.agrees;
+        }
+    }
+    FreeSpaceEvidence {
+        violation: there.share_through(),
+        discriminability: aside.share_through(),
+        unobserved_ratio: match unknown {
+            0 => 0.0,
+            _ => 1.0 - found_in_unknown as f64 / (unknown * points) as f64,
+        },
+        configurations: pictures.iter().map(|p| (p.frame, p.q)).collect(),
+        contradicted_frames,
+    }
+}
+
+/// Configurations in and about the range known so far.
+fn near_scan(joint: &JointEstimate) -> Vec<f64> {
+    let pad = (0.5 * joint.span()).max(if joint.dof.hinge { 0.2 } else { 0.05 });
+    let (low, high) = (joint.range[0] - pad, joint.range[1] + pad);
+    (0..SCAN).map(|i| low + (high - low) * i as f64 / (SCAN - 1) as f64).collect()
+}
+
+/// Configurations beyond the range: while a part is not tracked it may have gone anywhere.
+fn far_scan(joint: &JointEstimate) -> Vec<f64> {
+    let beyond = if joint.dof.hinge { BEYOND_TURN } else { BEYOND_SLIDE };
+    let step = beyond / SCAN as f64;
+    (1..=SCAN)
+        .map(|i| step * i as f64)
+        .flat_map(|d| [joint.range[0] - d, joint.range[1] + d])
+        .collect()
+}
+
+fn base_from_parent(joint: &JointEstimate, joints: &[JointEstimate], frame: usize) -> Pose {
+    joint.parent.map_or_else(Pose::identity, |p| base_from_part(joints, p, frame))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::ego_motion::EgoMotion;
+    use crate::learn::joint_search::evidence::Evidence;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::TrackSet;
+    use crate::test_data::{board, seen};
+    use nalgebra::Vector3;
+
+    const FRAMES: usize = 100;
+
+    fn front(f: usize) -> f64 {
+        1.5 - 0.002 * f as f64
+    }
+
+    /// A drawer that opens by 2 mm a frame, and pictures of it.
+    fn opened_drawer() -> (Recording, JointEstimate) {
+        let mut keyframes = Keyframes::new(FRAMES);
+        for f in (0..FRAMES).step_by(10) {
+            keyframes.offer(f, &seen(f as i64, board(0.2, front(f), 2.5)));
+        }
+        let ego_motion =
+            EgoMotion { camera_from_base: vec![Pose::identity(); FRAMES], ..EgoMotion::default() };
+        let middle = Point3::new(0.0, 0.0, front(0));
+        let slide = ScrewJoint::slide(Vector3::z(), middle);
+        let view = seen_moving(&slide, &[middle; 60], &[0.0; FRAMES]);
+        let mut drawer = JointEstimate::new(slide, &view, 0);
+        drawer.q = (0..FRAMES).map(|f| front(f) - front(0)).collect();
+        drawer.known = vec![true; FRAMES];
+        drawer.points = vec![middle; 60];
+        drawer.members = (0..60).collect();
+        drawer.gain = 2000.0;
+        drawer.summarise();
+        (Recording { tracks: TrackSet::default(), ego_motion, keyframes }, drawer)
+    }
+
+    /// Whether what goes along with a drawer is on its part, where pictures discriminate so much.
+    fn is_on_the_drawer(discriminability: f64) -> bool {
+        let (recording, drawer) = opened_drawer();
+        let evidence = Evidence { discriminability, ..drawer.evidence.clone() };
+        let along = JointEstimate { evidence, ..drawer.clone() };
+        FreeSpaceCheck { recording: &recording }.is_on(&along, 0, &[drawer])
+    }
+
+    #[test]
+    fn what_pictures_show_on_a_part_wherever_that_goes_is_on_it() {
+        assert!(is_on_the_drawer(0.5));
+    }
+
+    #[test]
+    fn what_pictures_do_not_discriminate_is_on_nothing() {
+        assert!(!is_on_the_drawer(0.02));
+    }
+
+    #[test]
+    fn a_drawer_is_found_where_its_joint_puts_it_and_seen_through_where_it_is_not() {
+        let (recording, drawer) = opened_drawer();
+        let check = FreeSpaceCheck { recording: &recording };
+        let found = check.evidence(&drawer, &[]).unwrap();
+        assert_eq!((found.violation, found.contradicted_frames.len()), (0.0, 0));
+        assert!(found.discriminability > 0.4, "{}", found.discriminability);
+        // It is claimed to come half a metre nearer than it does.
+        let mut wrong = drawer;
+        wrong.q.iter_mut().for_each(|q| *q -= 0.5);
+        let found = check.evidence(&wrong, &[]).unwrap();
+        assert_eq!(found.violation, 1.0);
+        assert_eq!(found.contradicted_frames.len(), 3 + 9 * 5);
+    }
+}

@@ -1,0 +1,173 @@
+//! Growth of a joint over time: from the window in which its motion was seen to all of the recording.
+//! The joint's tracks give its configuration frame by frame; the configuration shows which other
+//! tracks follow it.
+
+use super::association::{ADJUSTED_TRACKS, associate, evenly_spread, gather};
+use super::bundle_adjustment::refine;
+use super::config::JointSearchConfig;
+use super::decision::{HOPELESS_COST, max_segment_cost};
+use super::estimate::JointEstimate;
+use super::helical_pitch;
+use super::motion_hypotheses::Hypothesis;
+use super::propagation::propagate;
+use super::tracks_in_part_frame::TracksInFrame;
+use super::window_fit::window_fits;
+
+/// Mean cost of an observation above which a window's fit is not worth growing.
+const MAX_WINDOW_COST: f64 = 5.0;
+/// Tracks that carry a joint through the recording, besides those of its hypothesis.
+const ANCHOR_TRACKS: usize = 200;
+/// Share of its tracks' observations that a joint does not cover from which it will not be accepted.
+pub const HOPELESSLY_UNCOVERED: f64 = 0.5;
+/// Rounds of association when a joint has been propagated.
+const GROWTH_ROUNDS: usize = 3;
+/// The same where the joint was certain already.
+const RENEWAL_ROUNDS: usize = 1;
+/// Factor on the cut within which tracks are asked whether they advance as they turn.
+const FAR: f64 = 16.0;
+/// Times that they are asked; the axis is refined in between.
+const PITCH_ROUNDS: usize = 3;
+/// Factor on the gain of a slide that a hinge must reach: a large circle imitates any line.
+const HINGE_ADVANTAGE: f64 = 1.03;
+
+/// The better of slide and hinge grown from a hypothesis. One that `is_hopeless` is not refined in the
+/// end.
+pub fn grow_hypothesis(
+    view: &TracksInFrame,
+    hypothesis: &Hypothesis,
+    candidates: &[usize],
+    config: &JointSearchConfig,
+    is_hopeless: impl Fn(&JointEstimate) -> bool,
+) -> Option<JointEstimate> {
+    let anchors = anchor_tracks(&hypothesis.tracks, candidates);
+    let mut best: Option<JointEstimate> = None;
+    for (start, cost) in window_fits(view, hypothesis, config) {
+        if cost > MAX_WINDOW_COST {
+            continue;
+        }
+        let mut grown = propagate(view, start, &anchors, config);
+        let mut rounds = if is_hopeless(&grown) { 0 } else { GROWTH_ROUNDS };
+        if rounds > 0 && anchors.len() < candidates.len() {
+            associate(view, &mut grown, &anchors, config, 1);
+            if fits_poorly(view, &grown, config) {
+                rounds = 0;
+            }
+        }
+        associate(view, &mut grown, candidates, config, rounds);
+        if grown.members.len() < 4 {
+            continue;
+        }
+        let factor = match &best {
+            None => 0.0,
+            Some(_) if grown.dof.hinge => HINGE_ADVANTAGE,
+            Some(_) => 1.0 / HINGE_ADVANTAGE,
+        };
+        if best.as_ref().is_none_or(|b| grown.gain > factor * b.gain) {
+            best = Some(grown);
+        }
+    }
+    best.map(|joint| with_pitch(view, joint, candidates, config))
+}
+
+/// Carries a joint of an earlier search from the frames in which it is known to all frames.
+/// `was_certain`: those frames gave its line so well that a few more hardly move it.
+pub fn regrow(
+    view: &TracksInFrame,
+    joint: JointEstimate,
+    was_certain: bool,
+    candidates: &[usize],
+    config: &JointSearchConfig,
+) -> JointEstimate {
+    let rounds = if was_certain { RENEWAL_ROUNDS } else { GROWTH_ROUNDS };
+    let mut joint = propagate(view, joint, candidates, config);
+    associate(view, &mut joint, candidates, config, rounds);
+    with_pitch(view, joint, candidates, config)
+}
+
+/// Tracks that carry a joint through the recording: those of its hypothesis, and enough of the others.
+fn anchor_tracks(of_hypothesis: &[usize], candidates: &[usize]) -> Vec<usize> {
+    let mut some = evenly_spread(candidates.to_vec(), ANCHOR_TRACKS);
+    some.extend(of_hypothesis);
+    some.sort_unstable();
+    some.dedup();
+    some
+}
+
+/// More tracks cannot make a joint of it.
+fn fits_poorly(view: &TracksInFrame, grown: &JointEstimate, config: &JointSearchConfig) -> bool {
+    grown.members.len() >= 4
+        && (grown.cost > HOPELESS_COST * max_segment_cost(config)
+            || grown.uncovered_ratio(view) > HOPELESSLY_UNCOVERED)
+}
+
+/// A joint that advances as it turns, grown on as the screw that it is: as a hinge it loses the tracks
+/// that have advanced.
+fn with_pitch(
+    view: &TracksInFrame,
+    grown: JointEstimate,
+    candidates: &[usize],
+    config: &JointSearchConfig,
+) -> JointEstimate {
+    if !config.screws || !helical_pitch::turns_enough(&grown) {
+        return grown;
+    }
+    // What a hinge keeps has hardly advanced: those that it lost are asked, too.
+    let mut screw = grown.clone();
+    let followers = gather(view, &mut screw, &mut candidates.to_vec(), FAR * config.cut);
+    let followers: Vec<usize> = followers.into_iter().map(|m| m.track).collect();
+    let some = evenly_spread(followers.clone(), ADJUSTED_TRACKS);
+    let Some(axis) = helical_pitch::turning_axis(&screw, view, &followers) else { return grown };
+    screw.dof.axis = axis;
+    for _ in 0..PITCH_ROUNDS {
+        screw.dof.pitch = helical_pitch::pitch_of(&screw, view, &followers);
+        if screw.dof.pitch == grown.dof.pitch {
+            return grown;
+        }
+        refine(&mut screw, view, &some, FAR * config.cut, config.finish_steps);
+    }
+    let mut screw = propagate(view, screw, candidates, config);
+    associate(view, &mut screw, candidates, config, GROWTH_ROUNDS);
+    if screw.gain > grown.gain { screw } else { grown }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_moving;
+    use nalgebra::{Point3, Vector3};
+
+    /// Twenty points that turn by 1.2 rad in 60 frames, and what a window of them grows to.
+    fn grown(truth: &ScrewJoint) -> JointEstimate {
+        let q: Vec<f64> = (0..60).map(|f| 1.2 * f64::from(f) / 59.0).collect();
+        let places: Vec<Point3<f64>> = (0..20)
+            .map(f64::from)
+            .map(|i| Point3::new(0.15 + 0.02 * i, 0.2 * (1.3 * i).sin(), 1.5))
+            .collect();
+        let view = seen_moving(truth, &places, &q);
+        let motion = truth.geometry().motion(q[24] - q[12]);
+        let all: Vec<usize> = (0..20).collect();
+        let tracks = all[..8].to_vec();
+        let hypothesis = Hypothesis { from: 12, to: 24, motion, tracks, rank: 1.0 };
+        let config = JointSearchConfig::default();
+        grow_hypothesis(&view, &hypothesis, &all, &config, |_| false).unwrap()
+    }
+
+    #[test]
+    fn a_window_of_a_door_grows_to_a_hinge_of_all_its_tracks_in_all_frames() {
+        let door = ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
+        let joint = grown(&door);
+        assert!(joint.dof.hinge && joint.dof.pitch.is_none());
+        assert!(joint.members.len() >= 18, "{:?}", joint.members);
+        assert!(joint.known.iter().all(|k| *k));
+        assert!((joint.span() - 1.2).abs() < 0.05, "{}", joint.span());
+    }
+
+    #[test]
+    fn what_advances_as_it_turns_grows_to_a_screw() {
+        let hinge = ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
+        let joint = grown(&ScrewJoint { pitch: Some(0.04), ..hinge });
+        let pitch = joint.dof.pitch.unwrap() * joint.dof.axis.y.signum();
+        assert!((pitch.abs() - 0.04).abs() < 0.005, "{pitch}");
+    }
+}

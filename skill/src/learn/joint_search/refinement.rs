@@ -1,0 +1,48 @@
+//! The last refinement of the joints that were found: on more tracks and more frames than while they
+//! grew, parents first.
+
+use super::association::{estimate_configurations, evenly_spread, thinned};
+use super::bundle_adjustment::{locate_points, refine};
+use super::config::JointSearchConfig;
+use super::estimate::JointEstimate;
+use super::search_state::SearchState;
+use super::tracks_in_part_frame::TracksInFrame;
+use rayon::prelude::*;
+
+/// Tracks that the last refinement uses, and that vote for configurations.
+const TRACKS: usize = 300;
+/// Frames that it uses.
+const FRAMES: usize = 120;
+
+/// Refines all joints, one generation of the tree after the other.
+pub fn refine_joints(search: &mut SearchState) {
+    let mut generation = search.joints_with(|parent| parent.is_none());
+    while !generation.is_empty() {
+        let refined_joint = |&i: &usize| {
+            let joint = search.joints[i].clone();
+            refined(&search.view_from(joint.parent), joint, search.config())
+        };
+        let refined: Vec<JointEstimate> = generation.par_iter().map(refined_joint).collect();
+        for (&i, joint) in generation.iter().zip(refined) {
+            search.replace_refined(i, joint);
+        }
+        generation = search.joints_with(|parent| parent.is_some_and(|p| generation.contains(&p)));
+    }
+}
+
+fn refined(
+    view: &TracksInFrame,
+    mut joint: JointEstimate,
+    config: &JointSearchConfig,
+) -> JointEstimate {
+    let members = joint.members.clone();
+    let some = evenly_spread(members.clone(), TRACKS);
+    let known = joint.known.clone();
+    joint.known = thinned(&known, joint.anchor, FRAMES);
+    refine(&mut joint, view, &some, config.cut, config.finish_steps);
+    joint.known = known;
+    locate_points(&mut joint, view, &members, config.cut);
+    estimate_configurations(view, &mut joint, &members, config.cut, TRACKS);
+    joint.summarise();
+    joint
+}

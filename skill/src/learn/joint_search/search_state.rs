@@ -1,0 +1,190 @@
+//! What a search of one recording knows: its input, the joints that it has found so far, and the
+//! tracks as seen from the part of each. The steps of the search read it; those that add or move
+//! joints change it.
+
+use super::bundle_adjustment::locate_points;
+use super::config::{JointSearchConfig, SearchSettings};
+use super::correlation::correlation_with_parent;
+use super::estimate::JointEstimate;
+use super::free_space_check::FreeSpaceCheck;
+use super::tracks_in_part_frame::TracksInFrame;
+use super::warm_start::{RejectedHypothesis, WarmStart};
+use crate::learn::learned_joint::RejectedCandidate;
+use crate::learn::recording::Recording;
+use rayon::prelude::*;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Fewest moving tracks in which joints are sought.
+pub const MIN_MOVING: usize = 4;
+/// A background search scans all windows again when the number of its frames is a multiple of this.
+const RESCAN_EVERY: usize = 60;
+
+/// A search of one recording.
+pub struct SearchState<'s> {
+    /// What is searched.
+    pub recording: &'s Recording,
+    /// What the search is configured with.
+    pub settings: SearchSettings<'s>,
+    /// What a search over fewer frames found.
+    pub earlier: &'s WarmStart,
+    cancelled: Option<&'s AtomicBool>,
+    /// The moving tracks in the base frame.
+    pub base_view: Arc<TracksInFrame>,
+    /// The moving tracks in the frame of each joint's part.
+    part_views: Vec<Arc<TracksInFrame>>,
+    /// Joints that were adopted, parents first.
+    pub joints: Vec<JointEstimate>,
+    /// Rank of the strongest hypothesis so far.
+    pub best_rank: f64,
+    /// Hypotheses of all windows are grown, not only those of frames that are new since the earlier
+    /// search.
+    pub rescans: bool,
+    /// What earlier searches grew and did not accept, as far as it still holds.
+    pub rejected_before: Vec<RejectedHypothesis>,
+    /// What this search grew and did not accept.
+    pub rejected: Vec<RejectedHypothesis>,
+    /// Parts in whose frames not all of the earlier search's joints are joints still.
+    pub invalidated: Vec<Option<usize>>,
+    /// The candidates of the last round that were rejected, and why.
+    pub rejections: Vec<RejectedCandidate>,
+}
+
+impl<'s> SearchState<'s> {
+    /// A search that has found nothing; `cancelled` ends it soon, and is `None` for the search after
+    /// the last frame.
+    pub fn new(
+        recording: &'s Recording,
+        settings: SearchSettings<'s>,
+        moving: &Arc<TracksInFrame>,
+        earlier: &'s WarmStart,
+        cancelled: Option<&'s AtomicBool>,
+    ) -> Self {
+        Self {
+            recording,
+            settings,
+            earlier,
+            cancelled,
+            base_view: Arc::clone(moving),
+            part_views: Vec::new(),
+            joints: Vec::new(),
+            best_rank: earlier.best_rank,
+            rescans: earlier.frames == 0,
+            rejected_before: earlier.rejected_in(moving, &recording.tracks),
+            rejected: Vec::new(),
+            invalidated: Vec::new(),
+            rejections: Vec::new(),
+        }
+    }
+
+    /// The configuration of the search.
+    pub fn config(&self) -> &'s JointSearchConfig {
+        self.settings.joints
+    }
+
+    /// Questions to the depth pictures.
+    pub fn free_space(&self) -> FreeSpaceCheck<'s> {
+        FreeSpaceCheck { recording: self.recording }
+    }
+
+    /// What is found is of no use any more.
+    pub fn is_cancelled(&self) -> bool {
+        self.cancelled.is_some_and(|c| c.load(Ordering::Relaxed))
+    }
+
+    /// All frames have come: nobody cancels this search.
+    pub fn is_the_end(&self) -> bool {
+        self.cancelled.is_none()
+    }
+
+    /// It is time to scan all windows. Background searches do so now and then, so that little is left
+    /// for the last one.
+    pub fn is_rescan_due(&self) -> bool {
+        !self.rescans && (self.is_the_end() || self.base_view.frames.is_multiple_of(RESCAN_EVERY))
+    }
+
+    /// The moving tracks in the frame of a part; `None` is the base.
+    pub fn view_from(&self, parent: Option<usize>) -> Arc<TracksInFrame> {
+        parent.map_or_else(|| Arc::clone(&self.base_view), |p| Arc::clone(&self.part_views[p]))
+    }
+
+    /// Renews the views from a joint's part and from the parts after it, which may hang on it.
+    pub fn renew_views(&mut self, joint: usize) {
+        self.part_views.truncate(joint);
+        for j in joint..self.joints.len() {
+            let view = self.view_from(self.joints[j].parent);
+            self.part_views.push(Arc::new(self.joints[j].tracks_in_part_frame(&view)));
+        }
+    }
+
+    /// Puts a refined joint in its place; the view from its part is renewed where joints hang on it.
+    pub fn replace_refined(&mut self, index: usize, joint: JointEstimate) {
+        let view = self.view_from(joint.parent);
+        if !self.joints_with(|parent| parent == Some(index)).is_empty() {
+            self.part_views[index] = Arc::new(joint.tracks_in_part_frame(&view));
+        }
+        self.joints[index] = joint;
+    }
+
+    /// Numbers of the joints with such parents.
+    pub fn joints_with(&self, is_such: impl Fn(Option<usize>) -> bool) -> Vec<usize> {
+        (0..self.joints.len()).filter(|&i| is_such(self.joints[i].parent)).collect()
+    }
+
+    /// What a part was in the earlier search: `Some(None)` is the base, and `None` a part that it did
+    /// not know.
+    pub fn previous_id(&self, parent: Option<usize>) -> Option<Option<usize>> {
+        let tracks = &self.recording.tracks;
+        match parent {
+            None => (self.earlier.frames > 0).then_some(None),
+            Some(p) => self.earlier.counterpart(&self.joints[p], &self.base_view, tracks).map(Some),
+        }
+    }
+
+    /// Those of the unexplained tracks that move as seen from a part.
+    pub fn moving_tracks(
+        &self,
+        parent: Option<usize>,
+        view: &TracksInFrame,
+        unexplained: &[usize],
+    ) -> Vec<usize> {
+        let limits = self.settings.ego_motion;
+        let moves = |&t: &usize| view.moves(t, limits.min_extent_m, limits.min_extent_sigmas);
+        unexplained.iter().copied().filter(|t| parent.is_none() || moves(t)).collect()
+    }
+
+    /// Share of a joint's configuration that is a function of its parent's; 0 for a joint of the base.
+    pub fn parent_correlation(&self, joint: &JointEstimate, parent: Option<usize>) -> f64 {
+        parent.map_or(0.0, |p| correlation_with_parent(joint, &self.joints[p]))
+    }
+
+    /// Tracks that a joint explains, short ones too, which are not its members.
+    pub fn explained_tracks(&self, joint: &JointEstimate, unexplained: &[usize]) -> Vec<usize> {
+        let cut = self.config().cut;
+        let view = self.view_from(joint.parent);
+        let mut located = joint.clone();
+        locate_points(&mut located, &view, unexplained, 4.0 * cut);
+        let motions = located.motions();
+        unexplained
+            .par_iter()
+            .copied()
+            .filter(|&t| {
+                let cost = located.cost_of(&motions, &view, t, 2.0 * cut);
+                let life = self.base_view.life(t).count();
+                cost.observations > 0 && cost.inliers as f64 > 0.8 * life as f64
+            })
+            .collect()
+    }
+
+    /// What it found, for a search over more frames.
+    pub fn to_warm_start(&self) -> WarmStart {
+        WarmStart::of(
+            &self.recording.tracks,
+            |parent| self.view_from(parent),
+            &self.joints,
+            self.rejected_before.iter().chain(&self.rejected),
+            self.best_rank,
+            self.config(),
+        )
+    }
+}

@@ -1,0 +1,200 @@
+//! A plain part that turns: the planes about a candidate's line are followed in the depth pictures,
+//! the line is aligned to them, and the part is believed where all of them bear it out.
+
+use super::config::PlanesConfig;
+use super::depth_following::{Following, Surface, follow};
+use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
+use super::line_alignment::{AlignedLine, align_line};
+use super::plane_segments::PlanePatch;
+use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
+use crate::learn::recording::Recording;
+use crate::learn::tracking::Trajectory;
+use crate::math::rigid::orthonormal_basis;
+use crate::object::joint_geometry::JointKind;
+use crate::object::model::{Joint, covariance_rows};
+use nalgebra::{DMatrix, Point3};
+
+/// Turn by which a plane may differ from where its part was followed to, radians.
+const SAME_TURN_RAD: f64 = 0.12;
+/// How far beyond the planes' range a part is followed, radians: first a little. It is followed
+/// farther where that does not suffice, as a lid that leans against what is behind it has no plane
+/// there of its own.
+const BEYOND_RAD: [f64; 2] = [0.3, 1.6];
+/// Share of the part's points that are found in a keyframe that shows it.
+const LEAST_SHOWN: f64 = 0.3;
+/// Share of the keyframes that must show it.
+const LEAST_KEYFRAMES: f64 = 0.7;
+/// Keyframes on end for which a part must rest.
+const REST_KEYFRAMES: usize = 4;
+/// Turn that it may make meanwhile, radians.
+const REST_RAD: f64 = 0.03;
+/// Largest standard deviation of a line's place, metres. A robot must not pull about a line that is
+/// less known.
+const MAX_PLACE_SIGMA_M: f64 = 0.02;
+/// Error of a line's place that all planes share, metres: ledges and the part's thickness shift its
+/// planes.
+const SYSTEMATIC_M: f64 = 0.005;
+
+/// A plain part that turns.
+pub struct PlainPart {
+    hinge: Hinge,
+    /// Its line, aligned to the depth pictures.
+    line: AlignedLine,
+    /// The part's plane at configuration 0.
+    surface: Surface,
+    /// Its configuration at each keyframe.
+    followed: Following,
+    /// Planes that show it, by their place in the list.
+    pub support: Vec<usize>,
+}
+
+/// The part that is seen to turn about a candidate's line. Two parts may turn about one line (a
+/// toilet's lid and seat): each plane at either end of the range, and the largest, is followed by
+/// itself, and the part that most planes agree with is taken.
+pub fn follow_candidate(
+    candidate: &Candidate,
+    patches: &[PlanePatch],
+    recording: &Recording,
+    config: &PlanesConfig,
+) -> Option<PlainPart> {
+    let rough = candidate.hinge(patches, &candidate.support)?;
+    let [low, high] = rough.range();
+    if rough.turns.len() < config.min_keyframes || high - low < config.min_turn_rad {
+        return None;
+    }
+    let through = |part: &PlainPart| part.followed.share_through();
+    rough
+        .ends()
+        .into_iter()
+        .filter_map(|seed| {
+            let plane = &patches[candidate.support[seed]];
+            let back = rough.geometry().motion(-rough.turns[seed].1);
+            let points: Vec<Point3<f64>> = plane.points.iter().map(|p| back * p).collect();
+            let surface = Surface { points, normal: back * plane.normal }.thinned();
+            BEYOND_RAD.iter().find_map(|beyond| {
+                let range = [low - beyond, high + beyond];
+                let part = followed(&surface, &rough, range, candidate, patches, recording)?;
+                let doubt = part.doubt(config);
+                part.trace(doubt);
+                doubt.is_none().then_some(part)
+            })
+        })
+        .max_by(|a, b| {
+            a.support.len().cmp(&b.support.len()).then(through(b).total_cmp(&through(a)))
+        })
+}
+
+/// A surface that is followed about the line, the line that its planes tell, and the surface followed
+/// about that.
+fn followed(
+    surface: &Surface,
+    rough: &Hinge,
+    range: [f64; 2],
+    candidate: &Candidate,
+    patches: &[PlanePatch],
+    recording: &Recording,
+) -> Option<PlainPart> {
+    let first = follow(surface, &rough.geometry(), range, rough.reach(), recording);
+    let agrees = |(k, (frame, turn)): (usize, &(usize, f64))| {
+        let q = first.at(*frame)?;
+        ((turn - q).abs() < SAME_TURN_RAD).then_some(candidate.support[k])
+    };
+    let support: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
+    let hinge = candidate.hinge(patches, &support)?;
+    let again = follow(surface, &hinge.geometry(), range, hinge.reach(), recording);
+    let line = align_line(surface, &hinge, &again, LEAST_SHOWN, recording);
+    let followed = follow(surface, &line.geometry, range, hinge.reach(), recording);
+    Some(PlainPart { hinge, line, surface: surface.clone(), followed, support })
+}
+
+impl PlainPart {
+    /// Distance from the line up to which the part reaches.
+    pub fn reach(&self) -> f64 {
+        self.hinge.reach()
+    }
+
+    /// Why it is no part of an object; `None` where it is one.
+    fn doubt(&self, config: &PlanesConfig) -> Option<&'static str> {
+        let seen = &self.followed;
+        let [low, high] = seen.range(LEAST_SHOWN);
+        let reasons = [
+            (self.support.len() < config.min_keyframes, "few planes lie about the line"),
+            (high - low < config.min_turn_rad, "it hardly turns"),
+            (self.hinge.rmse > config.max_rmse_m, "its planes do not keep their distance"),
+            (
+                self.place_sigma() > MAX_PLACE_SIGMA_M,
+                "it turns too little to tell about which line",
+            ),
+            (!seen.is_there_throughout(LEAST_SHOWN), "it comes and leaves"),
+            (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
+            (seen.share_through() > config.max_through, "it is seen through"),
+            (
+                seen.discriminability() < config.min_tells,
+                "the pictures tell nothing of where it is",
+            ),
+            (seen.share_shown(LEAST_SHOWN) < LEAST_KEYFRAMES, "few pictures show it"),
+        ];
+        reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+    }
+
+    fn trace(&self, doubt: Option<&str>) {
+        let [low, high] = self.followed.range(LEAST_SHOWN);
+        tracing::debug!(
+            planes = self.support.len(),
+            turn = high - low,
+            rmse = self.hinge.rmse,
+            residual = self.line.rmse,
+            through = self.followed.share_through(),
+            discriminability = self.followed.discriminability(),
+            shown = self.followed.share_shown(LEAST_SHOWN),
+            place_sigma = self.place_sigma(),
+            axis = ?self.line.geometry.axis.as_slice(),
+            origin = ?self.line.geometry.origin.coords.as_slice(),
+            rejected = doubt.unwrap_or("no"),
+            "plain hinge"
+        );
+    }
+
+    /// Largest standard deviation of the line's place, metres.
+    fn place_sigma(&self) -> f64 {
+        let place = self.line.covariance.view((3, 3), (3, 3)).into_owned();
+        place.symmetric_eigenvalues().max().max(0.0).sqrt()
+    }
+
+    /// Covariance of (axis, origin): what the residuals tell, and errors that all readings share.
+    fn covariance(&self) -> DMatrix<f64> {
+        let mut covariance = self.line.covariance.clone();
+        let (u, v) = orthonormal_basis(&self.line.geometry.axis);
+        for side in [u, v] {
+            for (r, c) in (0..9).map(|i| (i / 3, i % 3)) {
+                covariance[(r, c)] += SYSTEMATIC_RAD.powi(2) * side[r] * side[c];
+                covariance[(r + 3, c + 3)] += SYSTEMATIC_M.powi(2) * side[r] * side[c];
+            }
+        }
+        covariance
+    }
+
+    /// As a joint of the base; its configuration is known at the keyframes that show it.
+    pub fn to_learned(&self, recording: &Recording) -> LearnedJoint {
+        let mut geometry = self.line.geometry.clone();
+        let (frames, mut configuration): (Vec<usize>, Vec<f64>) =
+            self.followed.shown(LEAST_SHOWN).map(|p| (p.frame, p.q)).unzip();
+        orient(&mut geometry, &mut configuration);
+        let mut base_from_part: Trajectory =
+            vec![None; recording.ego_motion.camera_from_base.len()];
+        for (&frame, &q) in frames.iter().zip(&configuration) {
+            base_from_part[frame] = Some(geometry.motion(q));
+        }
+        let joint = Joint {
+            range: range_of(&configuration),
+            covariance: covariance_rows(&self.covariance()),
+            observations: frames.len(),
+            position_rmse: self.line.rmse,
+            configuration: recording.tracks.timed(&frames, &configuration),
+            type_probabilities: [(JointKind::Revolute, 1.0)].into(),
+            ..Joint::of(&geometry)
+        };
+        let plain_surface = self.surface.points.clone();
+        LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface }
+    }
+}

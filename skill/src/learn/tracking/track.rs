@@ -1,0 +1,85 @@
+//! Tracks: features that were followed from frame to frame, in pixels and, where the depth image has
+//! a reading, in metres in the camera frame.
+
+use crate::math::rigid::Pose;
+use nalgebra::{Point2, Point3, Vector3};
+
+/// What was seen of a feature in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// Place in the picture, pixels.
+    pub pixel: Point2<f32>,
+    /// Place in the camera frame, metres; `None` where depth has no reading or an edge.
+    pub point_in_camera: Option<Point3<f64>>,
+    /// Unit surface normal in the camera frame, towards the camera.
+    pub normal_in_camera: Option<Vector3<f64>>,
+}
+
+/// A feature followed through consecutive frames.
+#[derive(Debug, Clone)]
+pub struct Track {
+    /// Number in order of birth; stays when other tracks are dropped.
+    pub id: usize,
+    /// Index of its first frame.
+    pub first_frame: usize,
+    /// One observation a frame from there on.
+    pub observations: Vec<Observation>,
+}
+
+impl Track {
+    /// What was seen in a frame; `None` before the track's birth and after its end.
+    pub fn at(&self, frame: usize) -> Option<&Observation> {
+        self.observations.get(frame.checked_sub(self.first_frame)?)
+    }
+
+    /// Frame after the last.
+    pub fn end_frame(&self) -> usize {
+        self.first_frame + self.observations.len()
+    }
+
+    /// Lifted in at least `min_length` frames.
+    pub fn is_long(&self, min_length: usize) -> bool {
+        self.lifted().nth(min_length.saturating_sub(1)).is_some()
+    }
+
+    /// Frames in which the track has a place in 3-D.
+    pub fn lifted(&self) -> impl Iterator<Item = (usize, Point3<f64>)> + '_ {
+        self.observations
+            .iter()
+            .enumerate()
+            .filter_map(|(i, o)| Some((self.first_frame + i, o.point_in_camera?)))
+    }
+}
+
+/// All tracks of a recording.
+#[derive(Debug, Clone, Default)]
+pub struct TrackSet {
+    /// Time of each frame, microseconds.
+    pub frame_utimes: Vec<i64>,
+    /// The tracks, in order of their birth.
+    pub tracks: Vec<Track>,
+}
+
+impl TrackSet {
+    /// Frames seen.
+    pub fn frames(&self) -> usize {
+        self.frame_utimes.len()
+    }
+
+    /// `[t, q]` of configurations in frames: seconds and configuration.
+    pub fn timed(&self, frames: &[usize], configuration: &[f64]) -> Vec<[f64; 2]> {
+        frames
+            .iter()
+            .zip(configuration)
+            .map(|(&f, &q)| [self.frame_utimes[f] as f64 * 1e-6, q])
+            .collect()
+    }
+
+    /// Keeps tracks that were lifted in at least `min_length` frames.
+    pub fn retain_long(&mut self, min_length: usize) {
+        self.tracks.retain(|t| t.is_long(min_length));
+    }
+}
+
+/// A pose for each frame in which one is known.
+pub type Trajectory = Vec<Option<Pose>>;
