@@ -1,4 +1,8 @@
-//! An object's pose with the configuration of its joints.
+//! The kinematic tree as recognition needs it: an object's pose with the configuration of its joints.
+//!
+//! In: a model (object frame at configuration 0, metres and radians). Out: the pose of each part in the
+//! camera frame in a state, how each point moves with each unknown (the Jacobian), and the state after
+//! a step of the unknowns.
 
 use crate::math::rigid::{Pose, matrix_pose};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -24,9 +28,9 @@ pub struct ChainJoint {
     pub child: usize,
     /// Range that was seen.
     pub range: [f64; 2],
-    /// Range with a margin.
+    /// Lower end of the range, with a margin.
     pub low: f64,
-    /// Range with a margin.
+    /// Upper end of the range, with a margin.
     pub high: f64,
 }
 
@@ -49,9 +53,9 @@ impl ChainJoint {
     }
 }
 
-/// How far joints turn, in deviations, beyond the range that was seen: radians.
+/// Standard deviation of how far hinges turn beyond the range that was seen, radians.
 const TURN_SLACK: f64 = 0.02;
-/// The same for slides, metres.
+/// Standard deviation of how far slides move beyond it, metres.
 const SLIDE_SLACK: f64 = 0.01;
 /// Surfels that say as much as one unit of log-likelihood: neighbours err alike.
 const SURFELS_PER_NAT: f64 = 5.0;

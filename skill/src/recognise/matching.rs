@@ -1,7 +1,7 @@
 //! Matches between an object's features and a scene's: nearest descriptor among those of the
 //! right metric size, distinctly nearer than the best one at another place.
 
-use super::RecogniseConfig;
+use super::config::RecogniseConfig;
 use crate::features::quantised::{bytes_of, quantise, similarity};
 use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};
 use crate::math::extremes::larger;
