@@ -1,8 +1,9 @@
 //! Truth as the paper had it: poses of the parts' AprilTags, joints fitted to them.
 
-use super::truth::{PoseArray, TrueJoint, Truth};
-use crate::commands::{Outcome, demonstrate_past};
+use crate::outcome::Outcome;
+use crate::steps::demonstrate_past;
 use crate::tags::TagLog;
+use crate::truth::{PoseArray, TrueJoint, Truth};
 use linkage_skill::articulation::{ArticulateConfig, PoseSample, fit_models};
 use linkage_skill::math::rigid::{Pose, pose_from_array, pose_to_array, rotation_nearest};
 use linkage_skill::{Demonstration, SkillConfig};

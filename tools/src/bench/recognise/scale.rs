@@ -1,7 +1,7 @@
 //! How far the shortlist carries: the learned things among many made-up ones.
 
-use super::Question;
-use crate::commands::Outcome;
+use super::question::Question;
+use crate::outcome::Outcome;
 use anyhow::{Context, anyhow};
 use linkage_skill::math::robust::median;
 use linkage_skill::object::appearance::{Appearance, ModelFeature};
