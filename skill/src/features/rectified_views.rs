@@ -40,9 +40,9 @@ pub struct RectifiedViews(Vec<View>);
 pub struct RectifiedKeypoint {
     /// Pixel of the picture.
     pub pixel: [f32; 2],
-    /// Place in the camera frame, metres,
+    /// Place in the camera frame, metres.
     pub point: Point3<f64>,
-    /// and unit normal there.
+    /// Unit normal there.
     pub normal: Vector3<f64>,
     /// Diameter on the surface, metres.
     pub size_m: f64,

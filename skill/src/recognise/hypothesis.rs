@@ -423,3 +423,59 @@ fn vote_of(line: &JointGeometry, from: &Point3<f64>, to: &Point3<f64>) -> (f64, 
     let residual = (px.norm() - py.norm()).hypot(hy - hx - advance);
     (q, residual, 0.5 * (px.norm() + py.norm()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recognise::kinematics::ChainJoint;
+
+    #[test]
+    fn one_match_votes_for_the_configuration_that_takes_it_there() {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.3, 0.0, 1.0));
+        let from = Point3::new(-0.1, 0.2, 1.1);
+        let (q, residual, lever) = vote_of(&hinge, &from, &(hinge.motion(0.6) * from));
+        assert!((q - 0.6).abs() < 1e-9 && residual < 1e-9 && (lever - 0.41231).abs() < 1e-4);
+        let slide = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let (q, residual, _) = vote_of(&slide, &from, &(from + Vector3::new(0.2, 0.03, 0.0)));
+        assert!((q - 0.2).abs() < 1e-9 && (residual - 0.03).abs() < 1e-9);
+    }
+
+    #[test]
+    fn angles_are_compared_by_their_cosines_as_by_themselves() {
+        assert!(is_same_angle(1.0_f64.cos(), 1.4_f64.cos()));
+        assert!(!is_same_angle(1.0_f64.cos(), 1.6_f64.cos()));
+        assert!(!is_same_angle(0.0_f64.cos(), 0.6_f64.cos()));
+    }
+
+    #[test]
+    fn matches_of_a_door_tell_its_pose_and_how_far_it_is_open() {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.3, 0.0, 1.0));
+        let joints = vec![ChainJoint::new(hinge, [0, 1], [0.0, 1.5])];
+        let articulated = Articulated { parts: 2, joints };
+        let truth = State { camera_from_object: Pose::translation(0.1, 0.0, 0.5), q: vec![0.8] };
+        let poses = articulated.poses(&truth);
+        let matches: Vec<Match> = (0..24_u16)
+            .map(|i| {
+                let part = usize::from(i % 2);
+                let (x, y) = (0.07 * f64::from(i / 2 % 4), 0.09 * f64::from(i / 8));
+                let model_point = Point3::new(x - 0.2, y - 0.1, 1.0 + 0.02 * f64::from(i % 3));
+                let seen = poses[part] * model_point;
+                Match {
+                    part,
+                    model_point,
+                    model_normal: Vector3::zeros(),
+                    pixel: [10.0 * f32::from(i), 5.0 * f32::from(i)],
+                    seen_point: Some(seen),
+                    seen_normal: Vector3::zeros(),
+                    tolerance: 0.02,
+                    distance: 0.1,
+                    ratio: 0.5,
+                }
+            })
+            .collect();
+        let best = &all(&articulated, &matches, 1)[0];
+        assert_eq!(best.support, 24);
+        let off = best.state.camera_from_object.inverse() * truth.camera_from_object;
+        assert!(off.translation.vector.norm() < 0.01 && (best.state.q[0] - 0.8).abs() < 0.05);
+    }
+}

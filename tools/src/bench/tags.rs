@@ -10,9 +10,9 @@ use linkage_skill::{Demonstration, SkillConfig};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
 
-/// A part stands where it stood when its tag is within this distance, metres,
+/// A part stands where it stood when its tag is within this distance, metres.
 const NEAR_M: f64 = 0.03;
-/// and this turn, radians.
+/// A part stands as it stood when its tag is within this turn, radians.
 const NEAR_RAD: f64 = 0.06;
 /// A part rests that stands where it stood in this share of the frames.
 const RESTING_SHARE: f64 = 0.95;

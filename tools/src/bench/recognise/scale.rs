@@ -42,9 +42,9 @@ pub struct Row {
 struct StoreTimes {
     /// To be opened and made ready for the first picture.
     opening: f64,
-    /// The shortlist of the first picture after that, for which what it needs is read,
+    /// The shortlist of the first picture after that, for which what it needs is read.
     first_shortlist: f64,
-    /// and the median over the others, each seen for the first time.
+    /// The median over the shortlists of the others, each seen for the first time.
     shortlist: f64,
     /// To take up one more object.
     insertion: f64,
