@@ -1,5 +1,10 @@
-//! The two things that are done with a learned object when it is met again: a demonstration
-//! is registered into its first frame, or it is recognised (paper, section III-E).
+//! Demonstrations of one object, merged (paper, section III-E): an object that is met again is
+//! recognised in the first frame of the newer demonstration, which is then registered into the
+//! object's frame.
+//!
+//! In: what is stored of an object, and a newer demonstration, in the frame of its first camera. Out:
+//! the object with the joints of both, in the object frame, metres and radians. A joint that both saw
+//! is fused by the covariances of its line (a Kalman update); one that is new is added with its part.
 
 use crate::config::SkillConfig;
 use crate::learn::appearance::build;
@@ -70,8 +75,8 @@ pub fn to_stored(
 /// A demonstration as an object, registered into what is known of it already, if anything is.
 ///
 /// # Errors
-/// As [`combine`].
-pub fn remember(
+/// As [`register`].
+pub fn add_demonstration(
     known: Option<&StoredObject>,
     demonstration: &Demonstration,
     provenance: Provenance,
@@ -79,7 +84,7 @@ pub fn remember(
 ) -> Result<StoredObject, CombineError> {
     match known {
         None => Ok(to_stored(demonstration, provenance, config)?),
-        Some(known) => combine(known, demonstration, provenance, config),
+        Some(known) => register(known, demonstration, provenance, config),
     }
 }
 
@@ -89,23 +94,15 @@ pub fn remember(
 /// # Errors
 /// [`CombineError::NotRecognised`] when the known object is not in the demonstration's first
 /// keyframe; [`CombineError::Contradiction`] when one part moves in two ways.
-pub fn combine(
+pub fn register(
     known: &StoredObject,
     newer: &Demonstration,
     provenance: Provenance,
     config: &SkillConfig,
 ) -> Result<StoredObject, CombineError> {
-    let unrecognised = || CombineError::NotRecognised { object: known.model.object.clone() };
-    let (_, first) = newer.keyframes.iter().next().ok_or_else(unrecognised)?;
-    let object = KnownObject::new(known.model.clone(), &known.appearance);
-    let found = find(&Scene::new(first)?, &object, &config.recognise, config.seed)
-        .filter(|f| f.score >= config.recognise.min_score)
-        .ok_or_else(unrecognised)?;
-    let camera_from_object = pose_from_array(&found.camera_from_object).ok_or_else(unrecognised)?;
-    // The newer demonstration's frame is its first camera's.
-    let object_from_newer = camera_from_object.inverse();
+    let found = recognised_at_start(known, newer, config)?;
     let appearance = build(newer, &config.appearance)?;
-    let motions = known.model.part_motions(&found.assumed);
+    let motions = known.model.part_motions(&found.configurations);
     let mut stored = known.clone();
     stored.model.demonstrations += 1;
     stored.provenance.push(provenance);
@@ -113,32 +110,73 @@ pub fn combine(
         let newer_surface = surface(&appearance, joint.child, &Pose::identity());
         let twin = known.model.joints.iter().position(|own| {
             // The known part where it stands at the newer demonstration's start.
-            let newer_from_known = camera_from_object * motions[own.child];
+            let newer_from_known = found.newer_from_object * motions[own.child];
             let known_surface = surface(&known.appearance, own.child, &newer_from_known);
             shared(&newer_surface, &known_surface) > SAME_PART
         });
-        let Some(i) = twin else {
-            add_joint(&mut stored, newer, joint, &appearance, &object_from_newer);
-            continue;
-        };
-        let own = &mut stored.model.joints[i];
-        let line = joint.geometry().transformed(&object_from_newer);
-        if let Some(what) = contradiction(&own.geometry(), &line) {
-            let (object, joint) = (known.model.object.clone(), own.name.clone());
-            return Err(CombineError::Contradiction { object, joint, what });
+        let object_from_newer = found.newer_from_object.inverse();
+        match twin {
+            Some(i) => {
+                let own = &mut stored.model.joints[i];
+                let start = found.configurations[i];
+                fuse_joint(own, joint, &object_from_newer, start).map_err(|what| {
+                    let (object, joint) = (known.model.object.clone(), own.name.clone());
+                    CombineError::Contradiction { object, joint, what }
+                })?;
+            }
+            None => add_joint(&mut stored, newer, joint, &appearance, &object_from_newer),
         }
-        // A line that another part carries is known only where that part was.
-        if own.parent == 0 && joint.parent == 0 {
-            weigh_in(own, joint, &object_from_newer);
-        }
-        let sign = Vector3::from(own.axis).dot(&line.axis).signum();
-        let start = found.assumed[i];
-        let ends = joint.range.map(|q| start + sign * q);
-        own.range[0] = own.range[0].min(ends[0].min(ends[1]));
-        own.range[1] = own.range[1].max(ends[0].max(ends[1]));
-        own.observations += joint.observations;
     }
     Ok(stored)
+}
+
+/// Where a known object is at the start of a newer demonstration.
+struct AtStart {
+    /// The newer demonstration's frame is its first camera's.
+    newer_from_object: Pose,
+    /// Configuration of each known joint.
+    configurations: Vec<f64>,
+}
+
+/// Recognises a known object in the first keyframe of a newer demonstration.
+fn recognised_at_start(
+    known: &StoredObject,
+    newer: &Demonstration,
+    config: &SkillConfig,
+) -> Result<AtStart, CombineError> {
+    let unrecognised = || CombineError::NotRecognised { object: known.model.object.clone() };
+    let (_, first) = newer.keyframes.iter().next().ok_or_else(unrecognised)?;
+    let object = KnownObject::new(known.model.clone(), &known.appearance);
+    let found = find(&Scene::new(first)?, &object, &config.recognise, config.seed)
+        .filter(|f| f.score >= config.recognise.min_score)
+        .ok_or_else(unrecognised)?;
+    let newer_from_object = pose_from_array(&found.camera_from_object).ok_or_else(unrecognised)?;
+    Ok(AtStart { newer_from_object, configurations: found.assumed })
+}
+
+/// Brings a joint that both demonstrations saw up to date: its line, its range, its observations.
+/// `start` is its configuration at the newer demonstration's start. The error says how the two
+/// contradict each other.
+fn fuse_joint(
+    own: &mut Joint,
+    newer: &Joint,
+    object_from_newer: &Pose,
+    start: f64,
+) -> Result<(), String> {
+    let line = newer.geometry().transformed(object_from_newer);
+    if let Some(what) = contradiction(&own.geometry(), &line) {
+        return Err(what);
+    }
+    // A line that another part carries is known only where that part was.
+    if own.parent == 0 && newer.parent == 0 {
+        fuse_kalman(own, newer, object_from_newer);
+    }
+    let sign = Vector3::from(own.axis).dot(&line.axis).signum();
+    let ends = newer.range.map(|q| start + sign * q);
+    own.range[0] = own.range[0].min(ends[0].min(ends[1]));
+    own.range[1] = own.range[1].max(ends[0].max(ends[1]));
+    own.observations += newer.observations;
+    Ok(())
 }
 
 /// Places of a part's surface, moved.
@@ -182,9 +220,9 @@ const REGISTRATION: (f64, f64) = (0.004, 0.004);
 /// Keeps covariances of unit axes, which have no extent along the axis, invertible.
 const RIDGE: f64 = 1e-12;
 
-/// Brings what a newer demonstration says of a joint's line into what is known of it, each
-/// weighed by its covariance.
-fn weigh_in(own: &mut Joint, newer: &Joint, object_from_newer: &Pose) {
+/// Brings what a newer demonstration says of a joint's line into what is known of it: a Kalman
+/// update, each weighed by its covariance.
+fn fuse_kalman(own: &mut Joint, newer: &Joint, object_from_newer: &Pose) {
     let (Some(known), Some(seen)) = (own.known_covariance(), newer.known_covariance()) else {
         return;
     };
@@ -251,6 +289,7 @@ fn add_joint(
         with_part(&stored.appearance, appearance, joint.child, id, object_from_newer);
 }
 
+/// An appearance with that of a part of a newer demonstration, which becomes part `id`.
 fn with_part(
     known: &Appearance,
     newer: &Appearance,
@@ -341,13 +380,13 @@ mod tests {
         };
         let rough = line(JointKind::Revolute, [0.0, 1.0, 0.1], [0.44, 0.0, 1.0]);
         let mut vague = known(&rough, 0.05);
-        weigh_in(&mut vague, &newer, &object_from_newer);
+        fuse_kalman(&mut vague, &newer, &object_from_newer);
         assert!(off(&vague).0 < 0.005 && off(&vague).1 < 0.005, "{:?}", off(&vague));
         assert!(vague.covariance[0][0] < 1e-4 && vague.axis[1] > 0.0);
         let mut sure = known(&truth, 1e-4);
         let aside = line(JointKind::Revolute, [0.0, 1.0, 0.2], [0.5, 0.0, 1.0]);
         let wrong = known(&aside, 0.05);
-        weigh_in(&mut sure, &wrong, &Pose::identity());
+        fuse_kalman(&mut sure, &wrong, &Pose::identity());
         assert!(off(&sure).0 < 1e-4 && off(&sure).1 < 1e-4, "{:?}", off(&sure));
     }
 

@@ -228,21 +228,12 @@ fn noise(seed: &mut u64, length: usize) -> Vec<u8> {
         .collect()
 }
 
-#[test]
-fn hostile_traffic_harms_nothing_and_is_counted() {
-    let url = network(7715);
-    let dir = tempfile::tempdir().unwrap();
-    let store = known_drawer(dir.path());
-    let service = Service::start(&url, &text(&simulated("drawer", true, 1)), &store, &["--repeat"]);
-    let lcm = Lcm::new(&url).unwrap();
-    let mut seed = 9;
-    let mut statuses = Listener::new(&url, "LINKAGE_STATUS");
-    let status: Status = statuses.wait("LINKAGE_STATUS", Duration::from_secs(5), |_| true);
-    let order = Order { action: Order::RECOGNISE, ..Default::default() };
-    let order = addressed(&order, status.session);
-    let whole = encode(&order).unwrap();
+/// Sends what no command is: noise, commands that are cut off, another message, targets that are no
+/// numbers, and datagrams that are not LCM's.
+fn send_malformed(lcm: &Lcm, order: &Order, seed: &mut u64) {
+    let whole = encode(order).unwrap();
     for length in [0, 1, 7, 8, 9, 100, 60_000, 250_000] {
-        lcm.publish_bytes("LINKAGE_COMMAND", &noise(&mut seed, length)).unwrap();
+        lcm.publish_bytes("LINKAGE_COMMAND", &noise(seed, length)).unwrap();
     }
     // The kernel's buffer is full by now, and what comes too soon is lost.
     let breath = || std::thread::sleep(Duration::from_millis(20));
@@ -261,8 +252,23 @@ fn hostile_traffic_harms_nothing_and_is_counted() {
     // Datagrams that are not LCM's.
     let socket = std::net::UdpSocket::bind("0.0.0.0:0").unwrap();
     for length in [1, 8, 20, 1400] {
-        let _ = socket.send_to(&noise(&mut seed, length), "239.255.76.67:7715");
+        let _ = socket.send_to(&noise(seed, length), "239.255.76.67:7715");
     }
+}
+
+#[test]
+fn hostile_traffic_harms_nothing_and_is_counted() {
+    let url = network(7715);
+    let dir = tempfile::tempdir().unwrap();
+    let store = known_drawer(dir.path());
+    let service = Service::start(&url, &text(&simulated("drawer", true, 1)), &store, &["--repeat"]);
+    let lcm = Lcm::new(&url).unwrap();
+    let mut seed = 9;
+    let mut statuses = Listener::new(&url, "LINKAGE_STATUS");
+    let status: Status = statuses.wait("LINKAGE_STATUS", Duration::from_secs(5), |_| true);
+    let order = Order { action: Order::RECOGNISE, ..Default::default() };
+    let order = addressed(&order, status.session);
+    send_malformed(&lcm, &order, &mut seed);
     let wait = Duration::from_secs(10);
     // A network may lose some of them.
     let told: Status = statuses.wait("LINKAGE_STATUS", wait, |s: &Status| s.refused > 30);

@@ -1,9 +1,8 @@
 //! Models that somebody else wrote, or that damage made: each is refused as it is read, or harms
 //! nothing that works with models.
 
-use crate::commands::summary;
 use crate::export::{Description, mjcf, sdf, urdf};
-use crate::report::{recognition_page, save_prediction_picture};
+use crate::report::{recognition_page, save_prediction_picture, summary};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Request, Rig, messages, predict};

@@ -4,7 +4,7 @@
 //! [`stopped`]. A second signal ends the program at once, and so does any that comes when no frames
 //! are taken. The exit status is then 128 plus the signal's number: 130 for Ctrl-C, 143 for SIGTERM.
 
-use crate::commands::{Failure, Outcome};
+use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;

@@ -5,7 +5,7 @@ use crate::channel as on;
 use crate::messages;
 use crate::service::publisher::Outbox;
 use linkage_driver::live::host_utime;
-use linkage_skill::remember::{CombineError, remember};
+use linkage_skill::remember::{CombineError, add_demonstration};
 use linkage_skill::store::{Library, Provenance, Store, StoreError};
 use linkage_skill::{Demonstration, Learner, ObjectModel, SkillConfig};
 use std::path::PathBuf;
@@ -90,7 +90,8 @@ impl LearningWorker {
             if is_told {
                 self.publish(&demonstration, &demonstration.model);
             }
-            let stored = remember(known, &demonstration, provenance.clone(), &self.config)?;
+            let stored =
+                add_demonstration(known, &demonstration, provenance.clone(), &self.config)?;
             if is_cancelled() { Err(NotStored::Cancelled) } else { Ok(stored) }
         });
         let stored = combined.map_err(|e| e.to_string())?;

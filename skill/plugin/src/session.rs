@@ -7,7 +7,7 @@ use linkage_planner_bridge::{PlanError, Request, Rig, predict};
 use linkage_skill::object::check::check_name;
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{KnownObject, Scene};
-use linkage_skill::remember::{CombineError, remember};
+use linkage_skill::remember::{CombineError, add_demonstration};
 use linkage_skill::store::{Library, Provenance, Store, StoreError};
 use linkage_skill::{LearnError, Learner, SkillConfig};
 use nalgebra::Point3;
@@ -90,7 +90,7 @@ impl Skill {
         };
         let mut store = Store::open_or_create(&self.path).map_err(stored)?;
         store.update(&object, |known| {
-            remember(known, &demonstration, provenance.clone(), &self.config).map_err(
+            add_demonstration(known, &demonstration, provenance.clone(), &self.config).map_err(
                 |e| match &e {
                     CombineError::Vision(_) => Failure::internal(e),
                     _ => Failure::bad(e),

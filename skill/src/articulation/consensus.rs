@@ -1,7 +1,7 @@
 //! Joints through few samples: starts that no outlier reaches (Fischler & Bolles 1981).
 
-use super::PoseSample;
-use super::fit::State;
+use super::pose_sample::PoseSample;
+use super::rest_state::State;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point3, UnitQuaternion, UnitVector3, Vector3};
 use rand::Rng;

@@ -8,9 +8,11 @@
 //! little better by some arc of several metres' radius.
 
 use super::circle::{fit_circle, principal};
+use super::config::ArticulateConfig;
 use super::consensus::candidates;
 use super::lost_poses::lost_samples;
-use super::{ArticulateConfig, PoseSample};
+use super::pose_sample::PoseSample;
+use super::rest_state::State;
 use crate::math::rigid::{orthonormal_basis, rotation_nearest, wrapped};
 use crate::math::robust::median;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -77,14 +79,6 @@ const MIN_OUTLIER_RATIO: f64 = 0.01;
 
 /// Samples by which starts are compared.
 const COMPARED_SAMPLES: usize = 100;
-
-/// Parameters of a joint while it is fitted.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct State {
-    pub geometry: JointGeometry,
-    pub rest_position: Point3<f64>,
-    pub rest_orientation: UnitQuaternion<f64>,
-}
 
 /// Residual of one sample.
 #[derive(Debug, Clone, Copy)]

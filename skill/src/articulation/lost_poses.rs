@@ -4,7 +4,7 @@
 //! In space such samples may look like motion (a still thing and one other place make a slide).
 //! In time they do not: the thing would jump there and back within single samples.
 
-use super::PoseSample;
+use super::pose_sample::PoseSample;
 use crate::math::robust::median;
 use std::collections::HashMap;
 

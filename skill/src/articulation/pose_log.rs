@@ -6,8 +6,9 @@
 //! sample that the tracker lost: it is left out and counted.
 
 use super::columns::{Columns, TimeColumn, has_words, how_to_name};
+use super::fit::FitError;
+use super::pose_sample::PoseSample;
 use super::table::{Row, Value, decoded, rows};
-use super::{FitError, PoseSample};
 use nalgebra::{Point3, Quaternion, UnitQuaternion};
 use std::path::Path;
 

@@ -3,6 +3,9 @@
 //! makes viewpoint and scale known, so they are used: large surfaces that are seen from the side
 //! are looked at as from the front. What is up is not: on what lies level no direction is, and a
 //! camera rolls.
+//!
+//! In: an RGB-D frame and its normals. Out: features with their place and normal in the camera frame,
+//! metres, and a RootSIFT descriptor. Keypoints are extrema of the difference of Gaussians (Lowe 2004).
 
 mod dog_keypoints;
 mod orientation;
@@ -10,19 +13,18 @@ pub mod quantised;
 mod rectified_views;
 mod sift_descriptor;
 
+pub use sift_descriptor::DESCRIPTOR_LENGTH;
+
 use crate::image::gray::Gray;
 use dog_keypoints::{Keypoint, ScaleSpace};
 use linkage_driver::depth::NormalMap;
 use linkage_driver::{PinholeCamera, RgbdFrame};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
-use rectified_views::{Facing, LEAST_COSINE};
+use rectified_views::{LEAST_COSINE, RectifiedViews};
 use serde::{Deserialize, Serialize};
 use sift_descriptor::{Patch, Pyramid, directions, gradients};
 use std::collections::{BTreeMap, HashSet};
-
-/// Values in a descriptor.
-pub const DESCRIPTOR_LENGTH: usize = 128;
 
 /// How a feature was described; only equal kinds are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -46,6 +48,7 @@ pub enum FeatureDensity {
 }
 
 impl FeatureDensity {
+    /// Features that a cell of the picture may hold.
     fn per_cell(self) -> usize {
         match self {
             Self::Query => 22,
@@ -134,7 +137,7 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
         let focal = frame.camera.fx;
         let in_picture: Vec<Asked> =
             surfaces.iter().map(|(spot, surface)| in_picture(spot, surface, focal)).collect();
-        let facing = Facing::new(&frame.camera, normals, &self.wanted);
+        let views = RectifiedViews::new(&frame.camera, normals, &self.wanted);
         let is_model = self.density == FeatureDensity::Model;
         let mut seen = HashSet::new();
         let upright = surfaces
@@ -144,13 +147,13 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
                 seen.insert([s.pixel[0], s.pixel[1], s.size].map(|x| (x * 4.0) as i32))
             })
             // A model keeps both views of a surface, an encounter's time is short.
-            .filter(|(_, surface)| is_model || !surface.is_faced(&facing))
+            .filter(|(_, surface)| is_model || !surface.is_rectified(&views))
             .filter_map(|(spot, surface)| {
                 let size_m = surface.diameter(spot.size, focal)?;
                 upright(spot.pixel, size_m, surface, &frame.camera)
             });
-        let faced = self.faced(&facing, &frame.camera, normals)?;
-        let upright: Vec<Asked> = upright.chain(faced).collect();
+        let in_views = self.in_rectified_views(&views, &frame.camera, normals)?;
+        let upright: Vec<Asked> = upright.chain(in_views).collect();
         let rectified = upright.par_iter().flat_map_iter(|asked| {
             let angles = directions(&pyramid, &asked.patch).into_iter();
             angles.map(|angle| Asked { patch: asked.patch.turned(angle), ..asked.clone() })
@@ -163,14 +166,14 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     }
 
     /// Patches about keypoints of the views that face slanted surfaces.
-    fn faced(
+    fn in_rectified_views(
         &self,
-        facing: &Facing,
+        views: &RectifiedViews,
         camera: &PinholeCamera,
         normals: &NormalMap,
     ) -> opencv::Result<Vec<Asked>> {
         let detect = |view: &Gray| self.density.keypoints_of_view(view);
-        let found = facing.keypoints(&self.gray, camera, normals, detect)?;
+        let found = views.keypoints(&self.gray, camera, normals, detect)?;
         let spread = found.into_iter().flat_map(|of_view| {
             strongest(of_view, |f| (f.pixel, f.response), self.density.per_cell()).concat()
         });
@@ -182,6 +185,7 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     }
 }
 
+/// Keypoints of a picture where `wanted` says so, each with its directions, spread over the cells.
 fn detect(
     gray: &Gray,
     density: FeatureDensity,
@@ -260,6 +264,7 @@ struct Surface {
 }
 
 impl Surface {
+    /// The surface at a pixel.
     fn at(frame: &RgbdFrame, normals: &NormalMap, pixel: [f32; 2]) -> Self {
         let (u, v) = (f64::from(pixel[0]), f64::from(pixel[1]));
         let patch = normals.at(u.round() as usize, v.round() as usize);
@@ -277,8 +282,9 @@ impl Surface {
         Some(f64::from(pixels) * point.z / focal / slant.max(LEAST_COSINE).sqrt())
     }
 
-    fn is_faced(&self, facing: &Facing) -> bool {
-        self.point.zip(self.normal).is_some_and(|(point, normal)| facing.shows(&point, &normal))
+    /// It is shown in one of the rectified views.
+    fn is_rectified(&self, views: &RectifiedViews) -> bool {
+        self.point.zip(self.normal).is_some_and(|(point, normal)| views.shows(&point, &normal))
     }
 }
 
@@ -326,4 +332,28 @@ fn upright(
 fn snapped(sigma_m: f64) -> f64 {
     let step = (2.0 * (sigma_m / 0.004).log2()).round().clamp(0.0, 8.0);
     0.004 * 2_f64.powf(step / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_cell_of_the_picture_keeps_its_strongest() {
+        let found =
+            vec![([1.0, 1.0], 3.0), ([2.0, 2.0], 5.0), ([90.0, 1.0], 1.0), ([3.0, 3.0], 4.0)];
+        let responses: Vec<Vec<f32>> = strongest(found, |item| *item, 2)
+            .into_iter()
+            .map(|cell| cell.into_iter().map(|(_, response)| response).collect())
+            .collect();
+        assert_eq!(responses, [vec![5.0, 4.0], vec![1.0]]);
+    }
+
+    #[test]
+    fn sizes_are_steps_of_half_an_octave() {
+        assert_eq!(snapped(0.004), 0.004);
+        assert_eq!(snapped(0.0083), 0.008);
+        assert!((snapped(0.0056) - 0.004 * 2_f64.sqrt()).abs() < 1e-12);
+        assert_eq!((snapped(1e-4), snapped(1.0)), (0.004, 0.064));
+    }
 }

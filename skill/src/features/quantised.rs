@@ -1,6 +1,6 @@
 //! RootSIFT descriptors in bytes, as models keep them.
 
-use super::DESCRIPTOR_LENGTH;
+use super::sift_descriptor::DESCRIPTOR_LENGTH;
 
 /// A unit vector in bytes.
 pub type Descriptor = [u8; DESCRIPTOR_LENGTH];

@@ -33,16 +33,16 @@ const MOST_PIXELS: f64 = 0.6;
 const MARGIN_PX: f64 = 16.0;
 
 /// Views that face the large slanted surfaces of a picture.
-pub struct Facing(Vec<View>);
+pub struct RectifiedViews(Vec<View>);
 
 /// A keypoint of a view.
 #[derive(Debug, Clone, Copy)]
-pub struct Faced {
+pub struct RectifiedKeypoint {
     /// Pixel of the picture.
     pub pixel: [f32; 2],
-    /// Place in the camera frame, metres,
+    /// Place in the camera frame, metres.
     pub point: Point3<f64>,
-    /// and unit normal there.
+    /// Unit normal there.
     pub normal: Vector3<f64>,
     /// Diameter on the surface, metres.
     pub size_m: f64,
@@ -50,7 +50,7 @@ pub struct Faced {
     pub response: f32,
 }
 
-impl Facing {
+impl RectifiedViews {
     /// Views of slanted surfaces where `wanted` says so (by pixel).
     pub fn new(
         camera: &PinholeCamera,
@@ -77,7 +77,7 @@ impl Facing {
         camera: &PinholeCamera,
         normals: &NormalMap,
         detect: impl Fn(&Gray) -> opencv::Result<Vec<Keypoint>> + Sync,
-    ) -> opencv::Result<Vec<Vec<Faced>>> {
+    ) -> opencv::Result<Vec<Vec<RectifiedKeypoint>>> {
         let of_view = |view: &View| {
             let picture = gray.warped(&view.picture_from_view, view.width, view.height)?;
             let found = detect(&picture)?;
@@ -188,7 +188,7 @@ impl View {
         camera: &PinholeCamera,
         normals: &NormalMap,
         keypoint: &Keypoint,
-    ) -> Option<Faced> {
+    ) -> Option<RectifiedKeypoint> {
         let [x, y] = keypoint.pixel.map(f64::from);
         let place = Point2::from_homogeneous(self.picture_from_view * Vector3::new(x, y, 1.0))?;
         let (u, v) = (place.x.round(), place.y.round());
@@ -196,7 +196,7 @@ impl View {
         let patch = is_inside.then(|| normals.at(u as usize, v as usize))??;
         let point = camera.back_project(place.x, place.y, patch.z);
         let depth_in_view = -self.normal.dot(&point.coords);
-        self.shows(&point, &patch.normal).then(|| Faced {
+        self.shows(&point, &patch.normal).then(|| RectifiedKeypoint {
             pixel: [place.x as f32, place.y as f32],
             point,
             normal: patch.normal,
@@ -267,10 +267,10 @@ mod tests {
         }
     }
 
-    fn faced(frame: &RgbdFrame, wanted: bool) -> Vec<Faced> {
+    fn faced(frame: &RgbdFrame, wanted: bool) -> Vec<RectifiedKeypoint> {
         let normals = NormalMap::new(&frame.depth, &frame.camera);
         let gray = Gray::from_color(&frame.color).unwrap();
-        let facing = Facing::new(&frame.camera, &normals, |_, _| wanted);
+        let facing = RectifiedViews::new(&frame.camera, &normals, |_, _| wanted);
         let detect = |view: &Gray| Ok(ScaleSpace::new(view)?.keypoints(2.0));
         facing.keypoints(&gray, &frame.camera, &normals, detect).unwrap().concat()
     }
@@ -281,7 +281,7 @@ mod tests {
             let board = Board { turn: degrees.to_radians() };
             let frame = board.frame();
             let found = faced(&frame, true);
-            let of_dots: Vec<&Faced> = found
+            let of_dots: Vec<&RectifiedKeypoint> = found
                 .iter()
                 .filter(|f| (0.7..1.4).contains(&(0.5 * f.size_m / DOT_SIGMA_M)))
                 .collect();

@@ -1,7 +1,6 @@
 //! Descriptors of patches: SIFT's histograms of gradients (Lowe 2004) and the square root of
 //! their shares (RootSIFT, Arandjelović & Zisserman 2012), for patches of any affine shape.
 
-use super::DESCRIPTOR_LENGTH;
 use super::orientation::{BINS, peaks};
 use crate::image::gray::Gray;
 use opencv::core::{Mat, Size};
@@ -9,6 +8,8 @@ use opencv::imgproc;
 use opencv::prelude::*;
 use std::sync::LazyLock;
 
+/// Values in a descriptor.
+pub const DESCRIPTOR_LENGTH: usize = 128;
 /// Samples along a side of a patch.
 const SIDE: usize = 20;
 /// Cells along a side.

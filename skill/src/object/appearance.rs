@@ -41,11 +41,11 @@ pub struct Surfel {
 pub struct Edge {
     /// The part.
     pub part: u16,
-    /// A place on its surface,
+    /// A place on its surface.
     pub surface: [f32; 3],
-    /// the unit normal there,
+    /// The unit normal there.
     pub normal: [f32; 3],
-    /// and a place in the tangent plane where nothing is.
+    /// A place in the tangent plane where nothing is.
     pub beyond: [f32; 3],
     /// Configurations of the part's joint between which that is known; 0 for the base.
     pub configurations: [f32; 2],
@@ -79,7 +79,8 @@ pub struct AppearanceConfig {
     pub feature_margin_m: f64,
     /// The base's surface is kept within this distance of what moved, metres.
     pub surface_margin_m: f64,
-    /// and, where that is little, this much farther along what hangs together with it, metres.
+    /// Where that is little, the base's surface is kept this much farther along what hangs together
+    /// with it, metres.
     pub base_reach_m: f64,
     /// The base's edges are kept within this distance of what moved, metres: farther away rooms
     /// differ.

@@ -1,5 +1,8 @@
 //! Prediction (paper, section III-E): from the present configuration of a recognised object
 //! to a target, the motion of each joint and of each part that moves.
+//!
+//! In: a model, its recognition in a frame, and a target (rad or m). Out: start and end of each joint's
+//! motion, and the pose of each part on the way, in the camera frame, metres.
 
 mod surface;
 
@@ -215,5 +218,33 @@ fn resolve(joint: &Joint, target: Target) -> Result<f64, PredictError> {
             Ok(value.clamp(low, high))
         }
         Target::Unseen(value) => Ok(value),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::{Point3, Vector3};
+
+    fn drawer(range: [f64; 2]) -> Joint {
+        Joint { range, ..Joint::of(&JointGeometry::slide(Vector3::x_axis(), Point3::origin())) }
+    }
+
+    #[test]
+    fn open_is_the_end_of_the_range_away_from_where_the_demonstration_began() {
+        assert_eq!(resolve(&drawer([0.0, 0.4]), Target::Open), Ok(0.4));
+        assert_eq!(resolve(&drawer([-0.4, 0.01]), Target::Open), Ok(-0.4));
+        assert_eq!(resolve(&drawer([-0.4, 0.01]), Target::Closed), Ok(0.0));
+        assert_eq!(resolve(&drawer([0.1, 0.4]), Target::Closed), Ok(0.1));
+    }
+
+    #[test]
+    fn a_value_a_little_outside_the_range_becomes_its_end_and_one_far_outside_is_refused() {
+        let drawer = drawer([0.0, 0.4]);
+        assert_eq!(resolve(&drawer, Target::Value(0.405)), Ok(0.4));
+        assert_eq!(resolve(&drawer, Target::Unseen(0.5)), Ok(0.5));
+        let refused = resolve(&drawer, Target::Value(0.5)).unwrap_err();
+        assert!(refused.to_string().contains("between 0.000 and 0.400 m"), "{refused}");
     }
 }

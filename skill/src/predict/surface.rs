@@ -1,6 +1,8 @@
 //! The surface of a part that moves, as a maximally stable extremal region (paper, section
 //! III-E; Matas et al. 2004): the region of the normal picture that holds most of the part's
 //! features. It is used for drawing the motion manifold.
+//!
+//! In: a frame, and the pixels of the part's features. Out: a convex polygon, pixels.
 
 use linkage_driver::RgbdFrame;
 use linkage_driver::depth::NormalMap;
@@ -58,12 +60,14 @@ pub fn moved_surface(
 /// Least share that a region and the features' hull have in common of their union.
 const MIN_OVERLAP: f64 = 0.5;
 
+/// The convex hull of pixels.
 fn hull_of(points: &Vector<Point>) -> opencv::Result<Vector<Point>> {
     let mut hull: Vector<Point> = Vector::new();
     imgproc::convex_hull(points, &mut hull, false, true)?;
     Ok(hull)
 }
 
+/// Mean normal of the surface at the features; towards the camera where there is none.
 fn mean_normal(frame: &RgbdFrame, features: &[Point2<f64>]) -> Vector3<f64> {
     let normals = NormalMap::new(&frame.depth, &frame.camera);
     let sum: Vector3<f64> = features

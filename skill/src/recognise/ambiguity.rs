@@ -1,22 +1,44 @@
-//! Rival configurations. A part may be seen and yet look the same wherever its joint puts it, as
+//! Ambiguous configurations. A part may be seen and yet look the same wherever its joint puts it, as
 //! the round foot of a chair does, or a plain board that slides in its own plane. Its
 //! configuration is told only where no other one explains the picture about as well.
+//!
+//! In: a refined state and its evidence. Out: the evidence without the parts that could as well be
+//! elsewhere.
 
 use super::elimination::told_within;
+use super::evidence::{Detection, evident_joints};
 use super::hypothesis::fit_of_inliers;
 use super::kinematics::State;
 use super::refine::{FEATURE_WORTH, Refiner};
-use super::verify::{PartVerdict, verify};
+use super::verdict::PartVerdict;
+use super::verify::verify;
 use rayon::prelude::*;
 
 /// Configurations that are tried.
 const STEPS: usize = 25;
-/// Share of what a configuration explains from which another one is its rival.
+/// Share of what a configuration explains from which another one explains about as much.
 const AS_GOOD: f64 = 0.9;
+
+/// Withdraws parts that could as well be elsewhere by one of these joints, and the configurations
+/// that rested on them.
+pub fn withdraw_ambiguous(
+    refiner: &Refiner,
+    found: &mut Detection,
+    joints: impl IntoIterator<Item = usize>,
+) {
+    for joint in joints {
+        if found.evident[joint] {
+            for part in ambiguous_parts(refiner, &found.state, joint) {
+                found.placed[part] = false;
+            }
+        }
+    }
+    found.evident = evident_joints(refiner.articulated, &found.placed);
+}
 
 /// The parts on that side of a joint which shows less, if they could as well be elsewhere while
 /// the others stay where they are; else none.
-pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
+fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
     let articulated = refiner.articulated;
     let j = &articulated.joints[joint];
     let moved = articulated.moved_by(joint);
@@ -28,7 +50,7 @@ pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
     let (weak, held) = if of_moving < of_resting { (moving, resting) } else { (resting, moving) };
     let camera_from_held = articulated.poses(state)[held[0]];
     let step = (j.high - j.low) / (STEPS - 1) as f64;
-    let has_rival = (0..STEPS)
+    let is_ambiguous = (0..STEPS)
         .into_par_iter()
         .map(|i| j.low + step * i as f64)
         .filter(|q| (q - state.q[joint]).abs() > told_within(j.geometry.kind))
@@ -37,11 +59,11 @@ pub fn adrift(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
             elsewhere[joint] = q;
             let elsewhere = articulated.state_with(held[0], &camera_from_held, elsewhere);
             let explained = of(&explained(refiner, &elsewhere), &weak);
-            // What was never seen to happen is no rival of what was.
+            // What was never seen to happen is no alternative to what was.
             let penalty = articulated.range_penalty(&elsewhere) - articulated.range_penalty(state);
             explained - penalty.max(0.0) > AS_GOOD * of_moving.min(of_resting)
         });
-    if has_rival { weak } else { Vec::new() }
+    if is_ambiguous { weak } else { Vec::new() }
 }
 
 /// What a state explains of the picture by each of its parts, in surfels.
@@ -56,19 +78,19 @@ fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::RecogniseConfig;
     use super::*;
     use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::config::RecogniseConfig;
     use crate::recognise::kinematics::{Articulated, ChainJoint};
     use crate::recognise::scene::Scene;
     use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use crate::test_data::seen;
     use nalgebra::{Point3, Vector3};
 
-    /// The parts adrift of a board that slides to and fro before a plate, in a scene with this
+    /// The ambiguous parts of a board that slides to and fro before a plate, in a scene with this
     /// depth beside the board.
-    fn adrift_beside(depth: impl Fn(f64, f64) -> f64) -> Vec<usize> {
+    fn ambiguous_beside(depth: impl Fn(f64, f64) -> f64) -> Vec<usize> {
         let frame = seen(0, |x, y| if on_board(x, y) { BOARD_M } else { depth(x, y) });
         let scene = Scene::plain(&frame).unwrap();
         let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
@@ -84,17 +106,17 @@ mod tests {
             config: &RecogniseConfig::default(),
         };
         let state = State { camera_from_object: Pose::identity(), q: vec![0.0] };
-        adrift(&refiner, &state, 0)
+        ambiguous_parts(&refiner, &state, 0)
     }
 
     #[test]
     fn a_plate_that_ends_where_it_should_is_where_it_is() {
-        let parts = adrift_beside(|x, y| if on_plate(x, y) { PLATE_M } else { 2.5 });
+        let parts = ambiguous_beside(|x, y| if on_plate(x, y) { PLATE_M } else { 2.5 });
         assert!(parts.is_empty(), "{parts:?}");
     }
 
     #[test]
-    fn a_plate_that_may_be_anywhere_on_a_wall_is_adrift() {
-        assert_eq!(adrift_beside(|_, _| PLATE_M), [0]);
+    fn a_plate_that_may_be_anywhere_on_a_wall_is_ambiguous() {
+        assert_eq!(ambiguous_beside(|_, _| PLATE_M), [0]);
     }
 }

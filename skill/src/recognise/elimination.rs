@@ -2,9 +2,11 @@
 //! never showed, gives no evidence of its own; but wherever else it stood it would hide what
 //! is seen behind it. Where that leaves only a narrow interval, the configuration is known.
 
+use super::evidence::Detection;
 use super::kinematics::{Articulated, State};
+use super::render_cloud::Cloud;
 use super::scene::Scene;
-use super::verify::{Cloud, verify};
+use super::verify::verify;
 use crate::object::joint_geometry::JointKind;
 use linkage_driver::depth::depth_tolerance;
 use rayon::prelude::*;
@@ -26,25 +28,47 @@ pub fn told_within(kind: JointKind) -> f64 {
     if kind == JointKind::Prismatic { 0.02 } else { 0.087 }
 }
 
+/// Tells configurations that nothing seen beyond the joint shows, where all others can be
+/// ruled out.
+pub fn add_by_elimination(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    found: &mut Detection,
+) {
+    for j in 0..articulated.joints.len() {
+        let moved = articulated.moved_by(j);
+        let held = (0..articulated.parts).any(|p| found.placed[p] && !moved.contains(&p));
+        if found.evident[j] || !held {
+            continue;
+        }
+        if let Some(left) = remaining(scene, articulated, cloud, &found.state, j) {
+            found.state.q[j] = left.middle;
+            found.deviations[j] = Some(left.deviation());
+            found.evident[j] = true;
+        }
+    }
+}
+
 /// The interval of configurations that a picture leaves possible.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Remaining {
+struct Remaining {
     /// Its middle.
-    pub middle: f64,
+    middle: f64,
     /// Half its width.
-    pub half_width: f64,
+    half_width: f64,
 }
 
 impl Remaining {
     /// Standard deviation of a configuration that may lie anywhere in it.
-    pub fn deviation(&self) -> f64 {
+    fn deviation(&self) -> f64 {
         self.half_width / 3.0_f64.sqrt()
     }
 }
 
 /// The configurations of `joint` that the picture leaves possible, all else being as in
 /// `state`; `None` where it leaves several apart, too wide an interval, or none.
-pub fn remaining(
+fn remaining(
     scene: &Scene,
     articulated: &Articulated,
     cloud: &Cloud,
@@ -133,7 +157,7 @@ mod tests {
     use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
     use crate::recognise::kinematics::ChainJoint;
-    use crate::recognise::verify::CloudPoint;
+    use crate::recognise::render_cloud::CloudPoint;
     use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
     use nalgebra::{Point3, Vector3};
     use std::sync::Arc;

@@ -1,11 +1,16 @@
 //! Hypotheses: poses of one part from matches that agree in space; the other parts follow
 //! through the joints, whose configurations the other parts' matches vote for.
+//!
+//! In: matches (model side in the object frame at configuration 0, seen side in the camera frame,
+//! metres). Out: states, each with the number of matches that support it. Triples are drawn among
+//! pairs of matches whose distance and normals are alike on both sides (geometric consistency), and
+//! scored by a truncated quadratic (MSAC).
 
 use super::kinematics::{Articulated, State};
 use super::matching::Match;
 use crate::math::rigid::{Pose, matrix_pose, rigid_fit};
 use crate::math::robust::median;
-use crate::object::joint_geometry::JointKind;
+use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -130,6 +135,7 @@ pub fn agrees(m: &Match, camera_from_part: &IsometryMatrix3<f64>, slack: f64) ->
     Pair::of(m).is_some_and(|pair| pair.residual_squared(camera_from_part, slack).is_some())
 }
 
+/// Both sides of a match have a normal.
 fn has_normals(m: &Match) -> bool {
     m.model_normal.norm_squared() > 0.5 && m.seen_normal.norm_squared() > 0.5
 }
@@ -201,6 +207,7 @@ impl Chosen {
     }
 }
 
+/// Poses of one part from its matches, the best first.
 fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
     let pairs: Vec<Pair> = matches.iter().filter_map(|m| Pair::of(m)).collect();
     let neighbours = compatibility(&pairs);
@@ -240,6 +247,7 @@ fn compatibility(pairs: &[Pair]) -> Vec<Chosen> {
     (0..pairs.len()).into_par_iter().map(of).collect()
 }
 
+/// Two matches may belong to one rigid motion: distance and angles are alike on both sides.
 fn compatible(a: &Pair, b: &Pair) -> bool {
     let on_model = b.model_point - a.model_point;
     let in_scene = b.seen_point - a.seen_point;
@@ -383,7 +391,7 @@ fn vote(
             // Forward: motion(q) takes the model's place to the seen one; backward it is the
             // seen place that the motion takes to the model's.
             let (from, to) = if forward { (m.model_point, seen) } else { (seen, m.model_point) };
-            let (q, residual, lever) = vote_of(j.geometry.kind, &j.geometry, &from, &to);
+            let (q, residual, lever) = vote_of(&j.geometry, &from, &to);
             (residual < 1.3 * m.tolerance && q > j.low && q < j.high)
                 .then_some((q, m.tolerance / lever.max(0.03)))
         })
@@ -400,14 +408,9 @@ fn vote(
 }
 
 /// Configuration that takes `from` closest to `to`, how far it misses, and the lever arm.
-fn vote_of(
-    kind: JointKind,
-    line: &crate::object::joint_geometry::JointGeometry,
-    from: &Point3<f64>,
-    to: &Point3<f64>,
-) -> (f64, f64, f64) {
+fn vote_of(line: &JointGeometry, from: &Point3<f64>, to: &Point3<f64>) -> (f64, f64, f64) {
     let axis = line.axis.into_inner();
-    if kind == JointKind::Prismatic {
+    if line.kind == JointKind::Prismatic {
         let d = to - from;
         let q = axis.dot(&d);
         return (q, (d - axis * q).norm(), 1.0);
@@ -419,4 +422,60 @@ fn vote_of(
     let advance = line.pitch * q / TAU;
     let residual = (px.norm() - py.norm()).hypot(hy - hx - advance);
     (q, residual, 0.5 * (px.norm() + py.norm()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recognise::kinematics::ChainJoint;
+
+    #[test]
+    fn one_match_votes_for_the_configuration_that_takes_it_there() {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.3, 0.0, 1.0));
+        let from = Point3::new(-0.1, 0.2, 1.1);
+        let (q, residual, lever) = vote_of(&hinge, &from, &(hinge.motion(0.6) * from));
+        assert!((q - 0.6).abs() < 1e-9 && residual < 1e-9 && (lever - 0.41231).abs() < 1e-4);
+        let slide = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let (q, residual, _) = vote_of(&slide, &from, &(from + Vector3::new(0.2, 0.03, 0.0)));
+        assert!((q - 0.2).abs() < 1e-9 && (residual - 0.03).abs() < 1e-9);
+    }
+
+    #[test]
+    fn angles_are_compared_by_their_cosines_as_by_themselves() {
+        assert!(is_same_angle(1.0_f64.cos(), 1.4_f64.cos()));
+        assert!(!is_same_angle(1.0_f64.cos(), 1.6_f64.cos()));
+        assert!(!is_same_angle(0.0_f64.cos(), 0.6_f64.cos()));
+    }
+
+    #[test]
+    fn matches_of_a_door_tell_its_pose_and_how_far_it_is_open() {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.3, 0.0, 1.0));
+        let joints = vec![ChainJoint::new(hinge, [0, 1], [0.0, 1.5])];
+        let articulated = Articulated { parts: 2, joints };
+        let truth = State { camera_from_object: Pose::translation(0.1, 0.0, 0.5), q: vec![0.8] };
+        let poses = articulated.poses(&truth);
+        let matches: Vec<Match> = (0..24_u16)
+            .map(|i| {
+                let part = usize::from(i % 2);
+                let (x, y) = (0.07 * f64::from(i / 2 % 4), 0.09 * f64::from(i / 8));
+                let model_point = Point3::new(x - 0.2, y - 0.1, 1.0 + 0.02 * f64::from(i % 3));
+                let seen = poses[part] * model_point;
+                Match {
+                    part,
+                    model_point,
+                    model_normal: Vector3::zeros(),
+                    pixel: [10.0 * f32::from(i), 5.0 * f32::from(i)],
+                    seen_point: Some(seen),
+                    seen_normal: Vector3::zeros(),
+                    tolerance: 0.02,
+                    distance: 0.1,
+                    ratio: 0.5,
+                }
+            })
+            .collect();
+        let best = &all(&articulated, &matches, 1)[0];
+        assert_eq!(best.support, 24);
+        let off = best.state.camera_from_object.inverse() * truth.camera_from_object;
+        assert!(off.translation.vector.norm() < 0.01 && (best.state.q[0] - 0.8).abs() < 0.05);
+    }
 }

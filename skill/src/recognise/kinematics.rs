@@ -1,4 +1,8 @@
-//! An object's pose with the configuration of its joints.
+//! The kinematic tree as recognition needs it: an object's pose with the configuration of its joints.
+//!
+//! In: a model (object frame at configuration 0, metres and radians). Out: the pose of each part in the
+//! camera frame in a state, how each point moves with each unknown (the Jacobian), and the state after
+//! a step of the unknowns.
 
 use crate::math::rigid::{Pose, matrix_pose};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -24,9 +28,9 @@ pub struct ChainJoint {
     pub child: usize,
     /// Range that was seen.
     pub range: [f64; 2],
-    /// Range with a margin.
+    /// Lower end of the range, with a margin.
     pub low: f64,
-    /// Range with a margin.
+    /// Upper end of the range, with a margin.
     pub high: f64,
 }
 
@@ -49,9 +53,9 @@ impl ChainJoint {
     }
 }
 
-/// How far joints turn, in deviations, beyond the range that was seen: radians.
+/// Standard deviation of how far hinges turn beyond the range that was seen, radians.
 const TURN_SLACK: f64 = 0.02;
-/// The same for slides, metres.
+/// Standard deviation of how far slides move beyond it, metres.
 const SLIDE_SLACK: f64 = 0.01;
 /// Surfels that say as much as one unit of log-likelihood: neighbours err alike.
 const SURFELS_PER_NAT: f64 = 5.0;
@@ -173,5 +177,64 @@ impl Velocities {
             .into_iter()
             .chain(axes)
             .chain(self.0.iter().map(with_joint))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A door on its frame, with a slide on the door.
+    fn door_with_slide() -> (Articulated, State) {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.3, 0.0, 1.4));
+        let slide = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let joints = vec![
+            ChainJoint::new(hinge, [0, 1], [0.0, 1.5]),
+            ChainJoint::new(slide, [1, 2], [0.0, 0.3]),
+        ];
+        let turn = UnitQuaternion::from_euler_angles(0.1, -0.2, 0.3);
+        let camera_from_object = Pose::from_parts(Vector3::new(0.1, -0.1, 0.4).into(), turn);
+        (Articulated { parts: 3, joints }, State { camera_from_object, q: vec![0.7, 0.1] })
+    }
+
+    #[test]
+    fn velocities_are_the_numerical_derivatives_of_places() {
+        let (articulated, state) = door_with_slide();
+        let point = Point3::new(-0.1, 0.2, 1.3);
+        let place = |state: &State| articulated.poses(state)[2] * point;
+        let velocities = articulated.velocities(&articulated.poses(&state));
+        let by_formula: Vec<Vector3<f64>> = velocities.of(2, &place(&state)).collect();
+        assert_eq!(by_formula.len(), 8);
+        for (k, velocity) in by_formula.iter().enumerate() {
+            let h = 1e-6;
+            let stepped = |h: f64| {
+                let mut step = DVector::zeros(8);
+                step[k] = h;
+                place(&articulated.stepped(&state, &step))
+            };
+            let numerical = (stepped(h) - stepped(-h)) / (2.0 * h);
+            assert!((numerical - velocity).norm() < 1e-8, "unknown {k}: {numerical} {velocity}");
+        }
+    }
+
+    #[test]
+    fn a_joint_moves_what_hangs_on_its_part_too() {
+        let (articulated, state) = door_with_slide();
+        assert_eq!(articulated.moved_by(0), [1, 2]);
+        assert_eq!(articulated.moved_by(1), [2]);
+        let camera_from_slide = articulated.poses(&state)[2];
+        let again = articulated.state_with(2, &camera_from_slide, state.q.clone());
+        assert!(
+            (again.camera_from_object.inverse() * state.camera_from_object).rotation.angle()
+                < 1e-12
+        );
+    }
+
+    #[test]
+    fn a_configuration_outside_the_range_costs_and_one_inside_does_not() {
+        let (articulated, state) = door_with_slide();
+        assert_eq!(articulated.range_penalty(&state), 0.0);
+        let beyond = State { q: vec![1.52, 0.1], ..state };
+        assert!((articulated.range_penalty(&beyond) - 0.5 * SURFELS_PER_NAT).abs() < 1e-9);
     }
 }

@@ -1,7 +1,7 @@
 //! Matches between an object's features and a scene's: nearest descriptor among those of the
 //! right metric size, distinctly nearer than the best one at another place.
 
-use super::RecogniseConfig;
+use super::config::RecogniseConfig;
 use crate::features::quantised::{bytes_of, quantise, similarity};
 use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};
 use crate::math::extremes::larger;
@@ -25,9 +25,9 @@ pub struct Match {
     pub seen_normal: Vector3<f64>,
     /// Pixel.
     pub pixel: [f32; 2],
-    /// Distance of the descriptors,
+    /// Distance of the descriptors.
     pub distance: f64,
-    /// and its ratio to that of the best one at another place: the smaller the more distinct.
+    /// Its ratio to the distance of the best one at another place: the smaller the more distinct.
     pub ratio: f64,
     /// Tolerance of its place, metres.
     pub tolerance: f64,

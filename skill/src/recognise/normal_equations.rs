@@ -1,9 +1,13 @@
 //! Normal equations over an object's pose and configurations, and the rows that a seen surface
-//! gives them.
+//! gives them (point-to-plane residuals with a robust weight).
+//!
+//! The unknowns: rotation of the object about the camera's axes (3, radians), translation (3, metres),
+//! then one configuration per joint (rad or m). In: residuals with their rows of the Jacobian. Out: a
+//! step, or the standard deviation of each unknown.
 
 use super::kinematics::{Articulated, State};
+use super::render_cloud::{Cloud, visible};
 use super::scene::Scene;
-use super::verify::{Cloud, visible};
 use linkage_driver::depth::depth_sigma;
 use nalgebra::{DMatrix, DVector};
 

@@ -1,16 +1,20 @@
-//! Places in front of the camera where something that was recognised stands.
+//! Occupied voxels: places in front of the camera where something that was recognised stands.
+//!
+//! In: surfaces of recognised things, camera frame, metres. Out: whether a place is occupied, and what
+//! share of another surface is.
 
 use super::kinematics::{Articulated, State};
-use super::verify::Cloud;
+use super::render_cloud::Cloud;
 use nalgebra::Point3;
 use std::collections::HashSet;
 
 /// Edge of a cell, metres.
 const CELL_M: f64 = 0.03;
 
+/// A voxel by its number along x, y and z.
 type Cell = [i32; 3];
 
-/// Cells, camera frame.
+/// Occupied cells, camera frame.
 #[derive(Default)]
 pub struct OccupiedVoxels {
     cells: HashSet<Cell>,
@@ -32,18 +36,18 @@ pub fn places_of(cloud: &Cloud, articulated: &Articulated, state: &State) -> Vec
 }
 
 impl OccupiedVoxels {
-    /// Takes places and what touches them.
+    /// Marks places, and what touches them, as occupied.
     pub fn add(&mut self, places: &[Point3<f64>]) {
         let own: HashSet<Cell> = places.iter().map(cell_of).collect();
         self.cells.extend(own.into_iter().flat_map(around));
     }
 
-    /// A place is taken.
+    /// A place is occupied.
     pub fn holds(&self, place: &Point3<f64>) -> bool {
         self.cells.contains(&cell_of(place))
     }
 
-    /// Share of places that are taken.
+    /// Share of places that are occupied.
     pub fn share(&self, places: &[Point3<f64>]) -> f64 {
         places.iter().filter(|p| self.holds(p)).count() as f64 / places.len().max(1) as f64
     }
@@ -55,13 +59,13 @@ mod tests {
 
     #[test]
     fn what_stands_in_a_place_takes_it_and_what_touches_it() {
-        let mut taken = OccupiedVoxels::default();
+        let mut occupied = OccupiedVoxels::default();
         let place = Point3::new(-0.01, 0.2, 1.0);
-        assert!(!taken.holds(&place));
-        taken.add(&[place]);
+        assert!(!occupied.holds(&place));
+        occupied.add(&[place]);
         let beside = |x: f64| Point3::new(place.x + x, place.y, place.z);
-        assert!(taken.holds(&place) && taken.holds(&beside(CELL_M)));
-        assert!(!taken.holds(&beside(2.1 * CELL_M)));
-        assert_eq!(taken.share(&[place, beside(0.5), beside(1.0)]), 1.0 / 3.0);
+        assert!(occupied.holds(&place) && occupied.holds(&beside(CELL_M)));
+        assert!(!occupied.holds(&beside(2.1 * CELL_M)));
+        assert_eq!(occupied.share(&[place, beside(0.5), beside(1.0)]), 1.0 / 3.0);
     }
 }

@@ -1,13 +1,18 @@
 //! Where depth is missing: a part's pose from its matches' pixels alone (PnP), then each joint's
 //! configuration from the pixels of the parts beyond it.
+//!
+//! In: matches (model side in the object frame at configuration 0, metres; seen side in pixels). Out: a
+//! detection, verified by its colours alone. The minimal solver is AP3P (Ke and Roumeliotis 2017) in
+//! RANSAC.
 
+use super::evidence::{Detection, evident_joints};
 use super::hypothesis::places;
 use super::kinematics::{Articulated, State};
 use super::matching::Match;
 use super::normal_equations::System;
+use super::render_cloud::Cloud;
 use super::scene::Scene;
-use super::verify::{Cloud, verify_looks};
-use super::{Detection, evident_joints};
+use super::verify::verify_appearance;
 use crate::math::rigid::Pose;
 use linkage_driver::PinholeCamera;
 use nalgebra::{Matrix2x3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -23,8 +28,8 @@ const MIN_OF_PART: usize = 4;
 const MAX_ERROR_PX: f64 = 4.0;
 /// Configurations tried.
 const SCAN: usize = 61;
-/// How many of a part's matches are tried, the most distinct first: fewer are right in each next
-/// lot.
+/// How many of a part's matches are tried at a time, the most distinct first: of more, fewer are
+/// right.
 const LOTS: [usize; 3] = [40, 100, 250];
 /// Steps of refinement.
 const STEPS: usize = 8;
@@ -40,15 +45,15 @@ pub fn find(
 ) -> Option<Detection> {
     let camera = &scene.frame.camera;
     let (state, inliers) = place(camera, articulated, matches)?;
-    let verdict = verify_looks(scene, articulated, cloud, &state);
+    let verdict = verify_appearance(scene, articulated, cloud, &state);
     let placed: Vec<bool> = (0..articulated.parts)
         .map(|p| {
             inliers_of(camera, articulated, matches, &state, &[p]) >= MIN_OF_PART
-                && verdict.parts[p].looks_alike()
+                && verdict.parts[p].correlates()
         })
         .collect();
     let evident = evident_joints(articulated, &placed);
-    let score = verdict.looks() * (1.0 - (-(inliers as f64) / 10.0).exp());
+    let score = verdict.appearance_score() * (1.0 - (-(inliers as f64) / 10.0).exp());
     let deviations = vec![None; articulated.joints.len()];
     Some(Detection { state, score, inliers, verdict, placed, evident, deviations })
 }
@@ -154,6 +159,7 @@ fn inliers_of(
     inliers(camera, articulated, matches, state, |m| parts.contains(&m.part))
 }
 
+/// Places of those matches that count that are where a state projects them.
 fn inliers(
     camera: &PinholeCamera,
     articulated: &Articulated,
@@ -169,6 +175,7 @@ fn inliers(
     }))
 }
 
+/// The pose of one part by RANSAC over its matches' pixels; `None` with too few inliers.
 fn solve(camera: &PinholeCamera, matches: &[&Match]) -> opencv::Result<Option<Pose>> {
     if matches.len() < 6 {
         return Ok(None);

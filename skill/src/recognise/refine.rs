@@ -1,13 +1,18 @@
 //! Refinement of a hypothesis: configurations without votes are scanned in depth, features
 //! and surface are brought to agreement in one articulated least-squares problem.
+//!
+//! In: a hypothesis. Out: the state nearby that explains the picture best (camera frame, metres and
+//! radians), or none where another thing is seen in its place.
 
-use super::RecogniseConfig;
+use super::config::RecogniseConfig;
 use super::hypothesis::{Hypothesis, agrees, unique_inliers};
 use super::kinematics::{Articulated, State};
 use super::matching::Match;
 use super::normal_equations::{System, add_surface};
+use super::render_cloud::Cloud;
 use super::scene::Scene;
-use super::verify::{Cloud, Verdict, verify};
+use super::verdict::Verdict;
+use super::verify::verify;
 use crate::math::rigid::matrix_pose;
 use rayon::prelude::*;
 
@@ -78,8 +83,8 @@ impl Refiner<'_> {
     /// Another thing is seen where a state puts a part.
     fn shows_another(&self, part: usize, state: &State) -> bool {
         let seen = verify(self.scene, self.articulated, self.cloud, state).parts[part];
-        (self.config.check_free_space && seen.is_gone())
-            || (self.config.compare_looks && seen.looks_other())
+        (self.config.check_free_space && seen.is_missing())
+            || (self.config.compare_looks && seen.has_other_texture())
     }
 
     /// A scanned state, followed to its end. Alignment may pull a small part into the surface

@@ -1,4 +1,7 @@
 //! An encounter's frame, prepared once for all objects.
+//!
+//! In: an RGB-D frame. Out: its described features, its surface at any pixel (camera frame, metres), and
+//! its colour in L*a*b*.
 
 use super::matching::Queries;
 use super::surface_cache::Surfaces;

@@ -32,6 +32,15 @@ impl Entry {
     }
 }
 
+/// All rows of a query.
+pub fn all_rows<T>(
+    connection: &Connection,
+    query: &str,
+    of_row: impl FnMut(&rusqlite::Row) -> rusqlite::Result<T>,
+) -> rusqlite::Result<Vec<T>> {
+    connection.prepare(query)?.query_map([], of_row)?.collect()
+}
+
 /// Columns of [`Entry`], in the order in which [`checked`] reads them.
 const COLUMNS: &str = "number, object, words, content, checksum";
 

@@ -1,10 +1,15 @@
 //! What a damaged file does: it gives the answer that it gave, or an error that names it; never
 //! another answer.
 
-use super::tests::object;
-use super::*;
+use super::database::Store;
+use super::error::StoreError;
+use super::inverted_index;
+use super::stored_object::StoredObject;
+use super::test_data::object;
 use crate::test_data::{features, features_seen};
+use rusqlite::Connection;
 use std::fs;
+use std::path::Path;
 
 /// All that a store can be asked.
 type Answer = (Vec<StoredObject>, Vec<Vec<(usize, f64)>>);
@@ -26,7 +31,7 @@ fn bytes() -> Vec<u8> {
     let mut store = Store::open_or_create(&path).unwrap();
     for seed in SEEDS {
         if seed == 3 {
-            lists::list(&store.connection).unwrap();
+            inverted_index::list(&store.connection).unwrap();
         }
         let thing = object(&format!("thing {seed}"));
         store.put(&StoredObject { appearance: features(seed), ..thing }).unwrap();

@@ -1,8 +1,8 @@
 //! Opening a store's file: to read and write, or where that cannot be, to read alone.
 
 use super::error::{StoreError, explain};
-use super::schema;
-use super::schema::State;
+use super::schema::{self, State};
+use super::transaction::wait_for_turn;
 use rusqlite::backup::{Backup, StepResult};
 use rusqlite::{Connection, ErrorCode, MAIN_DB, OpenFlags};
 use rustix::fs::{Access, access};
@@ -86,7 +86,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(10);
 fn open_to_write(path: &Path, flags: OpenFlags, absent: Absent) -> Result<Opened, StoreError> {
     let sql = |e| explain(path, e);
     let mut connection = Connection::open_with_flags(path, flags).map_err(sql)?;
-    connection.busy_handler(Some(schema::wait_for_turn)).map_err(sql)?;
+    connection.busy_handler(Some(wait_for_turn)).map_err(sql)?;
     let mut state = schema::state(path, &connection)?;
     if connection.is_readonly(MAIN_DB).map_err(sql)? {
         return Ok(Opened { connection: up_to_date(path, connection)?, is_read_only: true });
@@ -134,7 +134,7 @@ type Reader<'p> = Box<dyn Fn() -> rusqlite::Result<Connection> + 'p>;
 fn readers(path: &Path) -> impl Iterator<Item = Reader<'_>> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let checked = |mut connection: Connection| {
-        connection.busy_handler(Some(schema::wait_for_turn))?;
+        connection.busy_handler(Some(wait_for_turn))?;
         connection.query_row("SELECT count(*) FROM sqlite_master", [], |_| Ok(()))?;
         Ok(connection)
     };

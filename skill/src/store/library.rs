@@ -1,10 +1,18 @@
-//! All that is known, to be looked for in pictures.
+//! The library: all that is known, to be looked for in pictures.
+//!
+//! In: the objects of a store, or objects in memory. Out: for a scene the shortlists of objects that
+//! are worth a search, by the inverted index, and what is recognised of them.
 
-use super::lists::Lists;
-use super::{Store, StoreError, StoredObject};
+use super::contents::{self, Entry};
+use super::database::Store;
+use super::error::StoreError;
+use super::inverted_index::PostingCache;
+use super::stored_object::StoredObject;
+use super::transaction;
 use crate::features::DescribedFeature;
 use crate::recognise::{Index, KnownObject, RecogniseConfig, Recognition, Scene, Words, recognise};
 use lru::LruCache;
+use std::collections::HashMap;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -19,8 +27,11 @@ pub struct Library {
     objects: Objects,
 }
 
+/// Where the objects are.
 enum Objects {
+    /// In memory.
     Ready(Vec<Arc<KnownObject>>),
+    /// In a store, prepared when they are first needed.
     Stored(Box<Mutex<Reader>>),
 }
 
@@ -28,7 +39,7 @@ enum Objects {
 /// kept.
 struct Reader {
     store: Store,
-    lists: Lists,
+    lists: PostingCache,
     ready: LruCache<usize, Arc<KnownObject>>,
 }
 
@@ -43,6 +54,61 @@ impl Reader {
     }
 }
 
+impl Store {
+    /// Everything, to be recognised. Objects themselves, and the lists in which many are looked up,
+    /// are read when they are first needed.
+    ///
+    /// # Errors
+    /// As [`Self::get`], for objects whose words were not kept.
+    pub fn load(&self) -> Result<Library, StoreError> {
+        let snapshot = self.snapshot()?;
+        let mut entries = self.read(contents::entries(&snapshot))?;
+        drop(snapshot);
+        entries.sort_unstable_by(|a, b| a.object.cmp(&b.object));
+        let mut names = Vec::with_capacity(entries.len());
+        let (mut listed, mut unlisted, mut made) = (HashMap::new(), Vec::new(), Vec::new());
+        for (own, mut entry) in (0..).zip(entries) {
+            match entry.words.take().map(Words::from_bytes) {
+                None => {
+                    listed.insert(entry.number, own);
+                }
+                Some(Some(words)) => unlisted.push((own, words)),
+                Some(None) => {
+                    let words = self.words_of(&entry.object)?;
+                    let bytes = words.as_bytes().to_vec();
+                    made.push(Entry { words: Some(bytes), ..entry.clone() });
+                    unlisted.push((own, words));
+                }
+            }
+            names.push(entry.object);
+        }
+        self.keep_words(&made);
+        self.list_if_many();
+        Ok(Library::lazy(Self::open(&self.path)?, names, Index::of_some(&unlisted, listed)))
+    }
+
+    /// Words of an object; none of one that another process took out meanwhile.
+    fn words_of(&self, name: &str) -> Result<Words, StoreError> {
+        let object = self.find(name)?;
+        Ok(object.map_or_else(Words::default, |o| Words::of(&o.appearance)))
+    }
+
+    /// Keeps words that had to be made. Where they cannot be written they are made again next time.
+    fn keep_words(&self, made: &[Entry]) {
+        if made.is_empty() || self.is_read_only() {
+            return;
+        }
+        let written = || {
+            let together = transaction::begin(&self.connection)?;
+            made.iter().try_for_each(|entry| contents::update(&together, entry))?;
+            together.commit()
+        };
+        if let Err(error) = written() {
+            tracing::debug!(%error, "words are not kept");
+        }
+    }
+}
+
 impl Library {
     /// Of objects that are there already.
     pub fn new(objects: Vec<StoredObject>) -> Self {
@@ -53,8 +119,8 @@ impl Library {
     }
 
     /// Of a store's objects, by their names and index.
-    pub(super) fn lazy(store: Store, names: Vec<String>, index: Index) -> Self {
-        let reader = Reader { store, lists: Lists::new(), ready: LruCache::new(MOST_READY) };
+    fn lazy(store: Store, names: Vec<String>, index: Index) -> Self {
+        let reader = Reader { store, lists: PostingCache::new(), ready: LruCache::new(MOST_READY) };
         Self { names, index, objects: Objects::Stored(Box::new(Mutex::new(reader))) }
     }
 
@@ -165,7 +231,7 @@ impl Library {
             Objects::Stored(reader) => self.index.rank_reading(seen, places, |lists| {
                 let mut reader = reader.lock().unwrap_or_else(PoisonError::into_inner);
                 let Reader { store, lists: kept, .. } = &mut *reader;
-                kept.read(store, lists)
+                store.read(kept.read(&store.connection, lists))
             }),
         }
     }
@@ -190,9 +256,9 @@ impl Library {
     }
 }
 
-/// So many times the votes that chance gives, an object stands out,
+/// Multiple of the votes that chance gives from which the first object stands out.
 const OUTSTANDING: f64 = 4.0;
-/// and so many it may be there too.
+/// Multiple of the votes that chance gives from which others may be there too.
 const NOTABLE: f64 = 2.0;
 
 /// How many objects are worth comparing at first, of those with these votes, most first. Votes
@@ -208,7 +274,7 @@ fn outstanding(votes: &[f64], most: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::tests::object;
+    use crate::store::test_data::object;
     use crate::test_data::{board, seen};
 
     #[test]

@@ -1,6 +1,6 @@
 //! An object as the store's columns hold it, and the checksum over them.
 
-use super::{Provenance, StoredObject};
+use super::stored_object::{Provenance, StoredObject};
 use crate::features::DESCRIPTOR_LENGTH;
 use crate::object::appearance::{Appearance, Edge};
 use crate::object::check::LARGEST_CONFIGURATION;
@@ -126,17 +126,16 @@ fn check_appearance(appearance: &Appearance, parts: usize) -> Result<(), String>
 
 #[cfg(test)]
 mod tests {
-    use super::super::Library;
     use super::*;
     use crate::object::appearance::{Edge, Surfel};
     use crate::object::joint_geometry::JointGeometry;
     use crate::object::model::{Joint, Part};
-    use crate::recognise::{RecogniseConfig, Scene};
-    use crate::store::tests::object;
+    use crate::recognise::{Index, KnownObject, RecogniseConfig, Scene, Words, recognise};
+    use crate::store::test_data::object;
     use crate::test_data::{board, features, seen};
     use nalgebra::{Point3, Vector3};
     use proptest::prelude::*;
-    use std::sync::OnceLock;
+    use std::sync::{Arc, OnceLock};
 
     /// A board on a hinge, with surface and edges.
     fn flap() -> StoredObject {
@@ -171,8 +170,10 @@ mod tests {
     fn use_it(object: StoredObject) {
         static SCENE: OnceLock<Scene> = OnceLock::new();
         let scene = SCENE.get_or_init(|| Scene::new(&seen(1, board(0.2, 1.5, 1.5))).unwrap());
-        let library = Library::new(vec![object]);
-        library.recognise(scene, &RecogniseConfig::default(), 1).unwrap();
+        let index = Index::new([Words::of(&object.appearance)]);
+        index.rank(&scene.features, 1);
+        let known = Arc::new(KnownObject::new(object.model, &object.appearance));
+        recognise(scene, &[known], &RecogniseConfig::default(), 1);
     }
 
     #[test]

@@ -1,14 +1,13 @@
 //! The store's tables and their versions.
 
-use super::contents;
-use super::contents::Entry;
+use super::contents::{self, Entry};
 use super::error::{Fault, StoreError, explain};
-use super::lists;
+use super::inverted_index;
 use super::record::Record;
-use rusqlite::{Connection, ErrorCode, Transaction, TransactionBehavior, params};
-use std::hash::{BuildHasher, RandomState};
+use super::stored_object::Provenance;
+use super::transaction::{begin, patiently};
+use rusqlite::{Connection, params};
 use std::path::Path;
-use std::time::Duration;
 
 /// The newest schema that this version knows.
 pub const SCHEMA_VERSION: i64 = 7;
@@ -169,7 +168,7 @@ fn upgrade(path: &Path, connection: &Connection) -> Result<(), StoreError> {
         State::Empty => {
             alone.execute_batch(CREATE).map_err(sql)?;
             alone.execute_batch(TOTALS).map_err(sql)?;
-            lists::write_empty_directory(&alone).map_err(sql)?;
+            inverted_index::write_empty_directory(&alone).map_err(sql)?;
         }
         State::Version(SCHEMA_VERSION) => return Ok(()),
         State::Version(before) => {
@@ -187,7 +186,7 @@ fn upgrade(path: &Path, connection: &Connection) -> Result<(), StoreError> {
 fn add_checksums(connection: &Connection) -> Result<(), Fault> {
     let of_row = |row: &rusqlite::Row| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
     let rows: Vec<(u32, String, Option<Vec<u8>>)> =
-        lists::all(connection, "SELECT number, object, words FROM words", of_row)?;
+        contents::all_rows(connection, "SELECT number, object, words FROM words", of_row)?;
     tracing::info!(objects = rows.len(), "adding checksums to an older store");
     for (number, object, words) in rows {
         let Some(record) = read_record(connection, &object)? else {
@@ -197,7 +196,7 @@ fn add_checksums(connection: &Connection) -> Result<(), Fault> {
         let content = record.checksum(&object);
         contents::update(connection, &Entry { number, object, words, content })?;
     }
-    lists::add_checksums(connection)?;
+    inverted_index::add_checksums(connection)?;
     Ok(())
 }
 
@@ -212,7 +211,7 @@ pub fn read_record(connection: &Connection, name: &str) -> rusqlite::Result<Opti
         "SELECT source, learned_utime FROM demonstration WHERE object = ?1 ORDER BY id",
     )?;
     let provenance = statement.query_map([name], |row| {
-        Ok(crate::store::Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
+        Ok(Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
     })?;
     let provenance = provenance.collect::<rusqlite::Result<_>>()?;
     Ok(Some(Record { model, appearance, edges, provenance }))
@@ -238,45 +237,6 @@ pub fn write_record(
         )?;
     }
     Ok(())
-}
-
-/// A change during which no other process makes one.
-pub fn begin(connection: &Connection) -> rusqlite::Result<Transaction<'_>> {
-    Transaction::new_unchecked(connection, TransactionBehavior::Immediate)
-}
-
-/// Tries again while another process that does the same has the file: SQLite itself does not wait
-/// where a reader becomes a writer.
-fn patiently(mut change: impl FnMut() -> rusqlite::Result<()>) -> rusqlite::Result<()> {
-    let mut tries = 0;
-    loop {
-        match change() {
-            Err(error)
-                if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy)
-                    && wait_for_turn(tries) =>
-            {
-                tries += 1;
-            }
-            result => return result,
-        }
-    }
-}
-
-/// Tries of a process that waits for others: half a minute in all.
-const MOST_TRIES: i32 = 1_000;
-/// Longest wait between two tries is 2 to this power, milliseconds.
-const LONGEST_WAIT: i32 = 6;
-
-/// Waits for another process that has the file, each time for a random while, so that of many who
-/// wait none is always the last; `false` when it has waited long enough.
-pub fn wait_for_turn(tries: i32) -> bool {
-    if tries >= MOST_TRIES {
-        return false;
-    }
-    let longest_us = 1000 << tries.clamp(0, LONGEST_WAIT);
-    let wait_us = RandomState::new().hash_one(tries) % longest_us;
-    std::thread::sleep(Duration::from_micros(wait_us));
-    true
 }
 
 /// What a file is.
@@ -312,11 +272,5 @@ mod tests {
     fn the_mark_in_the_tables_is_the_mark_that_is_checked() {
         assert!(TOTALS.contains(&format!("application_id = {APPLICATION_ID};")));
         assert!(TOTALS.contains(&format!("user_version = {SCHEMA_VERSION};")));
-    }
-
-    #[test]
-    fn who_waits_for_its_turn_gives_up_at_last() {
-        assert!(wait_for_turn(0) && wait_for_turn(3));
-        assert!(!wait_for_turn(MOST_TRIES));
     }
 }

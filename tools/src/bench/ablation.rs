@@ -3,9 +3,11 @@
 
 use super::dir::recordings;
 use super::score::{LearnScore, score_model};
-use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, demonstrate, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
+use crate::steps::{demonstrate, skill_config};
+use crate::truth::Truth;
 use anyhow::anyhow;
 use linkage_skill::SkillConfig;
 use linkage_skill::learn::tracking::{DepthLift, DescriptorKind};

@@ -3,9 +3,11 @@
 
 use super::score::{LearnScore, score_model};
 use super::tags::{Watched, log_of, watch};
-use super::truth::Truth;
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, last_frame, remember, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
+use crate::steps::{last_frame, remember, skill_config};
+use crate::truth::{TrueJoint, Truth};
 use anyhow::{Context, anyhow};
 use linkage_skill::SkillConfig;
 use linkage_skill::math::robust::median;
@@ -277,8 +279,7 @@ pub fn configuration_scores(
         .iter()
         .filter_map(|j| {
             let axis = Vector3::from(j.axis);
-            let angle =
-                |t: &super::truth::TrueJoint| line_angle(&axis, &Vector3::from(t.axis_last));
+            let angle = |t: &TrueJoint| line_angle(&axis, &Vector3::from(t.axis_last));
             let t = truth.joints.iter().min_by(|a, b| angle(a).total_cmp(&angle(b)))?;
             let first = demonstrated.joints.iter().find(|d| d.name == t.name)?.configuration[0];
             let change = t.configuration.last()? - first;

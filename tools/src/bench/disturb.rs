@@ -1,7 +1,7 @@
 //! What goes on beside a service in a soak: somebody sends what nobody should, and somebody watches
 //! whether setpoints ever jump.
 
-use crate::commands::Outcome;
+use crate::outcome::Outcome;
 use anyhow::Context;
 use linkage_lcm::messages::linkage::Setpoint;
 use linkage_lcm::udpm::Network;

@@ -3,9 +3,11 @@
 //! with the person before it.
 
 use super::dir::recordings;
-use super::truth::{TrueJoint, Truth};
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, demonstrate, remember, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
+use crate::steps::{demonstrate, remember, skill_config};
+use crate::truth::{TrueJoint, Truth};
 use anyhow::anyhow;
 use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;

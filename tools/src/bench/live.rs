@@ -1,7 +1,8 @@
 //! A live service in this process, the camera in front of it, and what talks to it over LCM.
 
-use crate::commands::{Outcome, film};
+use crate::outcome::Outcome;
 use crate::simulate::Take;
+use crate::steps::film;
 use anyhow::{Context, anyhow};
 use linkage_driver::{RgbdFrame, RgbdSource, SourceError, SourceStatistics};
 use linkage_lcm::messages::linkage::{Command, Status};

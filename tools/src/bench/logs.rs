@@ -1,7 +1,9 @@
 //! `--suite logs`: pose logs with a catalogue of their types.
 
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
+use crate::steps::skill_config;
 use anyhow::{Context, anyhow};
 use linkage_skill::articulation::{fit_models, read_pose_log, type_probabilities};
 use serde::Serialize;

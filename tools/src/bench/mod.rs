@@ -14,10 +14,8 @@ mod serve;
 mod soak;
 mod tags;
 mod tracking;
-pub mod truth;
-
-use crate::cli::{BenchArgs, Common};
-use crate::commands::Outcome;
+pub use crate::cli::{BenchArgs, Common};
+use crate::outcome::Outcome;
 use anyhow::anyhow;
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {

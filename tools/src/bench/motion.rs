@@ -1,15 +1,14 @@
 //! How far learned motion is from true motion over time: poses of parts, configurations of
 //! joints, features on the right part.
 
-use super::score::LearnScore;
-use super::truth::{TrueJoint, TruePart, Truth};
+use super::score::{LearnScore, mean_difference};
+use crate::truth::{TruePart, Truth};
 use linkage_driver::image_file;
 use linkage_skill::learn::demonstration::Demonstration;
 use linkage_skill::learn::tracking::Trajectory;
 use linkage_skill::math::rigid::{Pose, pose_from_array};
 use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::Joint;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use serde::Serialize;
 use std::path::Path;
 
@@ -88,24 +87,6 @@ pub struct ConfigurationError {
     pub mean: f64,
     /// Of what.
     pub unit: &'static str,
-}
-
-/// Mean absolute difference of configurations, aligned at the first frame, signs following the
-/// axes; `None` where none is known.
-pub fn mean_difference(found: &Joint, true_joint: &TrueJoint, truth: &Truth) -> Option<f64> {
-    let along = Vector3::from(found.axis).dot(&Vector3::from(true_joint.axis)).signum();
-    let pairs: Vec<(f64, f64)> = found
-        .configuration
-        .iter()
-        .filter_map(|[t, q]| {
-            let frame = truth.frame_at((t * 1e6).round() as i64)?;
-            Some((along * q, *true_joint.configuration.get(frame)?))
-        })
-        .filter(|(_, truly)| truly.is_finite())
-        .collect();
-    let (found_first, true_first) = *pairs.first()?;
-    let sum: f64 = pairs.iter().map(|(q, t)| ((q - found_first) - (t - true_first)).abs()).sum();
-    Some(sum / pairs.len() as f64)
 }
 
 /// Configurations against the truth, aligned at the first frame, signs following the axes.

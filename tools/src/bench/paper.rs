@@ -10,8 +10,10 @@ use super::motion::{
 use super::score::{LearnScore, score_model};
 use super::tags::{Watched, log_of, watch};
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, film, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
 use crate::simulate::{Take, instances};
+use crate::steps::{film, skill_config};
 use crate::tags::TagLog;
 use linkage_skill::SkillConfig;
 use linkage_skill::math::robust::median;

@@ -2,8 +2,7 @@
 //! joints are matched to true ones by axis angle, and where that says little, as of two drawers,
 //! by what they did over time; the distance of an axis is taken where it is nearest to the part.
 
-use super::motion::mean_difference;
-use super::truth::{TrueJoint, Truth};
+use crate::truth::{TrueJoint, Truth};
 use linkage_skill::ObjectModel;
 use linkage_skill::math::rigid::{
     distance_to_line, line_angle, nearest_on_line, orthonormal_basis, pose_from_array,
@@ -139,6 +138,7 @@ fn assign(model: &ObjectModel, moved: &[&TrueJoint], truth: &Truth) -> Vec<Optio
     best(0, moved, model, truth, &mut vec![false; model.joints.len()]).1
 }
 
+/// Angle between the axes, radians.
 fn axis_angle(truth: &TrueJoint, found: &Joint) -> f64 {
     line_angle(&Vector3::from(truth.axis), &Vector3::from(found.axis))
 }
@@ -149,6 +149,25 @@ fn another_course(truth: &TrueJoint, found: &Joint, all: &Truth) -> f64 {
     mean_difference(found, truth, all).map_or(1.0, |mean| (mean / span.max(1e-9)).min(1.0))
 }
 
+/// Mean absolute difference of configurations, aligned at the first frame, signs following the
+/// axes; `None` where none is known.
+pub fn mean_difference(found: &Joint, true_joint: &TrueJoint, truth: &Truth) -> Option<f64> {
+    let along = Vector3::from(found.axis).dot(&Vector3::from(true_joint.axis)).signum();
+    let pairs: Vec<(f64, f64)> = found
+        .configuration
+        .iter()
+        .filter_map(|[t, q]| {
+            let frame = truth.frame_at((t * 1e6).round() as i64)?;
+            Some((along * q, *true_joint.configuration.get(frame)?))
+        })
+        .filter(|(_, truly)| truly.is_finite())
+        .collect();
+    let (found_first, true_first) = *pairs.first()?;
+    let sum: f64 = pairs.iter().map(|(q, t)| ((q - found_first) - (t - true_first)).abs()).sum();
+    Some(sum / pairs.len() as f64)
+}
+
+/// Distance between the axes where they are nearest to the part, metres.
 fn axis_distance(joint: &TrueJoint, found: &Joint, truth: &Truth) -> f64 {
     if joint.kind == JointKind::Prismatic {
         return 0.0;

@@ -3,10 +3,13 @@
 //! setpoints keeps its time while perception works.
 
 use super::live::{Live, Playing, SCENE, STREAM_HZ, filmed, new_store, service};
-use super::recognise::made_up;
+use super::recognise::scale::made_up;
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, demonstrate, describe_stream, remember, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
+use crate::report::describe_stream;
 use crate::simulate::Take;
+use crate::steps::{demonstrate, remember, skill_config};
 use anyhow::anyhow;
 use linkage_lcm::messages::linkage::{Command, Model, Prediction};
 use linkage_planner_bridge::channel;

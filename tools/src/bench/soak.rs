@@ -6,8 +6,10 @@
 use super::disturb::Disturbing;
 use super::live::{Live, SCENE, STREAM_HZ, URL, filmed, new_store, service};
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
 use crate::simulate::Take;
+use crate::steps::skill_config;
 use anyhow::{Context, anyhow};
 use linkage_lcm::messages::linkage::{Command, Status};
 use linkage_planner_bridge::service::{Playback, ServiceConfig};

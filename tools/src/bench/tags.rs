@@ -1,17 +1,18 @@
 //! Truth as the paper had it: poses of the parts' AprilTags, joints fitted to them.
 
-use super::truth::{PoseArray, TrueJoint, Truth};
-use crate::commands::{Outcome, demonstrate_past};
+use crate::outcome::Outcome;
+use crate::steps::demonstrate_past;
 use crate::tags::TagLog;
+use crate::truth::{PoseArray, TrueJoint, Truth};
 use linkage_skill::articulation::{ArticulateConfig, PoseSample, fit_models};
 use linkage_skill::math::rigid::{Pose, pose_from_array, pose_to_array, rotation_nearest};
 use linkage_skill::{Demonstration, SkillConfig};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
 
-/// A part stands where it stood when its tag is within this distance, metres,
+/// A part stands where it stood when its tag is within this distance, metres.
 const NEAR_M: f64 = 0.03;
-/// and this turn, radians.
+/// A part stands as it stood when its tag is within this turn, radians.
 const NEAR_RAD: f64 = 0.06;
 /// A part rests that stands where it stood in this share of the frames.
 const RESTING_SHARE: f64 = 0.95;

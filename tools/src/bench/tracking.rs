@@ -2,7 +2,8 @@
 //! then backward; a feature that was followed all the way must be back where it started.
 
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
 use anyhow::{Context, anyhow};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;

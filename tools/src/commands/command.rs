@@ -1,7 +1,7 @@
 //! `linkage command`: tells a running service what to do, and waits for its answer.
 
-use super::{Failure, Outcome};
 use crate::cli::{CommandArgs, ServiceAction};
+use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
 use linkage_lcm::messages::linkage;
 use linkage_planner_bridge::service::CommandKey;

@@ -1,7 +1,8 @@
 //! `linkage config`.
 
-use super::{Outcome, skill_config};
 use crate::cli::{Common, ConfigAction, ConfigArgs};
+use crate::outcome::Outcome;
+use crate::steps::skill_config;
 
 pub fn run(args: &ConfigArgs, common: &Common) -> Outcome {
     match args.action {

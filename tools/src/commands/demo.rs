@@ -3,15 +3,13 @@
 //! recognised; its opening is predicted and published to a subscriber that decodes it.
 
 use super::predict::publish;
-use super::recognise::recognise_frame;
-use super::simulate::film;
-use super::{
-    Failure, Outcome, demonstrate, last_frame, remember, skill_config, write_json, write_text,
-};
-use crate::bench::truth::Truth;
 use crate::cli::{Common, DemoArgs};
+use crate::outcome::{Failure, Outcome};
+use crate::output::{write_json, write_text};
 use crate::report;
 use crate::simulate::Take;
+use crate::steps::{demonstrate, film, last_frame, recognise_frame, remember, skill_config};
+use crate::truth::Truth;
 use anyhow::{Context, anyhow};
 use linkage_lcm::messages::{drake, linkage};
 use linkage_lcm::{Lcm, Message, Packet, decode};

@@ -1,9 +1,9 @@
 //! Where `linkage learn` keeps what it learns. All that can stand against it is found before the
 //! long work begins.
 
-use super::{Failure, Outcome};
 use crate::cli::{DEFAULT_STORE, LearnArgs};
 use crate::interrupt;
+use crate::outcome::{Failure, Outcome};
 use anyhow::{Context, anyhow};
 use linkage_skill::object::check::check_name;
 use linkage_skill::store::{Revision, Store, StoreError, StoredObject};

@@ -1,8 +1,8 @@
 //! `linkage doctor`: does this machine have what is needed, and what does a source deliver?
 
-use super::source::{losses, open, repairs};
-use super::{Failure, Outcome};
 use crate::cli::{DoctorArgs, SourceArgs};
+use crate::outcome::{Failure, Outcome};
+use crate::source::{losses, open, repairs};
 use anyhow::{Context, bail};
 use linkage_driver::{RgbdSource, freenect, openni2, v4l};
 use linkage_lcm::{Lcm, Reception};

@@ -1,8 +1,9 @@
 //! `linkage export`.
 
-use super::{Outcome, write_json, write_text};
 use crate::cli::{ExportArgs, ExportFormat};
 use crate::export::{Description, mjcf, sdf, urdf};
+use crate::outcome::Outcome;
+use crate::output::{write_json, write_text};
 use anyhow::Context;
 use linkage_skill::store::Store;
 use std::path::Path;

@@ -1,7 +1,9 @@
 //! `linkage fit`: articulation models from pose logs.
 
-use super::{Outcome, skill_config, write_json};
 use crate::cli::{Common, FitArgs};
+use crate::outcome::Outcome;
+use crate::output::write_json;
+use crate::steps::skill_config;
 use linkage_skill::SkillConfig;
 use linkage_skill::articulation::{
     FittedJoint, PoseLog, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,

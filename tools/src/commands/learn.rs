@@ -1,19 +1,17 @@
 //! `linkage learn`.
 
 use super::destination::Destination;
-use super::{Failure, Outcome, skill_config, source, write_json, write_text};
 use crate::cli::{Common, LearnArgs};
-use crate::console::Progress;
-use crate::interrupt;
-use crate::report;
+use crate::outcome::{Failure, Outcome};
+use crate::output::{write_json, write_text};
+use crate::report::{self, summary};
+use crate::source;
+use crate::steps::{demonstrate_past, remember, skill_config};
 use crate::tags::TagLog;
-use anyhow::Context;
 use linkage_driver::RgbdSource;
-use linkage_driver::live::host_utime;
 use linkage_skill::math::rigid::pose_to_array;
-use linkage_skill::remember;
-use linkage_skill::store::{Provenance, StoredObject};
-use linkage_skill::{Demonstration, LearnError, Learner, ObjectModel, SkillConfig};
+use linkage_skill::store::StoredObject;
+use linkage_skill::{Demonstration, SkillConfig};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -95,19 +93,8 @@ fn remember_all(
     Ok(object)
 }
 
-/// A demonstration as an object, registered into what is known of it already.
-pub fn remember(
-    known: Option<&StoredObject>,
-    demonstration: &Demonstration,
-    source: &str,
-    config: &SkillConfig,
-) -> Outcome<StoredObject> {
-    let provenance = Provenance { source: source.to_owned(), learned_utime: host_utime() };
-    Ok(remember::remember(known, demonstration, provenance, config)?)
-}
-
 /// The directory that a source's name stands for.
-pub fn recording_of(source: &str) -> &Path {
+fn recording_of(source: &str) -> &Path {
     Path::new(source.strip_prefix("tum:").unwrap_or(source))
 }
 
@@ -128,74 +115,6 @@ fn report_tags(tags: &TagLog, poses: Option<&Path>) -> Outcome {
         }
     }
     write_text(path, &text)
-}
-
-/// Learns from one recording, with progress.
-pub fn demonstrate(
-    source: &str,
-    object: &str,
-    config: &SkillConfig,
-    quiet: bool,
-) -> Outcome<Demonstration> {
-    let mut frames = linkage_driver::open(source)?;
-    demonstrate_past(None, &mut *frames, object, config, quiet)
-}
-
-/// The same; with tags, these are noted and nothing is learned from what lies on them.
-pub fn demonstrate_past(
-    mut tags: Option<&mut TagLog>,
-    frames: &mut dyn RgbdSource,
-    object: &str,
-    config: &SkillConfig,
-    quiet: bool,
-) -> Outcome<Demonstration> {
-    let source = frames.name().to_owned();
-    let progress = Progress::new("watching", frames.frame_count(), quiet);
-    let mut learner = Learner::new(config);
-    let mut count = 0;
-    while let Some(mut frame) = frames.next_frame()? {
-        if let Some(tags) = &mut tags {
-            frame = tags.note(&frame)?;
-        }
-        learner.push(&frame).with_context(|| source.clone())?;
-        progress.step();
-        count += 1;
-    }
-    progress.finish(&format!("{count} frames of {source}"));
-    interrupt::stopped(&source, frames.is_live())?;
-    learner.finish(object).map_err(|error| {
-        let status = match &error {
-            LearnError::TooShort { .. } | LearnError::NoDepth => super::NO_ANSWER,
-            LearnError::Vision(_) => super::INTERNAL,
-            _ => super::BAD_INPUT,
-        };
-        Failure { status, cause: anyhow::Error::new(error).context(source) }
-    })
-}
-
-/// A line a joint, for people.
-pub fn summary(model: &ObjectModel) -> String {
-    let mut text = String::new();
-    for j in &model.joints {
-        let [low, high] = j.range;
-        let _ = writeln!(
-            text,
-            "{} {}: {}{} of {} on {}, {:.2} to {:.2} {}, axis ({:.3}, {:.3}, {:.3})",
-            model.object,
-            j.name,
-            if j.undecided { "undecided, likeliest " } else { "" },
-            j.kind.name(),
-            model.parts[j.child].name,
-            model.parts[j.parent].name,
-            low,
-            high,
-            j.kind.unit(),
-            j.axis[0],
-            j.axis[1],
-            j.axis[2],
-        );
-    }
-    text
 }
 
 /// `t,part,x,y,z,qx,qy,qz,qw`: camera_from_part (DESIGN 4.4).

@@ -1,8 +1,8 @@
 //! `linkage listen`: prints what a service publishes, for people.
 
-use super::{Failure, Outcome};
 use crate::cli::ListenArgs;
 use crate::interrupt;
+use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
 use linkage_lcm::messages::linkage::{
     Joint, JointTrajectory, Model, Prediction, Recognition, Setpoint, Status,

@@ -1,8 +1,11 @@
 //! `linkage predict`.
 
-use super::recognise::{describe, recognise_frame};
-use super::{Failure, Outcome, skill_config, source, write_json};
 use crate::cli::{Common, PredictArgs};
+use crate::outcome::{BAD_INPUT, Failure, NO_ANSWER, Outcome};
+use crate::output::write_json;
+use crate::report::describe;
+use crate::source;
+use crate::steps::{recognise_frame, skill_config};
 use linkage_driver::RgbdFrame;
 use linkage_driver::live::host_utime;
 use linkage_lcm::Lcm;
@@ -31,10 +34,7 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     let request = Request { joint: args.joint.as_deref(), ..Request::to(target) };
     let plan = predict(&model, best, &request, &rig).map_err(|e| {
         let unseen = matches!(e, PlanError::Predict(PredictError::Unseen { .. }));
-        Failure {
-            status: if unseen { super::NO_ANSWER } else { super::BAD_INPUT },
-            cause: e.into(),
-        }
+        Failure { status: if unseen { NO_ANSWER } else { BAD_INPUT }, cause: e.into() }
     })?;
     let prediction = &plan.prediction;
     if let Some(path) = &args.json {

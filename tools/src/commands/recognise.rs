@@ -1,12 +1,12 @@
 //! `linkage recognise`.
 
-use super::{Failure, Outcome, skill_config, source, warn_without_depth, write_json, write_text};
-use crate::cli::{Common, RecogniseArgs, SourceArgs};
-use crate::report;
-use linkage_driver::RgbdFrame;
-use linkage_skill::SkillConfig;
-use linkage_skill::recognise::{Recognition, Scene};
-use linkage_skill::store::{Library, Store};
+use crate::cli::{Common, RecogniseArgs};
+use crate::outcome::{Failure, Outcome};
+use crate::output::{write_json, write_text};
+use crate::report::{self, describe};
+use crate::source;
+use crate::steps::{recognise_frame, skill_config};
+use linkage_skill::store::Store;
 
 pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
@@ -28,33 +28,4 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
         }
     }
     Ok(())
-}
-
-/// Recognises in one frame.
-pub fn recognise_frame(
-    library: &Library,
-    frame: &RgbdFrame,
-    source: &str,
-    config: &SkillConfig,
-) -> Outcome<Recognition> {
-    warn_without_depth(frame, source);
-    Ok(library.recognise(&Scene::new(frame)?, &config.recognise, config.seed)?)
-}
-
-/// The last frame of a recording.
-pub fn last_frame(recording: &str) -> Outcome<RgbdFrame> {
-    source::open(recording, &SourceArgs::default())?.last_frame()
-}
-
-/// A few lines for people.
-pub fn describe(m: &linkage_skill::recognise::Recognised) -> String {
-    let joints: Vec<String> = m
-        .joints
-        .iter()
-        .map(|j| match j.configuration {
-            Some(q) => format!("{} at {q:.3} {}", j.name, j.kind.unit()),
-            None => format!("{} not known: {}", j.name, j.reason.as_deref().unwrap_or("not seen")),
-        })
-        .collect();
-    format!("{}: score {:.2}, {} inliers, {}\n", m.object, m.score, m.inliers, joints.join(", "))
 }

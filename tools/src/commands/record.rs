@@ -1,10 +1,10 @@
 //! `linkage record`.
 
-use super::source::{losses, open, repairs};
-use super::{Failure, Outcome};
 use crate::cli::{Common, RecordArgs, RecordFormat};
 use crate::console::Progress;
 use crate::interrupt;
+use crate::outcome::{Failure, Outcome};
+use crate::source::{losses, open, repairs};
 use linkage_driver::{RgbdSource, record};
 
 pub fn run(args: &RecordArgs, common: &Common) -> Outcome {

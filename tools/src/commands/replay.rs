@@ -1,9 +1,9 @@
 //! `linkage replay`: any source as a camera on LCM.
 
-use super::source::open;
-use super::{Failure, Outcome};
 use crate::cli::{Common, ReplayArgs};
 use crate::console::Progress;
+use crate::outcome::{Failure, Outcome};
+use crate::source::open;
 use anyhow::anyhow;
 use linkage_driver::RgbdSource;
 use linkage_driver::lcm::{Packing, encode_frame};

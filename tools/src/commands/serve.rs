@@ -1,15 +1,15 @@
 //! `linkage serve`: the live skill until Ctrl-C or SIGTERM.
 
-use super::{Outcome, skill_config};
 use crate::cli::{Common, ServeArgs};
 use crate::interrupt;
+use crate::outcome::Outcome;
+use crate::report::describe_stream;
+use crate::steps::skill_config;
 use anyhow::anyhow;
 use linkage_driver::live::LiveConfig;
 use linkage_driver::{PinholeCamera, SourceOptions, open_with};
 use linkage_planner_bridge::Rig;
-use linkage_planner_bridge::service::{
-    Playback, ServiceConfig, ServiceReport, StreamReport, serve,
-};
+use linkage_planner_bridge::service::{Playback, ServiceConfig, ServiceReport, serve};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -57,18 +57,4 @@ fn summary(report: &ServiceReport) -> String {
         text += &describe_stream(stream);
     }
     text
-}
-
-/// How a stream kept its time, for people.
-pub fn describe_stream(stream: &StreamReport) -> String {
-    let l = &stream.lateness;
-    format!(
-        "{} setpoints sent, {} not taken by the network; {} deadlines missed, late by {} us median, {} us p99, {} us at most\n",
-        stream.sent,
-        stream.failed,
-        l.missed(),
-        l.quantile_us(0.5),
-        l.quantile_us(0.99),
-        l.longest_us()
-    )
 }

@@ -1,8 +1,9 @@
 //! `linkage store`.
 
-use super::{Outcome, write_json};
 use crate::cli::{StoreAction, StoreArgs};
 use crate::interrupt;
+use crate::outcome::Outcome;
+use crate::output::write_json;
 use anyhow::anyhow;
 use linkage_skill::store::{Store, StoredObject};
 use std::collections::{BTreeMap, BTreeSet};

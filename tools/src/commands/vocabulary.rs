@@ -2,10 +2,11 @@
 //! are the simulator's things of the paper's ten kinds, none of which `bench --suite recognise`
 //! learns.
 
-use super::{Outcome, last_frame};
 use crate::cli::{Common, VocabularyArgs};
 use crate::console::Progress;
+use crate::outcome::Outcome;
 use crate::simulate::{Shot, Take, instances, record, scene};
+use crate::steps::last_frame;
 use anyhow::{Context, anyhow};
 use linkage_skill::features::quantised::Descriptor;
 use linkage_skill::features::quantised::quantise;

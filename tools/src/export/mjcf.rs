@@ -1,6 +1,7 @@
 //! MJCF, as MuJoCo reads it.
 
-use super::{Description, Motion, spaced};
+use super::description::{Description, Motion};
+use super::xml::{document, spaced};
 use quick_xml::Writer;
 use std::io::{self, Write};
 
@@ -10,7 +11,7 @@ use std::io::{self, Write};
 /// For screws, which it has not.
 pub fn mjcf(of: &Description) -> anyhow::Result<String> {
     let of = of.without_screws("MJCF")?;
-    let text = super::document(|writer| {
+    let text = document(|writer| {
         writer
             .create_element("mujoco")
             .with_attribute(("model", of.name.as_str()))

@@ -1,6 +1,7 @@
 //! SDFormat, as Gazebo and Drake read it.
 
-use super::{Cuboid, Description, Hinge, Link, Motion, spaced};
+use super::description::{Cuboid, Description, Hinge, Link, Motion};
+use super::xml::{document, spaced};
 use quick_xml::Writer;
 use quick_xml::events::BytesText;
 use std::io::{self, Write};
@@ -12,7 +13,7 @@ use std::io::{self, Write};
 /// Whatever the writer says.
 pub fn sdf(of: &Description) -> anyhow::Result<String> {
     let version = if of.joints.iter().any(Hinge::is_screw) { "1.10" } else { "1.9" };
-    let text = super::document(|writer| {
+    let text = document(|writer| {
         writer
             .create_element("sdf")
             .with_attribute(("version", version))

@@ -1,6 +1,7 @@
 //! URDF, as ROS and Drake read it.
 
-use super::{Cuboid, Description, Hinge, Link, spaced};
+use super::description::{Cuboid, Description, Hinge, Link};
+use super::xml::{document, spaced};
 use quick_xml::Writer;
 use std::io::{self, Write};
 
@@ -14,7 +15,7 @@ const VELOCITY: &str = "1";
 /// For screws, which it has not.
 pub fn urdf(of: &Description) -> anyhow::Result<String> {
     let of = of.without_screws("URDF")?;
-    let text = super::document(|writer| {
+    let text = document(|writer| {
         writer
             .create_element("robot")
             .with_attribute(("name", of.name.as_str()))

@@ -1,6 +1,7 @@
 //! Self-contained HTML pages, and the pictures in them.
 
 use super::draw::{Canvas, PART_COLOURS};
+use super::text::{describe, summary};
 use base64::Engine;
 use linkage_driver::{ColorImage, RgbdFrame, image_file};
 use linkage_planner_bridge::Prediction;
@@ -94,7 +95,7 @@ pub fn recognition_page(
         library.len()
     );
     for m in &recognition.matches {
-        let _ = writeln!(body, "<p>{}</p>", escape(&crate::commands::describe(m)));
+        let _ = writeln!(body, "<p>{}</p>", escape(&describe(m)));
     }
     body += &figure("Joint axes as recognised", &canvas.finish()?)?;
     Ok(page("Linkage: recognition", &body))
@@ -180,7 +181,7 @@ fn draw_recognised(canvas: &mut Canvas, m: &Recognised, index: usize) -> anyhow:
     for (j, joint) in m.joints.iter().enumerate() {
         canvas.axis(&joint.geometry(), PART_COLOURS[(j + 1) % PART_COLOURS.len()])?;
     }
-    canvas.text(index as i32, crate::commands::describe(m).trim())?;
+    canvas.text(index as i32, describe(m).trim())?;
     Ok(())
 }
 
@@ -275,7 +276,7 @@ fn joints_picture(
             canvas.manifold(&outline, &motions, colour)?;
         }
     }
-    for (i, text) in crate::commands::summary(model).lines().enumerate() {
+    for (i, text) in summary(model).lines().enumerate() {
         canvas.text(i as i32, text)?;
     }
     canvas.finish()

@@ -1,10 +1,10 @@
 //! Things on a desk, a stool, and a bicycle.
 
-use super::scenes::{
+use super::kit::{
     BASE, BLUE, DARK, GREY, Look, Palette, WHITE, WOOD, cuboid, hinge, part, scene_of, slide,
     there_and_back,
 };
-use super::world::{Scene, SceneJoint, Solid};
+use super::world::{Part, Scene, SceneJoint, Solid};
 use linkage_skill::object::joint_geometry::JointKind;
 use nalgebra::Point3;
 
@@ -180,56 +180,8 @@ pub fn stool(look: Look) -> Scene {
 
 /// A bicycle on a stand: its fork is steered, its crank and its rear wheel are turned.
 pub fn bicycle(look: Look) -> Scene {
-    let mut p = Palette::new(look);
-    let (frame, bag, wheel, metal, basket) =
-        (p.paint(BLUE), p.paint(WOOD), p.paint(GREY), p.paint(DARK), p.paint(WHITE));
     let mut s = scene_of("bicycle", "bicycle", [0.0, 0.0, 0.52], [-12.0, 12.0, 2.1]);
-    let tube = |a: [f64; 3], b: [f64; 3], label| {
-        Solid::rod(Point3::from(a), Point3::from(b), 0.025, &frame, label)
-    };
-    let (hub, rear) = ([-0.55, 0.0, 0.32], [0.50, 0.0, 0.32]);
-    let disc = |c: [f64; 3], radius: f64, y: f64, half: f64, m, label| {
-        let face = |side: f64| Point3::new(c[0], y + side * half, c[2]);
-        Solid::drum(face(-1.0), face(1.0), radius, m, label)
-    };
-    s.parts = vec![
-        part(
-            "frame",
-            vec![
-                tube([-0.40, 0.0, 0.80], [-0.02, 0.06, 0.30], BASE),
-                tube([-0.38, 0.0, 0.78], [0.14, 0.0, 0.78], BASE),
-                tube([0.18, 0.0, 0.92], [-0.02, 0.06, 0.30], BASE),
-                tube([-0.02, 0.06, 0.30], [0.50, 0.06, 0.32], BASE),
-                cuboid([-0.08, 0.0, 0.62], [0.26, 0.07, 0.22], &bag, BASE),
-                cuboid([0.20, 0.0, 0.95], [0.26, 0.14, 0.06], &bag, BASE),
-            ],
-        ),
-        part(
-            "fork",
-            vec![
-                disc(hub, 0.30, 0.0, 0.02, &wheel, 2),
-                tube([-0.55, -0.05, 0.32], [-0.43, -0.05, 0.75], 2),
-                tube([-0.41, 0.0, 0.80], [-0.38, 0.0, 0.95], 2),
-                tube([-0.38, -0.26, 0.97], [-0.38, 0.26, 0.97], 2),
-                cuboid([-0.56, 0.0, 0.86], [0.22, 0.28, 0.20], &basket, 2),
-            ],
-        ),
-        part(
-            "crank",
-            vec![
-                disc([-0.02, 0.0, 0.30], 0.11, -0.07, 0.008, &metal, 3),
-                Solid::rod(
-                    Point3::new(-0.19, -0.10, 0.30),
-                    Point3::new(0.15, -0.10, 0.30),
-                    0.014,
-                    &metal,
-                    3,
-                ),
-                cuboid([0.15, -0.15, 0.30], [0.09, 0.08, 0.03], &bag, 3),
-            ],
-        ),
-        part("wheel", vec![disc(rear, 0.30, 0.0, 0.02, &wheel, 4)]),
-    ];
+    s.parts = bicycle_parts(look);
     s.joints = vec![
         hinge(
             "fork",
@@ -250,7 +202,7 @@ pub fn bicycle(look: Look) -> Scene {
         },
         SceneJoint {
             child: 3,
-            ..hinge("wheel", [0.0, 1.0, 0.0], rear, [0.62, -0.03, 0.58], [0.8, -0.8, 0.3])
+            ..hinge("wheel", [0.0, 1.0, 0.0], REAR_HUB, [0.62, -0.03, 0.58], [0.8, -0.8, 0.3])
         },
     ];
     s.actions = there_and_back(0, 0.55, 1.2, 1.5).into();
@@ -258,4 +210,59 @@ pub fn bicycle(look: Look) -> Scene {
     s.actions.extend(there_and_back(2, 0.7, 12.2, 1.4));
     s.duration = 17.0;
     s
+}
+
+/// Middle of the bicycle's rear wheel.
+const REAR_HUB: [f64; 3] = [0.50, 0.0, 0.32];
+
+/// The bicycle's frame, fork, crank and rear wheel.
+fn bicycle_parts(look: Look) -> Vec<Part> {
+    let mut p = Palette::new(look);
+    let (frame, bag, wheel, metal, basket) =
+        (p.paint(BLUE), p.paint(WOOD), p.paint(GREY), p.paint(DARK), p.paint(WHITE));
+    let tube = |a: [f64; 3], b: [f64; 3], label| {
+        Solid::rod(Point3::from(a), Point3::from(b), 0.025, &frame, label)
+    };
+    let disc = |c: [f64; 3], radius: f64, y: f64, half: f64, m, label| {
+        let face = |side: f64| Point3::new(c[0], y + side * half, c[2]);
+        Solid::drum(face(-1.0), face(1.0), radius, m, label)
+    };
+    vec![
+        part(
+            "frame",
+            vec![
+                tube([-0.40, 0.0, 0.80], [-0.02, 0.06, 0.30], BASE),
+                tube([-0.38, 0.0, 0.78], [0.14, 0.0, 0.78], BASE),
+                tube([0.18, 0.0, 0.92], [-0.02, 0.06, 0.30], BASE),
+                tube([-0.02, 0.06, 0.30], [0.50, 0.06, 0.32], BASE),
+                cuboid([-0.08, 0.0, 0.62], [0.26, 0.07, 0.22], &bag, BASE),
+                cuboid([0.20, 0.0, 0.95], [0.26, 0.14, 0.06], &bag, BASE),
+            ],
+        ),
+        part(
+            "fork",
+            vec![
+                disc([-0.55, 0.0, 0.32], 0.30, 0.0, 0.02, &wheel, 2),
+                tube([-0.55, -0.05, 0.32], [-0.43, -0.05, 0.75], 2),
+                tube([-0.41, 0.0, 0.80], [-0.38, 0.0, 0.95], 2),
+                tube([-0.38, -0.26, 0.97], [-0.38, 0.26, 0.97], 2),
+                cuboid([-0.56, 0.0, 0.86], [0.22, 0.28, 0.20], &basket, 2),
+            ],
+        ),
+        part(
+            "crank",
+            vec![
+                disc([-0.02, 0.0, 0.30], 0.11, -0.07, 0.008, &metal, 3),
+                Solid::rod(
+                    Point3::new(-0.19, -0.10, 0.30),
+                    Point3::new(0.15, -0.10, 0.30),
+                    0.014,
+                    &metal,
+                    3,
+                ),
+                cuboid([0.15, -0.15, 0.30], [0.09, 0.08, 0.03], &bag, 3),
+            ],
+        ),
+        part("wheel", vec![disc(REAR_HUB, 0.30, 0.0, 0.02, &wheel, 4)]),
+    ]
 }

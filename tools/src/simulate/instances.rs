@@ -2,9 +2,10 @@
 //! each time another thing of the kind, seen from elsewhere, moved at another pace.
 
 use super::devices;
-use super::scenes::{
-    Look, cabinet, door, drawers, fridge, furnish, laptop, microwave, office_chair, stand_of,
+use super::furniture::{
+    cabinet, door, drawers, fridge, furnish, laptop, microwave, office_chair, stand_of,
 };
+use super::kit::Look;
 use super::texture::Richness;
 use super::world::Scene;
 use linkage_skill::object::joint_geometry::JointKind;

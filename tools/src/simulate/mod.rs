@@ -5,7 +5,10 @@
 //! it is at configuration 0, so that a part's frame is the world at configuration 0.
 
 mod devices;
+mod film;
+mod furniture;
 pub mod instances;
+mod kit;
 mod person;
 mod record;
 mod render;
@@ -15,6 +18,7 @@ mod tags;
 mod texture;
 mod world;
 
-pub use record::{Shot, Take, record};
+pub use film::{Shot, Take};
+pub use record::record;
 pub use scenes::{SCENES, add_common_clutter, repainted, reproportioned, scene};
 pub use world::Scene;

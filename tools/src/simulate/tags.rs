@@ -1,6 +1,6 @@
 //! AprilTags on the parts of a scene: where the camera sees them best and longest.
 
-use super::record::Film;
+use super::film::Film;
 use super::texture::Texture;
 use super::world::{Form, Material, Scene, Solid};
 use crate::tags::{TagPlace, TagPlaces, bit_pattern};
@@ -14,9 +14,10 @@ use std::sync::Arc;
 const MAX_SIZE: f64 = 0.2;
 /// Smallest worth sticking on.
 const MIN_SIZE: f64 = 0.03;
-/// Share of a side's shorter edge that a tag with its white rim may take,
+/// Share of a side's shorter edge that a tag with its white rim may take.
 const SHARE: f64 = 0.9;
-/// and of its area: nothing is learned from a tag, and enough must be left to learn from.
+/// Share of a side's area that it may take: nothing is learned from a tag, and enough must be left to
+/// learn from.
 const SHARE_OF_AREA: f64 = 0.25;
 /// Sizes that are tried, as shares of the largest that has room.
 const SIZES: [f64; 3] = [1.0, 0.75, 0.5];

@@ -1,7 +1,7 @@
 //! What each choice of recognition is worth: the same stills with one choice at a time undone.
 
-use super::{Learned, Precision, Question, precision};
-use crate::commands::Outcome;
+use super::question::{Learned, Precision, Question, precision};
+use crate::outcome::Outcome;
 use linkage_driver::{DepthImage, RgbdFrame};
 use linkage_skill::SkillConfig;
 use linkage_skill::features::FeatureKind;
@@ -108,6 +108,14 @@ fn scene_of(frame: &RgbdFrame, blind: bool) -> Outcome<Scene> {
     Ok(Scene::new(&frame)?)
 }
 
+/// A learned thing without what a choice leaves out of its appearance.
+fn known_with(choice: &Choice, learned: &Learned) -> KnownObject {
+    let mut appearance = learned.stored.appearance.clone();
+    (choice.learned)(&mut appearance);
+    KnownObject::new(learned.stored.model.clone(), &appearance)
+}
+
+/// The suite's results with one choice made otherwise.
 fn with(
     choice: &Choice,
     learned: &[Learned],
@@ -116,14 +124,7 @@ fn with(
 ) -> Outcome<Row> {
     let mut sought = config.recognise.clone();
     (choice.sought)(&mut sought);
-    let objects: Vec<KnownObject> = learned
-        .iter()
-        .map(|l| {
-            let mut appearance = l.stored.appearance.clone();
-            (choice.learned)(&mut appearance);
-            KnownObject::new(l.stored.model.clone(), &appearance)
-        })
-        .collect();
+    let objects: Vec<KnownObject> = learned.iter().map(|l| known_with(choice, l)).collect();
     let mut row = Row {
         choice: choice.name,
         right_to_45: [0; 2],

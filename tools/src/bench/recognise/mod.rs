@@ -3,26 +3,25 @@
 //! and those of wrong ones.
 
 mod ablation;
-mod scale;
+mod question;
+pub mod scale;
 mod stills;
 mod times;
 
-use super::dir::{ConfigurationScore, configuration_scores};
-use super::truth::Truth;
+use super::dir::ConfigurationScore;
 use crate::cli::{BenchArgs, Common};
-use crate::commands::{Outcome, demonstrate, last_frame, remember, skill_config, write_json};
+use crate::outcome::Outcome;
+use crate::output::write_json;
+use crate::steps::{demonstrate, last_frame, remember, skill_config};
+use crate::truth::Truth;
 use anyhow::anyhow;
-use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
-use linkage_skill::features::DescribedFeature;
 use linkage_skill::learn::stage_times::StageTimes;
-use linkage_skill::math::rigid::{distance_to_line, pose_from_array};
 use linkage_skill::math::robust::median;
-use linkage_skill::recognise::{Recognised, Scene, find};
+use linkage_skill::recognise::{Recognised, Recognition, Scene, find};
 use linkage_skill::store::{Library, Store, StoreError, StoredObject};
-use nalgebra::{Point3, Vector3};
+use question::{Learned, Precision, Question, precision};
 use rayon::prelude::*;
-pub use scale::made_up;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -59,31 +58,6 @@ impl Row {
     }
 }
 
-/// How far the right object's report is from the truth.
-#[derive(Serialize)]
-struct Precision {
-    /// False: a moving part is seen alone, and the report says so.
-    base_known: bool,
-    base_deg: f64,
-    /// Where the base is, not where its frame begins: that is at the demonstration's camera.
-    base_cm: f64,
-    joints: Vec<ConfigurationScore>,
-    /// Of hinges.
-    axis_cm: Vec<f64>,
-}
-
-impl Precision {
-    /// The base where it is; where it is not known, an axis. That of a slide has no place.
-    fn is_right(&self) -> bool {
-        if self.base_known {
-            return self.base_deg < 5.0 && self.base_cm < 5.0;
-        }
-        let has_no_place = self.axis_cm.is_empty();
-        self.joints.iter().any(|j| j.axis_deg < 3.0)
-            && (has_no_place || self.axis_cm.iter().any(|cm| *cm < 2.0))
-    }
-}
-
 #[derive(Serialize)]
 struct Report {
     threshold: f64,
@@ -92,22 +66,6 @@ struct Report {
     times: Vec<times::Row>,
     ablation: Vec<ablation::Row>,
     scale: Vec<scale::Row>,
-}
-
-/// A still as it is asked about.
-struct Question {
-    still: Still,
-    truth: Truth,
-    frame: RgbdFrame,
-    features: Vec<DescribedFeature>,
-    /// Which learned thing it shows; `None`: none.
-    number: Option<usize>,
-}
-
-/// A learned thing.
-struct Learned {
-    stored: StoredObject,
-    truth: Truth,
 }
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
@@ -203,6 +161,7 @@ fn known_or_learned(
     Ok(Some(Learned { stored, truth: Truth::read(recording)? }))
 }
 
+/// Learns a thing from its recording; `None` where nothing moves.
 fn learn(
     thing: &str,
     source: &str,
@@ -219,6 +178,69 @@ fn learn(
 /// The stage in which further shortlists are gone through.
 const FURTHER: &str = "further";
 
+/// What the library recognises in a still, and how long each stage takes.
+fn recognise_timed(
+    scene: &Scene,
+    library: &Library,
+    config: &SkillConfig,
+    times: &mut StageTimes,
+) -> Outcome<Recognition> {
+    let mut lists =
+        times.measure("shortlist", || library.shortlists(scene, &config.recognise))?.into_iter();
+    let compare = |listed: Vec<usize>| {
+        library.recognise_listed(scene, &listed, &config.recognise, config.seed)
+    };
+    let first = lists.next().unwrap_or_default();
+    let mut recognition = times.measure("compare", || compare(first))?;
+    for listed in lists {
+        if recognition.matches.is_empty() {
+            recognition = times.measure(FURTHER, || compare(listed))?;
+        }
+    }
+    Ok(recognition)
+}
+
+/// What each object scores in a still, whatever it shows.
+struct PairScores {
+    /// Of the right object.
+    own: Option<Recognised>,
+    /// The best of the wrong objects, with its name.
+    wrong: Option<(String, f64)>,
+}
+
+/// Looks for every object in a still; scores of wrong pairs are added to `wrong_scores`.
+fn pair_scores(
+    still: &Still,
+    scene: &Scene,
+    library: &Library,
+    config: &SkillConfig,
+    wrong_scores: &mut Vec<f64>,
+) -> Outcome<PairScores> {
+    let all: Vec<(String, Option<Recognised>)> = (0..library.len())
+        .into_par_iter()
+        .map(|number| {
+            let object = library.object(number)?;
+            let found = find(scene, &object, &config.recognise, config.seed);
+            Ok((object.model.object.clone(), found))
+        })
+        .collect::<Result<_, StoreError>>()?;
+    let mut scores = PairScores { own: None, wrong: None };
+    for (name, found) in all {
+        if still.shows == Shows::Known && name == still.thing {
+            scores.own = found;
+            continue;
+        }
+        let score = found.map_or(0.0, |f| f.score);
+        tracing::debug!(still = still.name, object = name, score, "wrong pair");
+        wrong_scores.push(score);
+        if scores.wrong.as_ref().is_none_or(|(_, s)| score > *s) {
+            scores.wrong = Some((name, score));
+        }
+    }
+    Ok(scores)
+}
+
+/// Asks about one still.
 fn look(
     still: &Still,
     recording: &Path,
@@ -231,40 +253,9 @@ fn look(
     let frame = last_frame(&recording.display().to_string())?;
     let mut times = StageTimes::default();
     let scene = times.measure("describe", || Scene::new(&frame))?;
-    let mut lists =
-        times.measure("shortlist", || library.shortlists(&scene, &config.recognise))?.into_iter();
-    let compare = |listed: Vec<usize>| {
-        library.recognise_listed(&scene, &listed, &config.recognise, config.seed)
-    };
-    let first = lists.next().unwrap_or_default();
-    let mut recognition = times.measure("compare", || compare(first))?;
-    for listed in lists {
-        if recognition.matches.is_empty() {
-            recognition = times.measure(FURTHER, || compare(listed))?;
-        }
-    }
+    let recognition = recognise_timed(&scene, library, config, &mut times)?;
     let milliseconds = times.iter().map(|(stage, t)| (stage, t.as_secs_f64() * 1e3)).collect();
-    let all: Vec<(String, Option<Recognised>)> = (0..library.len())
-        .into_par_iter()
-        .map(|number| {
-            let object = library.object(number)?;
-            let found = find(&scene, &object, &config.recognise, config.seed);
-            Ok((object.model.object.clone(), found))
-        })
-        .collect::<Result<_, StoreError>>()?;
-    let (mut own, mut wrong): (Option<Recognised>, Option<(String, f64)>) = (None, None);
-    for (name, found) in all {
-        if still.shows == Shows::Known && name == still.thing {
-            own = found;
-            continue;
-        }
-        let score = found.map_or(0.0, |f| f.score);
-        tracing::debug!(still = still.name, object = name, score, "wrong pair");
-        wrong_scores.push(score);
-        if wrong.as_ref().is_none_or(|(_, s)| score > *s) {
-            wrong = Some((name, score));
-        }
-    }
+    let PairScores { own, wrong } = pair_scores(still, &scene, library, config, wrong_scores)?;
     let reported: Vec<String> = recognition.matches.iter().map(|m| m.object.clone()).collect();
     let demonstrated = learned.iter().find(|l| l.stored.model.object == still.thing);
     let precision = match (recognition.matches.first(), demonstrated) {
@@ -292,42 +283,6 @@ fn look(
         milliseconds,
     };
     Ok((row, scene))
-}
-
-/// Things stand where they were demonstrated: the demonstration's first camera is the object
-/// frame.
-fn precision(found: &Recognised, truth: &Truth, demonstrated: &Truth) -> Option<Precision> {
-    let world_from_camera = pose_from_array(truth.world_from_camera.last()?)?;
-    let world_from_object = pose_from_array(demonstrated.world_from_camera.first()?)?;
-    let camera_from_object = world_from_camera.inverse() * world_from_object;
-    let off = camera_from_object.inverse() * pose_from_array(&found.camera_from_object)?;
-    let base = truth.parts.first()?;
-    let base_at = camera_from_object.inverse()
-        * pose_from_array(base.camera_from_part.last()?)?
-        * Point3::from(base.centroid);
-    let axis_cm = found
-        .joints
-        .iter()
-        .filter(|j| j.kind == linkage_skill::object::joint_geometry::JointKind::Revolute)
-        .filter_map(|j| {
-            let place = Point3::from(j.origin);
-            truth
-                .joints
-                .iter()
-                .map(|t| {
-                    let (o, a) = (Point3::from(t.origin_last), Vector3::from(t.axis_last));
-                    100.0 * distance_to_line(&o, &a, &place)
-                })
-                .min_by(f64::total_cmp)
-        })
-        .collect();
-    Some(Precision {
-        base_deg: off.rotation.angle().to_degrees(),
-        base_known: found.base_known,
-        base_cm: 100.0 * (off * base_at - base_at).norm(),
-        joints: configuration_scores(found, truth, demonstrated),
-        axis_cm,
-    })
 }
 
 fn print_row(row: &Row) {

@@ -1,7 +1,7 @@
 //! How far the shortlist carries: the learned things among many made-up ones.
 
-use super::Question;
-use crate::commands::Outcome;
+use super::question::Question;
+use crate::outcome::Outcome;
 use anyhow::{Context, anyhow};
 use linkage_skill::math::robust::median;
 use linkage_skill::object::appearance::{Appearance, ModelFeature};
@@ -42,9 +42,9 @@ pub struct Row {
 struct StoreTimes {
     /// To be opened and made ready for the first picture.
     opening: f64,
-    /// The shortlist of the first picture after that, for which what it needs is read,
+    /// The shortlist of the first picture after that, for which what it needs is read.
     first_shortlist: f64,
-    /// and the median over the others, each seen for the first time.
+    /// The median over the shortlists of the others, each seen for the first time.
     shortlist: f64,
     /// To take up one more object.
     insertion: f64,

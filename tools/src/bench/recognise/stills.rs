@@ -1,8 +1,8 @@
 //! What is looked at: things that were demonstrated, seen from elsewhere; the same shapes with
 //! another surface, the same surfaces with another shape, and other things of the same kinds.
 
-use crate::commands::Outcome;
 use crate::console::Progress;
+use crate::outcome::Outcome;
 use crate::simulate::{
     Scene, Shot, Take, add_common_clutter, instances, record, repainted, reproportioned, scene,
 };

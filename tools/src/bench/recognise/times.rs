@@ -1,7 +1,8 @@
 //! What a frame costs, from the picture to the answer, with few and with many objects known.
 
-use super::{Learned, Question, made_up};
-use crate::commands::Outcome;
+use super::question::{Learned, Question};
+use super::scale::made_up;
+use crate::outcome::Outcome;
 use linkage_skill::SkillConfig;
 use linkage_skill::learn::stage_times::StageTimes;
 use linkage_skill::math::robust::median;

@@ -1,8 +1,8 @@
 //! Opening a source as the command line asks for it.
 
-use super::{Failure, Outcome};
 use crate::cli::SourceArgs;
 use crate::interrupt;
+use crate::outcome::{Failure, Outcome};
 use linkage_driver::live::host_utime;
 use linkage_driver::{
     Awaited, Gate, PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions,

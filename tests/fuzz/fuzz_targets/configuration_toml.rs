@@ -6,7 +6,7 @@ use linkage_planner_bridge::Rig;
 use linkage_skill::SkillConfig;
 use std::io::Write;
 
-#[path = "../../tools/src/tags/places.rs"]
+#[path = "../../../tools/src/tags/places.rs"]
 #[allow(dead_code)] // what reads a file; here there is but text
 mod places;
 

@@ -1,6 +1,6 @@
 //! What commands write: whole or not at all.
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use anyhow::Context;
 use std::fs::{self, OpenOptions, Permissions};
 use std::io::{self, Write};

@@ -1,0 +1,144 @@
+//! Evidence for a state: its score, which parts are seen, and which configurations that tells.
+//!
+//! In: the verdict of the picture on a state, its inliers and its normal equations. Out: a score, the
+//! probability that the state is right, the parts of which something was itself seen, the joints of
+//! which both sides were, and the standard deviation of each configuration (rad or m).
+
+use super::config::RecogniseConfig;
+use super::hypothesis;
+use super::kinematics::{Articulated, ChainJoint, State};
+use super::matching::Match;
+use super::normal_equations::System;
+use super::verdict::Verdict;
+use crate::object::joint_geometry::JointKind;
+
+/// A state that was refined from a hypothesis, with what the picture says of it.
+pub struct RefinedPose {
+    /// Pose and configurations.
+    pub state: State,
+    /// What is explained, and how well, 0 to 1.
+    pub score: f64,
+    /// Matches that agree in space.
+    pub inliers: usize,
+    /// What the picture says.
+    pub verdict: Verdict,
+}
+
+/// A state of the object, with what can be told of it.
+pub struct Detection {
+    /// Pose and configurations, those included that are not told.
+    pub state: State,
+    /// What is explained, and how well, 0 to 1.
+    pub score: f64,
+    /// Matches that agree in space.
+    pub inliers: usize,
+    /// What the picture says.
+    pub verdict: Verdict,
+    /// Parts of which something seen tells where they are.
+    pub placed: Vec<bool>,
+    /// Joints whose configuration can be told.
+    pub evident: Vec<bool>,
+    /// Standard deviation of each joint's configuration, rad or m, where the picture tells it.
+    pub deviations: Vec<Option<f64>>,
+}
+
+/// A score is high enough for the object to be reported.
+pub fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
+    probability(score) >= config.min_score
+}
+
+/// [`Verdict::score`] of what the configuration asks for.
+pub fn score_of(verdict: &Verdict, inliers: usize, config: &RecogniseConfig) -> f64 {
+    let appearance = if config.compare_looks { verdict.appearance_score() } else { 1.0 };
+    let free_space = if config.check_free_space { verdict.free_space() } else { 1.0 };
+    let edges = if config.check_ends { verdict.edge_score() } else { 1.0 };
+    appearance * free_space * edges * verdict.agreement(inliers)
+}
+
+/// Parts of which something was itself seen, where the state puts it.
+pub fn placed_parts(
+    articulated: &Articulated,
+    matches: &[Match],
+    state: &State,
+    verdict: &Verdict,
+) -> Vec<bool> {
+    (0..articulated.parts)
+        .map(|part| {
+            let features = hypothesis::unique_inliers(articulated, matches, state, Some(part));
+            features >= 4 || verdict.parts[part].is_seen()
+        })
+        .collect()
+}
+
+/// A configuration is told when something on either side of the joint tells where it is.
+pub fn evident_joints(articulated: &Articulated, placed: &[bool]) -> Vec<bool> {
+    (0..articulated.joints.len())
+        .map(|j| {
+            let moved = articulated.moved_by(j);
+            let on = |side: bool| {
+                (0..articulated.parts).any(|p| placed[p] && moved.contains(&p) == side)
+            };
+            on(true) && on(false)
+        })
+        .collect()
+}
+
+/// Factor on the standard deviation that the residuals give: neighbouring surfels err alike, so
+/// that they count as fewer.
+const SCATTER_WORTH: f64 = 2.0;
+/// Least standard deviation of a hinge's configuration, radians: by so much the learned model and
+/// the camera err, however many surfels agree.
+const LEAST_TURN_DEVIATION: f64 = 0.008;
+/// Least standard deviation of a slide's configuration, metres.
+const LEAST_SLIDE_DEVIATION: f64 = 0.0015;
+
+/// Standard deviation of each configuration, by the normal equations at a state.
+pub fn configuration_deviations(articulated: &Articulated, system: &System) -> Vec<Option<f64>> {
+    let of_all = system.deviations();
+    let of_joint = |(joint, deviation): (&ChainJoint, &Option<f64>)| {
+        let least = match joint.geometry.kind {
+            JointKind::Prismatic => LEAST_SLIDE_DEVIATION,
+            _ => LEAST_TURN_DEVIATION,
+        };
+        deviation.map(|d| least.hypot(SCATTER_WORTH * d))
+    };
+    articulated.joints.iter().zip(&of_all[6..]).map(of_joint).collect()
+}
+
+/// Share of right ones among the reports with a perfect score.
+const CEILING: f64 = 0.97;
+/// Score at which half of that share is right.
+const EVEN: f64 = 0.42;
+/// Steepness of the curve there.
+const STEEPNESS: f64 = 16.0;
+
+/// How often a state with this verdict's score is right: a logistic curve through the pairs of
+/// `bench --suite recognise`, which prints how well it holds.
+pub fn probability(score: f64) -> f64 {
+    CEILING / (1.0 + (-STEEPNESS * (score - EVEN)).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::{Point3, Vector3};
+
+    #[test]
+    fn a_better_verdict_is_more_probable_and_none_is_certain() {
+        let at = |score| probability(score);
+        assert!(at(0.0) < 0.002 && at(0.2) < 0.05);
+        assert!((1..=100).all(|i| at(f64::from(i) / 100.0) > at(f64::from(i - 1) / 100.0)));
+        assert!(at(1.0) < 0.98);
+    }
+
+    #[test]
+    fn a_joint_is_evident_where_something_on_either_side_of_it_is_seen() {
+        let hinge = || JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
+        let joint = |parts| ChainJoint::new(hinge(), parts, [0.0, 1.0]);
+        let articulated = Articulated { parts: 3, joints: vec![joint([0, 1]), joint([1, 2])] };
+        assert_eq!(evident_joints(&articulated, &[true, false, true]), [true, true]);
+        assert_eq!(evident_joints(&articulated, &[true, true, false]), [true, false]);
+        assert_eq!(evident_joints(&articulated, &[false, true, false]), [false, false]);
+    }
+}

@@ -1,0 +1,304 @@
+//! The search for one object in a scene.
+//!
+//! In: a scene and a known object. Out: what of the object can be told, as a [`Detection`], or
+//! several where things of one class stand side by side. The steps: distinct matches of features;
+//! hypotheses of each part's pose from matches that agree in space; refinement of the best
+//! hypotheses; verification of each refined state by the picture; choice of the best state; decision
+//! which of its configurations are told. Without depth, PnP takes the place of the first steps.
+
+use super::ambiguity::withdraw_ambiguous;
+use super::config::RecogniseConfig;
+use super::elimination::add_by_elimination;
+use super::evidence::{
+    Detection, RefinedPose, configuration_deviations, evident_joints, is_believed, placed_parts,
+    score_of,
+};
+use super::hypothesis::{self, Hypothesis};
+use super::kinematics::Articulated;
+use super::known_object::KnownObject;
+use super::matching::{Compared, Match};
+use super::occupied_space::{OccupiedVoxels, places_of};
+use super::pnp;
+use super::refine::{self, Refiner};
+use super::result::{Recognised, report};
+use super::scene::Scene;
+use super::verify::verify;
+use crate::math::rigid::Pose;
+
+/// Share of the surface of one thing that may lie where another thing stands.
+const MAX_SHARED: f64 = 0.3;
+
+/// One object looked for in a scene.
+pub struct ObjectSearch<'l> {
+    scene: &'l Scene,
+    object: &'l KnownObject,
+    config: &'l RecogniseConfig,
+    seed: u64,
+    articulated: Articulated,
+    compared: Compared,
+    /// Matches that are distinct.
+    distinct: Vec<Match>,
+    /// Hypotheses that were refined.
+    tried: TriedPoses,
+    /// The best of them.
+    found: Option<Detection>,
+}
+
+impl<'l> ObjectSearch<'l> {
+    /// Looks for the object by its distinct matches.
+    pub fn by_distinct_matches(
+        scene: &'l Scene,
+        object: &'l KnownObject,
+        config: &'l RecogniseConfig,
+        seed: u64,
+    ) -> Self {
+        let articulated = Articulated::new(&object.model);
+        let compared = Compared::new(&scene.features, scene.queries(), &object.table);
+        let distinct = compared.distinct(|_| true, config);
+        tracing::debug!(
+            object = object.model.object,
+            features = scene.features.len(),
+            distinct = distinct.len(),
+            of_base = distinct.iter().filter(|m| m.part == 0).count(),
+            "matched"
+        );
+        let mut tried = TriedPoses::default();
+        let search = Self {
+            scene,
+            object,
+            config,
+            seed,
+            articulated,
+            compared,
+            distinct,
+            tried: TriedPoses::default(),
+            found: None,
+        };
+        let found = search.detect(&search.distinct, config, &mut tried);
+        Self { tried, found, ..search }
+    }
+
+    /// Something was found whose score is high enough.
+    pub fn is_recognised(&self) -> bool {
+        self.found.as_ref().is_some_and(|f| is_believed(f.score, self.config))
+    }
+
+    /// What was found, whatever its score, as it is reported.
+    pub fn best(&self) -> Option<Recognised> {
+        self.found.as_ref().map(|found| report(self.object, &self.articulated, found))
+    }
+
+    /// Looks for the object by all matches. Paint that repeats has its like elsewhere: of 40 matches
+    /// that are right two may be distinct. As more agree by chance, nothing is forgiven for being
+    /// hidden, and a joint has to show.
+    pub fn retry_with_all_matches(&mut self) {
+        if !self.config.try_all_matches || !self.scene.has_depth() {
+            return;
+        }
+        let all = self.compared.all();
+        let mut tried = std::mem::take(&mut self.tried);
+        let by_all = self.refiner(&all, self.config);
+        let best = best_pose(&by_all, self.config.min_inliers + 1, &mut tried, self.seed);
+        let found = best.map(|best| {
+            let score = best.score * best.verdict.visible_ratio();
+            let by_distinct = self.refiner(&self.distinct, self.config);
+            decide(&by_distinct, RefinedPose { score, ..best })
+        });
+        self.tried = tried;
+        let is_certain =
+            |f: &Detection| is_believed(f.score, self.config) && f.evident.contains(&true);
+        if let Some(found) = found.filter(is_certain) {
+            self.found = Some(found);
+        }
+    }
+
+    /// What was recognised, and further things of the same class, and the best score below the
+    /// threshold. Each next one is looked for where none of those before it stands. As pieces of
+    /// room may look alike, a further one must show both sides of a joint and half as many inliers
+    /// as the first.
+    pub fn same_class_instances(mut self) -> (Vec<Recognised>, f64) {
+        let Some(first) = self.found.take() else { return (Vec::new(), 0.0) };
+        let mut config = self.config.clone();
+        config.min_inliers = config.min_inliers.max(first.inliers.div_ceil(2));
+        let (mut occupied, mut all) = (OccupiedVoxels::default(), Vec::new());
+        let mut next = Some(first);
+        while let Some(found) = next.take() {
+            let recognised = report(self.object, &self.articulated, &found);
+            if recognised.score < config.min_score {
+                return (all, recognised.score);
+            }
+            let places = places_of(&self.object.cloud, &self.articulated, &found.state);
+            let is_further = found.evident.contains(&true) && occupied.share(&places) <= MAX_SHARED;
+            if !all.is_empty() && !is_further {
+                break;
+            }
+            occupied.add(&places);
+            all.push(recognised);
+            if all.len() < config.max_of_a_make && self.scene.has_depth() {
+                let left = self.compared.distinct(|place| !occupied.holds(place), &config);
+                next = self.detect(&left, &config, &mut TriedPoses::default());
+            }
+        }
+        (all, 0.0)
+    }
+
+    /// The best explanation of the scene by matches; where there is no depth, by where they lie in
+    /// the picture.
+    fn detect(
+        &self,
+        matches: &[Match],
+        config: &RecogniseConfig,
+        tried: &mut TriedPoses,
+    ) -> Option<Detection> {
+        let found = if self.scene.has_depth() {
+            let refiner = self.refiner(matches, config);
+            best_pose(&refiner, config.min_inliers.saturating_sub(1), tried, self.seed)
+                .map(|best| decide(&refiner, best))
+        } else {
+            pnp::find(self.scene, &self.articulated, &self.object.cloud, matches)
+        }?;
+        tracing::debug!(
+            object = self.object.model.object,
+            score = found.score,
+            inliers = found.inliers,
+            verdict = ?found.verdict,
+            placed = ?found.placed,
+            evident = ?found.evident,
+            "candidate"
+        );
+        Some(found)
+    }
+
+    fn refiner<'r>(&'r self, matches: &'r [Match], config: &'r RecogniseConfig) -> Refiner<'r> {
+        let KnownObject { cloud, coarse, .. } = self.object;
+        Refiner {
+            scene: self.scene,
+            articulated: &self.articulated,
+            cloud,
+            coarse,
+            matches,
+            config,
+        }
+    }
+}
+
+/// Poses of parts that were refined already: none is refined twice.
+#[derive(Default)]
+struct TriedPoses(Vec<(usize, Pose)>);
+
+/// Poses of one part that are no farther apart, in metres, lead to one state.
+const SAME_PLACE_M: f64 = 0.05;
+/// The same for their rotation, radians.
+const SAME_TURN: f64 = 0.2;
+
+impl TriedPoses {
+    fn add(&mut self, part: usize, camera_from_part: Pose) {
+        self.0.push((part, camera_from_part));
+    }
+
+    fn contains(&self, part: usize, camera_from_part: &Pose) -> bool {
+        self.0.iter().any(|(tried_part, tried)| {
+            let apart = tried.inverse() * camera_from_part;
+            *tried_part == part
+                && apart.translation.vector.norm() < SAME_PLACE_M
+                && apart.rotation.angle() < SAME_TURN
+        })
+    }
+}
+
+/// Share of the matches that agree with one state from which another may be the better one.
+const SHARE_OF_MOST: f64 = 0.4;
+
+/// The best state that hypotheses lead to, of those that were not tried before. Where far more
+/// matches agree on another, the picture shows something else that has the learned paint.
+fn best_pose(
+    refiner: &Refiner,
+    mut least_support: usize,
+    tried: &mut TriedPoses,
+    seed: u64,
+) -> Option<RefinedPose> {
+    let Refiner { articulated, matches, config, .. } = *refiner;
+    let hypotheses = hypothesis::all(articulated, matches, seed);
+    let most_support = hypotheses.first().map_or(0, |h| h.support);
+    tracing::debug!(hypotheses = hypotheses.len(), best = most_support, "hypotheses");
+    let mut count = 0;
+    let mut best: Option<(f64, RefinedPose)> = None;
+    for hypothesis in &hypotheses {
+        if count == config.hypotheses || hypothesis.support < least_support {
+            break;
+        }
+        let (part, camera_from_part) = (hypothesis.part, hypothesis.camera_from_part);
+        if tried.contains(part, &camera_from_part) {
+            continue;
+        }
+        tried.add(part, camera_from_part);
+        count += 1;
+        let Some(refined) = refined_and_verified(refiner, hypothesis) else { continue };
+        if is_believed(refined.score, config) {
+            let poses = articulated.poses(&refined.state);
+            poses.into_iter().enumerate().for_each(|(part, pose)| tried.add(part, pose));
+            least_support = least_support.max((SHARE_OF_MOST * refined.inliers as f64) as usize);
+        }
+        // A small piece of the room may look better than all of the object does in poor light:
+        // what counts is how much is explained, and how well.
+        let explained = refined.score * refine::explained(&refined.verdict, refined.inliers);
+        if best.as_ref().is_none_or(|(most, _)| explained > *most) {
+            best = Some((explained, refined));
+        }
+    }
+    let least = config.min_inliers.max((SHARE_OF_MOST * most_support as f64) as usize);
+    best.map(|(_, best)| best).filter(|b| b.inliers >= least)
+}
+
+/// The state that a hypothesis leads to, and what the picture says of it; `None` where another thing
+/// is seen in its place.
+fn refined_and_verified(refiner: &Refiner, hypothesis: &Hypothesis) -> Option<RefinedPose> {
+    let Refiner { scene, articulated, cloud, config, .. } = *refiner;
+    let matches = &hypothesis::within_reach(articulated, refiner.matches, &hypothesis.state)[..];
+    let state = Refiner { matches, ..*refiner }.settle(hypothesis)?;
+    let inliers = hypothesis::unique_inliers(articulated, matches, &state, None);
+    let verdict = verify(scene, articulated, cloud, &state);
+    let score = score_of(&verdict, inliers, config);
+    let (part, support) = (hypothesis.part, hypothesis.support);
+    tracing::debug!(part, support, inliers, score, q = ?state.q, ?verdict, "refined");
+    Some(RefinedPose { state, score, inliers, verdict })
+}
+
+/// Decides what of a state can be told.
+fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
+    let Refiner { scene, articulated, cloud, config, .. } = *refiner;
+    let RefinedPose { state, score, inliers, verdict } = refined;
+    let placed = placed_parts(articulated, refiner.matches, &state, &verdict);
+    let evident = evident_joints(articulated, &placed);
+    let deviations = configuration_deviations(articulated, &refiner.system(&state));
+    let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
+    if config.check_rivals && is_believed(found.score, config) {
+        withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
+    }
+    if config.eliminate && is_believed(found.score, config) {
+        add_by_elimination(scene, articulated, cloud, &mut found);
+    }
+    if !found.evident.contains(&true) {
+        found.score *= found.verdict.articulation_evidence(articulated);
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    #[test]
+    fn a_pose_near_one_that_was_tried_is_not_tried_again() {
+        let at = |x: f64, turn: f64| {
+            let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
+            Pose::from_parts(Vector3::new(x, 0.0, 1.0).into(), rotation)
+        };
+        let mut tried = TriedPoses::default();
+        tried.add(1, at(0.0, 0.0));
+        assert!(tried.contains(1, &at(0.04, 0.1)));
+        assert!(!tried.contains(1, &at(0.06, 0.0)) && !tried.contains(1, &at(0.0, 0.3)));
+        assert!(!tried.contains(0, &at(0.0, 0.0)));
+    }
+}

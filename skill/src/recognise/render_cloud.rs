@@ -1,0 +1,262 @@
+//! The object's surface, and which of it the camera should see in a state.
+//!
+//! In: a learned appearance (object frame, every joint at configuration 0, metres) and the pose of
+//! each part in the camera frame. Out: the visible surfels, each with its pixel, found by a coarse
+//! depth buffer (z-buffer) per part. The surfels are grouped in patches, within which colour is
+//! compared.
+
+use super::scene::Scene;
+use crate::math::extremes::smaller;
+use crate::math::rigid::{Pose, matrix_pose};
+use crate::object::appearance::{Appearance, Edge};
+use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
+
+/// An object's surface.
+pub struct Cloud {
+    /// Part, place and normal at configuration 0, colour.
+    pub surfels: Vec<CloudPoint>,
+    /// The patch of each surfel.
+    pub patches: Vec<usize>,
+    /// The part of each patch.
+    pub part_of_patch: Vec<usize>,
+    /// Where its parts are known to end; none of a thinned cloud.
+    pub edges: Vec<KnownEdge>,
+}
+
+/// Surfels for which one stands in a thinned cloud.
+const THINNING: usize = 3;
+
+/// One surfel.
+#[derive(Clone, Copy)]
+pub struct CloudPoint {
+    /// Part.
+    pub part: usize,
+    /// Place.
+    pub point: Point3<f64>,
+    /// Normal.
+    pub normal: Vector3<f64>,
+    /// L*a*b*.
+    pub lab: [f32; 3],
+}
+
+impl Cloud {
+    /// Unpacks an appearance.
+    pub fn new(appearance: &Appearance) -> Self {
+        let wide = |a: [f32; 3]| Vector3::from(a).map(f64::from);
+        let surfels = appearance.surfels.iter().map(|s| CloudPoint {
+            part: usize::from(s.part),
+            point: Point3::from(wide(s.point)),
+            normal: wide(s.normal),
+            lab: s.lab,
+        });
+        Self { edges: edges_of(appearance), ..Self::of(surfels.collect()) }
+    }
+
+    /// Of surfels.
+    pub fn of(surfels: Vec<CloudPoint>) -> Self {
+        let mut part_of_patch = Vec::new();
+        let mut in_cells: HashMap<_, Vec<Side>> = HashMap::new();
+        let patch_of = |s: &CloudPoint| {
+            let cell = [s.point.x, s.point.y, s.point.z].map(|x| (x / PATCH_M).floor() as i32);
+            let sides = in_cells.entry((s.part, cell)).or_default();
+            if let Some(side) = sides.iter().find(|side| side.normal.dot(&s.normal) > SAME_SIDE) {
+                return side.patch;
+            }
+            let patch = part_of_patch.len();
+            sides.push(Side { normal: s.normal, patch });
+            part_of_patch.push(s.part);
+            patch
+        };
+        let patches = surfels.iter().map(patch_of).collect();
+        Self { patches, part_of_patch, surfels, edges: Vec::new() }
+    }
+
+    /// Every few surfels of each part: enough to compare configurations by.
+    pub fn thinned(&self) -> Self {
+        Self::of(self.surfels.iter().copied().step_by(THINNING).collect())
+    }
+}
+
+/// A surfel placed in the picture, visible if nothing of the object hides it.
+#[derive(Clone, Copy)]
+pub struct Placed {
+    /// Index in the cloud.
+    pub index: usize,
+    /// Part.
+    pub part: usize,
+    /// Place in the camera frame.
+    pub point: Point3<f64>,
+    /// Normal in the camera frame.
+    pub normal: Vector3<f64>,
+    /// Pixel.
+    pub pixel: (usize, usize),
+    /// Cosine between the normal and the direction to the camera.
+    pub cosine: f64,
+}
+
+/// Nearer than this no depth camera sees, metres.
+pub const NEAREST_M: f64 = 0.3;
+/// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
+const BUFFER_PX: usize = 4;
+
+/// A coarse depth buffer of the part of the picture that an object covers.
+pub struct DepthBuffer {
+    first: (usize, usize),
+    columns: usize,
+    parts: usize,
+    /// By cell and part, the depth of the part's nearest surfel in the cell or those to its left
+    /// and right; infinite where there is none.
+    nearest: Vec<f32>,
+}
+
+impl DepthBuffer {
+    /// Each surfel fills its cell and those about it.
+    pub fn of(placed: &[Placed]) -> Self {
+        let (mut first, mut last) = ((usize::MAX, usize::MAX), (1, 1));
+        let mut parts = 0;
+        for p in placed {
+            let (u, v) = cell_of(p.pixel);
+            first = (first.0.min(u), first.1.min(v));
+            last = (last.0.max(u), last.1.max(v));
+            parts = parts.max(p.part + 1);
+        }
+        // A cell of margin about them, for what is beside them.
+        let first = (first.0.min(last.0) - 1, first.1.min(last.1) - 1);
+        let (columns, rows) = (last.0 + 2 - first.0, last.1 + 2 - first.1);
+        let mut nearest = vec![f32::INFINITY; columns * rows * parts];
+        for p in placed {
+            let (u, v) = cell_of(p.pixel);
+            let cell = (v - first.1) * columns + u - first.0;
+            for cell in cell - 1..=cell + 1 {
+                let nearest = &mut nearest[cell * parts + p.part];
+                *nearest = smaller(*nearest, p.point.z as f32);
+            }
+        }
+        Self { first, columns, parts, nearest }
+    }
+
+    /// Depths of a part's nearest surfel at a pixel, and of that of any other part; infinite where
+    /// there is none.
+    pub fn nearest(&self, pixel: (usize, usize), part: usize) -> (f64, f64) {
+        let (mut own, mut other) = (f32::INFINITY, f32::INFINITY);
+        let (u, v) = cell_of(pixel);
+        let column = u.checked_sub(self.first.0).filter(|column| *column < self.columns);
+        for row in v - 1..=v + 1 {
+            let Some((row, column)) = row.checked_sub(self.first.1).zip(column) else { continue };
+            let from = (row * self.columns + column) * self.parts;
+            let by_part = self.nearest.get(from..from + self.parts).unwrap_or(&[]);
+            for (owner, z) in by_part.iter().enumerate() {
+                let nearest = if owner == part { &mut own } else { &mut other };
+                *nearest = smaller(*nearest, *z);
+            }
+        }
+        (f64::from(own), f64::from(other))
+    }
+}
+
+/// Counted from 1, so that each has neighbours.
+fn cell_of(pixel: (usize, usize)) -> (usize, usize) {
+    (pixel.0 / BUFFER_PX + 1, pixel.1 / BUFFER_PX + 1)
+}
+
+/// Surfels of a state that the camera should see. Where two parts claim one place, only the
+/// nearer one counts: what is seen there is no evidence for the other.
+pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
+    let camera = &scene.frame.camera;
+    let poses: Vec<_> = poses.iter().map(matrix_pose).collect();
+    let mut placed = Vec::with_capacity(cloud.surfels.len());
+    for (index, s) in cloud.surfels.iter().enumerate() {
+        let pose = &poses[s.part];
+        let point = pose * s.point;
+        if point.z < NEAREST_M {
+            continue;
+        }
+        let Some(pixel) = camera.project(&point).filter(|p| camera.sees(p, 2.0)) else { continue };
+        let pixel = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
+        let normal = pose * s.normal;
+        let cosine = -normal.dot(&point.coords) / point.coords.norm();
+        placed.push(Placed { index, part: s.part, point, normal, pixel, cosine });
+    }
+    let buffer = DepthBuffer::of(&placed);
+    placed.retain(|p| {
+        let slack = 0.03 + 0.02 * (1.0 - p.cosine.clamp(0.0, 1.0));
+        let (own, other) = buffer.nearest(p.pixel, p.part);
+        p.cosine > 0.2 && p.point.z <= own + slack && p.point.z <= other + 0.005
+    });
+    placed
+}
+
+/// An edge of a part's surface, in the object frame at configuration 0, metres.
+#[derive(Clone, Copy)]
+pub struct KnownEdge {
+    /// The part.
+    pub part: usize,
+    /// A place on its surface.
+    pub surface: Point3<f64>,
+    /// The unit normal there.
+    pub normal: Vector3<f64>,
+    /// A place in the tangent plane, just outside the surface, where nothing is.
+    pub beyond: Point3<f64>,
+    /// Configurations of the part's joint for which nothing is there.
+    pub configurations: [f64; 2],
+}
+
+/// The edges of an appearance.
+fn edges_of(appearance: &Appearance) -> Vec<KnownEdge> {
+    let known = |e: &Edge| KnownEdge {
+        part: usize::from(e.part),
+        surface: e.surface.map(f64::from).into(),
+        normal: e.normal.map(f64::from).into(),
+        beyond: e.beyond.map(f64::from).into(),
+        configurations: e.configurations.map(f64::from),
+    };
+    appearance.edges.iter().map(known).collect()
+}
+
+/// Side of a patch, a piece of a part's surface on which light falls evenly, metres. Two planks of
+/// different paint are two levels of light, and any two levels correlate: only what varies
+/// within a patch tells surfaces apart.
+const PATCH_M: f64 = 0.1;
+/// Least cosine between normals of one patch: around a corner light falls otherwise.
+const SAME_SIDE: f64 = 0.7;
+
+/// A patch and the normal of its first surfel.
+struct Side {
+    normal: Vector3<f64>,
+    patch: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_sides_of_an_edge_are_two_patches() {
+        let surfel = |normal| CloudPoint {
+            part: 0,
+            point: Point3::new(0.01, 0.01, 1.01),
+            normal,
+            lab: [50.0, 0.0, 0.0],
+        };
+        let slanted = Vector3::new(0.3, 0.0, -1.0).normalize();
+        let cloud = Cloud::of([-Vector3::z(), Vector3::x(), slanted].map(surfel).into());
+        assert_eq!(cloud.patches, [0, 1, 0]);
+    }
+
+    #[test]
+    fn a_surfel_behind_another_part_is_not_the_nearest_there() {
+        let placed = |part, z| Placed {
+            index: 0,
+            part,
+            point: Point3::new(0.0, 0.0, z),
+            normal: -Vector3::z(),
+            pixel: (100, 100),
+            cosine: 1.0,
+        };
+        let buffer = DepthBuffer::of(&[placed(0, 1.5), placed(1, 1.25)]);
+        assert_eq!(buffer.nearest((100, 100), 0), (1.5, 1.25));
+        assert_eq!(buffer.nearest((100, 100), 1), (1.25, 1.5));
+        assert_eq!(buffer.nearest((300, 100), 0), (f64::INFINITY, f64::INFINITY));
+    }
+}

@@ -1,0 +1,222 @@
+//! The answer of recognition, as it is reported: `linkage.recognition/1`.
+//!
+//! In: a [`Detection`]. Out: the object's pose and the line and configuration of each of its joints,
+//! in the camera frame, metres and radians; a configuration that nothing tells is `null`, with the
+//! reason.
+
+use super::evidence::{Detection, probability};
+use super::kinematics::Articulated;
+use super::known_object::KnownObject;
+use crate::math::rigid::{Pose, pose_to_array};
+use crate::object::joint_geometry::{JointGeometry, JointKind};
+use crate::object::model::ObjectModel;
+use nalgebra::UnitVector3;
+use serde::{Deserialize, Serialize};
+
+/// Name and version of the JSON form.
+pub const RECOGNITION_SCHEMA: &str = "linkage.recognition/1";
+
+/// A joint as it is now, in the camera frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointState {
+    /// Its name.
+    pub name: String,
+    /// Its kind.
+    #[serde(rename = "type")]
+    pub kind: JointKind,
+    /// Unit direction, camera frame.
+    pub axis: [f64; 3],
+    /// A point on it, camera frame, metres.
+    pub origin: [f64; 3],
+    /// Metres a turn, for screws; else 0 and left out.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub pitch: f64,
+    /// Configuration; `null` without evidence of its own.
+    pub configuration: Option<f64>,
+    /// Standard deviation of the configuration, rad or m; left out where it is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deviation: Option<f64>,
+    /// Why the configuration is `null`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Range seen in the demonstrations.
+    pub range: [f64; 2],
+}
+
+/// The value of [`Recognised::base_known`] where it is left out.
+pub fn yes() -> bool {
+    true
+}
+
+/// True where [`Recognised::base_known`] is left out.
+pub fn is_yes(known: &bool) -> bool {
+    *known
+}
+
+fn is_zero(pitch: &f64) -> bool {
+    *pitch == 0.0
+}
+
+impl JointState {
+    /// Its line, camera frame.
+    pub fn geometry(&self) -> JointGeometry {
+        JointGeometry {
+            kind: self.kind,
+            axis: UnitVector3::new_normalize(self.axis.into()),
+            origin: self.origin.into(),
+            pitch: self.pitch,
+        }
+    }
+}
+
+/// A recognised object.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recognised {
+    /// Its name.
+    pub object: String,
+    /// Probability that it is there, and there; reported above [`super::RecogniseConfig::min_score`].
+    pub score: f64,
+    /// Matches that agree in space.
+    pub inliers: usize,
+    /// Pose of the object frame.
+    pub camera_from_object: [f64; 7],
+    /// False where nothing tells where the base is, as where only parts are seen whose
+    /// configuration is not known: `camera_from_object` is then a guess, while the axes of the
+    /// joints that carry them are right. Left out where true.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub base_known: bool,
+    /// Its joints.
+    pub joints: Vec<JointState>,
+    /// Configurations that the pose goes with, those included that are not told; stays in the
+    /// program. Empty where they are not known.
+    #[serde(skip)]
+    pub assumed: Vec<f64>,
+}
+
+/// All that was recognised in a frame: `linkage.recognition/1`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recognition {
+    /// [`RECOGNITION_SCHEMA`].
+    pub schema: String,
+    /// Best first.
+    pub matches: Vec<Recognised>,
+    /// Best score of what is not believed; stays in the program.
+    #[serde(skip)]
+    pub best_refused: f64,
+}
+
+impl Recognition {
+    /// Wraps matches, best first.
+    pub fn new(mut matches: Vec<Recognised>) -> Self {
+        matches.sort_by(|a, b| b.score.total_cmp(&a.score));
+        Self { schema: RECOGNITION_SCHEMA.to_owned(), matches, best_refused: 0.0 }
+    }
+}
+
+/// Something tells where the base is, or a part from which told configurations lead to it.
+fn base_is_known(articulated: &Articulated, found: &Detection) -> bool {
+    let leads = |part: usize| {
+        (0..found.evident.len())
+            .all(|j| found.evident[j] || !articulated.moved_by(j).contains(&part))
+    };
+    (0..articulated.parts).any(|part| found.placed[part] && leads(part))
+}
+
+/// Why a joint's configuration is not told, as a sentence for a person.
+fn reason(
+    model: &ObjectModel,
+    articulated: &Articulated,
+    found: &Detection,
+    joint: usize,
+) -> String {
+    let moved = articulated.moved_by(joint);
+    let is_hidden =
+        |side: bool| (0..articulated.parts).all(|p| !found.placed[p] || moved.contains(&p) != side);
+    let name = |part: usize| model.parts[part].name.as_str();
+    let (parent, child) = (name(model.joints[joint].parent), name(model.joints[joint].child));
+    match (is_hidden(true), is_hidden(false)) {
+        (true, false) => format!("nothing seen of {child} tells where it is"),
+        (false, true) => format!("nothing seen of {parent} tells where it is"),
+        (true, true) => format!("nothing seen of {parent} and {child} tells where they are"),
+        (false, false) => format!("what is seen of {child} does not tell how far it has moved"),
+    }
+}
+
+/// A detection as it is reported.
+pub fn report(object: &KnownObject, articulated: &Articulated, found: &Detection) -> Recognised {
+    let motions = object.model.part_motions(&found.state.q);
+    let state_of = |joint: usize| {
+        // The line is carried by the parent, from where it was at configuration 0.
+        let camera_from_parent =
+            found.state.camera_from_object * motions[object.model.joints[joint].parent];
+        joint_state(&object.model, articulated, found, joint, &camera_from_parent)
+    };
+    Recognised {
+        object: object.model.object.clone(),
+        score: probability(found.score),
+        inliers: found.inliers,
+        camera_from_object: pose_to_array(&found.state.camera_from_object),
+        base_known: base_is_known(articulated, found),
+        joints: (0..object.model.joints.len()).map(state_of).collect(),
+        assumed: found.state.q.clone(),
+    }
+}
+
+/// One joint of a detection as it is reported.
+fn joint_state(
+    model: &ObjectModel,
+    articulated: &Articulated,
+    found: &Detection,
+    joint: usize,
+    camera_from_parent: &Pose,
+) -> JointState {
+    let learned = &model.joints[joint];
+    let line = learned.geometry().transformed(camera_from_parent);
+    let is_told = found.evident[joint];
+    JointState {
+        name: learned.name.clone(),
+        kind: learned.kind,
+        axis: line.axis.into_inner().into(),
+        origin: line.origin.into(),
+        pitch: line.pitch,
+        configuration: is_told.then_some(found.state.q[joint]),
+        deviation: is_told.then_some(found.deviations[joint]).flatten(),
+        reason: (!is_told).then(|| reason(model, articulated, found, joint)),
+        range: learned.range,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recognise::kinematics::{ChainJoint, State};
+    use crate::recognise::verdict::Verdict;
+    use nalgebra::{Point3, Vector3};
+
+    /// Of a door and its frame, of which these are seen.
+    fn door(placed: [bool; 2]) -> (Articulated, Detection) {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
+        let joints = vec![ChainJoint::new(hinge, [0, 1], [0.0, 1.0])];
+        let found = Detection {
+            state: State { camera_from_object: Pose::identity(), q: vec![0.5] },
+            score: 1.0,
+            inliers: 20,
+            verdict: Verdict::default(),
+            placed: placed.to_vec(),
+            evident: vec![placed == [true; 2]],
+            deviations: vec![None],
+        };
+        (Articulated { parts: 2, joints }, found)
+    }
+
+    #[test]
+    fn the_base_is_known_where_it_is_seen_or_told_joints_lead_to_it() {
+        let is_known = |placed| {
+            let (articulated, found) = door(placed);
+            base_is_known(&articulated, &found)
+        };
+        assert!(is_known([true, false]) && is_known([true, true]));
+        // Only the door is seen, and how far it is open is not told.
+        assert!(!is_known([false, true]));
+    }
+}

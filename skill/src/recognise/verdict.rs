@@ -1,0 +1,309 @@
+//! What a picture says of a state, and how much of it speaks for the state.
+//!
+//! In: counts of surfels and correlations of colour, by part, from [`super::verify`]. Out: scores
+//! of 0 to 1 for appearance, free space, edges and agreement in depth, whose product is the score
+//! of the state; and the fit, in surfels, by which states of one object are compared. The limits
+//! are ours: chosen with `bench --suite recognise`.
+
+use super::edge_test::EdgeCounts;
+use super::kinematics::Articulated;
+use super::patch_colour::{PatchColours, correlation, texture};
+use super::render_cloud::Cloud;
+
+/// Worth, in surfels, of one at its depth whose colour tells nothing.
+const PLAIN_WORTH: f64 = 0.4;
+/// Worth, in surfels, of one whose colour varies just as learned.
+const TEXTURED_WORTH: f64 = 1.6;
+/// Correlation of colour that another surface has as often as the learned one in poor light.
+const CHANCE: f64 = 0.3;
+/// Surfels of a part that must be where a state claims them for the part to be there.
+const LEAST_STANDING: usize = 25;
+/// Surfels that one of the base counts for where it is seen through.
+const SEEN_THROUGH: f64 = 5.0;
+/// Share of a moving part's surface that is seen through where the part has another shape.
+const ANOTHER_SHAPE: f64 = 0.1;
+/// Surfels of a part from which its texture counts against it, and from which it counts in full.
+const ENOUGH_SURFACE: (f64, f64) = (100.0, 300.0);
+/// Correlation of a part that is another one, and of one that may be the learned one in poor light.
+const UNLIKE: (f64, f64) = (0.0, 0.25);
+/// Surfels of a part that are seen through at its edges, whatever its shape.
+const AT_EDGES: usize = 5;
+
+/// What the picture says of one part.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PartVerdict {
+    /// Surfels that agree in depth and normal.
+    pub agree: usize,
+    /// Surfels that are seen through.
+    pub through: usize,
+    /// Correlation of colour, -1 to 1; `None` with too little surface to tell.
+    pub correlation: Option<f64>,
+    /// How much the learned colour varies within patches, 0 to 1: how much a correlation says.
+    pub texture: f64,
+    /// What is beyond its edges.
+    pub edges: EdgeCounts,
+}
+
+impl PartVerdict {
+    /// The part's surface was seen where the state claims it, and it looks like it.
+    pub fn is_seen(&self) -> bool {
+        self.agree > 4 * self.through && self.agrees_in_all()
+    }
+
+    /// The part's surface was seen where the state claims it, whatever it looks like.
+    pub fn stands(&self) -> bool {
+        self.agree >= LEAST_STANDING && self.agree > 4 * self.through
+    }
+
+    /// Share of its surface that is seen through, but for its edges.
+    fn free_space_violation(&self) -> f64 {
+        let through = self.through.saturating_sub(AT_EDGES) as f64;
+        through / (self.agree as f64 + through).max(1.0)
+    }
+
+    /// Agreement in depth, in surfels: worth more where the surface also looks right and ends as
+    /// learned. Surface that has texture and looks like another one speaks against the state: any
+    /// plane agrees with any other in depth.
+    pub fn fit(&self) -> f64 {
+        let worth = self.correlation.map_or(PLAIN_WORTH, |correlation| {
+            let likeness = (correlation.max(0.0) - CHANCE) / (1.0 - CHANCE);
+            PLAIN_WORTH + self.texture * (TEXTURED_WORTH * likeness - PLAIN_WORTH)
+        });
+        let ends = self.edges.as_learned as f64 - self.edges.goes_on as f64;
+        self.agree as f64 * worth + ends - 2.0 * self.through as f64
+    }
+
+    /// Enough of its surface is where the state claims it, and its colour varies as learned.
+    fn agrees_in_all(&self) -> bool {
+        self.agree >= LEAST_STANDING && self.correlates()
+    }
+
+    /// Most of what should be seen of it is seen through.
+    pub fn is_missing(&self) -> bool {
+        self.through.saturating_sub(AT_EDGES) > self.agree
+    }
+
+    /// Its texture is more likely that of another thing.
+    pub fn has_other_texture(&self) -> bool {
+        self.texture_mismatch() > 0.5
+    }
+
+    /// 0 to 1: how much of it is where it should be and has texture, but another than the learned one.
+    fn texture_mismatch(&self) -> f64 {
+        let ramp = |x: f64, (from, to): (f64, f64)| ((x - from) / (to - from)).clamp(0.0, 1.0);
+        let unlike = self.correlation.map_or(0.0, |c| 1.0 - ramp(c, UNLIKE));
+        ramp(self.agree as f64, ENOUGH_SURFACE) * self.texture * unlike
+    }
+
+    /// Its colour varies as it should.
+    pub fn correlates(&self) -> bool {
+        self.correlation.is_some_and(|c| c > 0.4)
+    }
+}
+
+/// What the picture says of a state.
+#[derive(Debug, Clone, Default)]
+pub struct Verdict {
+    /// Visible surfels at pixels with depth, not hidden by something in front.
+    pub judged: usize,
+    /// Of those, at the right depth.
+    pub agree: usize,
+    /// Of those, with the right normal.
+    pub agree_normal: usize,
+    /// Surfels in front of what is seen: nothing is there.
+    pub through: usize,
+    /// Surfels behind something else.
+    pub hidden: usize,
+    /// Correlation of colour, -1 to 1.
+    pub correlation: f64,
+    /// By part.
+    pub parts: Vec<PartVerdict>,
+}
+
+impl Verdict {
+    /// Before anything is compared.
+    pub fn nothing_yet(parts: usize) -> Self {
+        Self { parts: vec![PartVerdict::default(); parts], ..Self::default() }
+    }
+
+    /// 0 to 1: appearance times agreement in depth times free space and ends, less for little
+    /// evidence.
+    pub fn score(&self, inliers: usize) -> f64 {
+        self.appearance_score() * self.free_space() * self.edge_score() * self.agreement(inliers)
+    }
+
+    /// How much it looks like the object, 0 to 1. What moved is the object's own: however well
+    /// the rest looks, a door of other paint is another door.
+    pub fn appearance_score(&self) -> f64 {
+        let worst =
+            self.parts.iter().skip(1).map(PartVerdict::texture_mismatch).fold(0.0, f64::max);
+        self.correlation.max(0.0) * (1.0 - worst)
+    }
+
+    /// Less than 1 where the state claims surface that is seen through. Of the base that may be
+    /// furniture; what moved is the object's own, and each part is judged by itself.
+    pub fn free_space(&self) -> f64 {
+        let of_base = self.parts.first().map_or(0, |p| p.through);
+        let worth = if self.is_known() { 1.0 } else { SEEN_THROUGH };
+        let base = worth * of_base as f64 / self.judged.max(1) as f64;
+        let worst =
+            self.parts.iter().skip(1).map(PartVerdict::free_space_violation).fold(0.0, f64::max);
+        (1.0 - base - worst / ANOTHER_SHAPE).max(0.0)
+    }
+
+    /// Less than 1 where a part goes on beyond the edges of the learned one.
+    pub fn edge_score(&self) -> f64 {
+        let all = self.parts.iter().enumerate().map(|(i, part)| part.edges.likeness(i == 0));
+        all.fold(1.0, f64::min)
+    }
+
+    /// Share of the surface that is where the state claims it, less where there is little of it
+    /// or few matches.
+    pub fn agreement(&self, inliers: usize) -> f64 {
+        let gone = if self.is_known() { self.parts[0].through } else { 0 };
+        self.agree as f64 / self.judged.saturating_sub(gone).max(1) as f64
+            * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
+            * (1.0 - (-(inliers as f64) / 3.0).exp())
+    }
+
+    /// Share of the surface that nothing else stands before.
+    pub fn visible_ratio(&self) -> f64 {
+        let forgiven = self.hidden.min(self.judged);
+        self.judged as f64 / (self.judged + forgiven).max(1) as f64
+    }
+
+    /// Correlations of all and of each part, from what was compared of each patch.
+    pub fn set_correlations(&mut self, cloud: &Cloud, colours: &[PatchColours]) {
+        self.correlation = correlation(colours).unwrap_or(0.0);
+        let of_parts = || cloud.part_of_patch.iter().zip(colours);
+        for (number, part) in self.parts.iter_mut().enumerate() {
+            let own: Vec<PatchColours> =
+                of_parts().filter(|p| *p.0 == number).map(|p| *p.1).collect();
+            part.correlation = correlation(&own);
+            part.texture = texture(&own);
+        }
+    }
+
+    /// 0 to 1: less where one side of every joint shows next to nothing, unless what moves is seen
+    /// to end as learned. Else a surface is seen, and no more than that it may be this object's.
+    pub fn articulation_evidence(&self, articulated: &Articulated) -> f64 {
+        let both_sides = (0..articulated.joints.len()).map(|joint| {
+            let moved = articulated.moved_by(joint);
+            let on = |side: bool| -> usize {
+                let own = |(part, _): &(usize, &PartVerdict)| moved.contains(part) == side;
+                self.parts.iter().enumerate().filter(own).map(|(_, p)| p.agree).sum()
+            };
+            on(true).min(on(false))
+        });
+        let ends: usize = self.parts.iter().skip(1).map(|part| part.edges.as_learned).sum();
+        let evidence = both_sides.max().unwrap_or(0) as f64 / 10.0 + ends as f64 / 20.0;
+        1.0 - 0.5 * (-evidence).exp()
+    }
+
+    /// Two parts look right, where the joints put them. What moved is the object's own, but of
+    /// the base some may be furniture that stood beside it: the object is there without it.
+    fn is_known(&self) -> bool {
+        self.parts.split_first().is_some_and(|(base, rest)| {
+            let moving = rest.iter().filter(|part| part.is_seen()).count();
+            moving + usize::from(base.agrees_in_all()) >= 2 && moving > 0
+        })
+    }
+
+    /// [`PartVerdict::fit`] of all parts, for comparing configurations.
+    pub fn fit(&self) -> f64 {
+        self.parts.iter().map(PartVerdict::fit).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::kinematics::ChainJoint;
+    use nalgebra::{Point3, Vector3};
+
+    fn part(agree: usize, through: usize) -> PartVerdict {
+        PartVerdict { agree, through, correlation: Some(0.9), ..PartVerdict::default() }
+    }
+
+    fn verdict(parts: Vec<PartVerdict>) -> Verdict {
+        let agree = parts.iter().map(|p| p.agree).sum();
+        let through: usize = parts.iter().map(|p| p.through).sum();
+        Verdict { judged: agree + through, agree, agree_normal: agree, parts, ..Verdict::default() }
+    }
+
+    #[test]
+    fn a_moving_part_that_is_seen_through_has_another_shape() {
+        let with_door = |through| verdict(vec![part(2000, 0), part(300, through)]).free_space();
+        assert_eq!(with_door(AT_EDGES), 1.0);
+        assert!(with_door(12) > 0.7);
+        assert!(with_door(30) < 0.3);
+        assert_eq!(with_door(60), 0.0);
+    }
+
+    #[test]
+    fn furniture_that_is_missing_counts_little_where_both_sides_are_seen() {
+        let gone = |door| verdict(vec![part(300, 100), door]).free_space();
+        assert!(gone(part(600, 0)) > 0.85);
+        assert!(gone(part(0, 0)) < 0.1);
+    }
+
+    #[test]
+    fn furniture_that_is_missing_counts_little_where_two_moving_parts_are_seen() {
+        let base = PartVerdict { correlation: Some(0.3), ..part(300, 300) };
+        let with = |others| verdict([vec![base], vec![part(500, 0); others]].concat());
+        assert_eq!(with(1).free_space(), 0.0);
+        assert!(with(2).free_space() > 0.7);
+    }
+
+    #[test]
+    fn a_moving_part_of_other_paint_is_another() {
+        let with_door = |door| Verdict { correlation: 0.8, ..verdict(vec![part(500, 0), door]) };
+        let painted = |agree, correlation, texture| {
+            with_door(PartVerdict { correlation, texture, ..part(agree, 0) }).appearance_score()
+        };
+        assert_eq!(painted(600, Some(0.4), 0.9), 0.8);
+        assert!(painted(600, Some(0.0), 0.9) < 0.1);
+        // A plain one says nothing, nor does what is hardly seen.
+        assert_eq!(painted(600, Some(0.0), 0.0), 0.8);
+        assert_eq!(painted(80, Some(0.0), 0.9), 0.8);
+        assert_eq!(painted(600, None, 0.0), 0.8);
+    }
+
+    #[test]
+    fn what_is_seen_in_place_of_a_part_may_be_another_thing() {
+        let looks = |correlation| PartVerdict { correlation, texture: 0.9, ..part(400, 0) };
+        assert!(looks(Some(0.05)).has_other_texture() && !looks(Some(0.2)).has_other_texture());
+        assert!(!looks(None).has_other_texture());
+        assert!(part(40, 60).is_missing() && !part(60, 40).is_missing());
+        assert!(!part(0, AT_EDGES).is_missing());
+    }
+
+    #[test]
+    fn what_is_hidden_is_told_apart_from_what_is_seen() {
+        let behind = |hidden| Verdict { judged: 600, hidden, ..Verdict::default() }.visible_ratio();
+        assert_eq!(behind(0), 1.0);
+        assert_eq!(behind(300), 2.0 / 3.0);
+        assert_eq!(behind(2000), 0.5);
+    }
+
+    #[test]
+    fn where_a_part_ends_speaks_for_it() {
+        let edges = EdgeCounts { as_learned: 30, goes_on: 0 };
+        assert!(PartVerdict { edges, ..part(500, 0) }.fit() > part(500, 0).fit());
+    }
+
+    #[test]
+    fn a_surface_alone_is_half_a_articulation_evidence() {
+        let geometry = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
+        let joints = vec![ChainJoint::new(geometry, [0, 1], [0.0, 1.0])];
+        let articulated = Articulated { parts: 2, joints };
+        let with_door =
+            |door| verdict(vec![part(500, 0), door]).articulation_evidence(&articulated);
+        assert_eq!(with_door(part(0, 0)), 0.5);
+        assert!(with_door(part(30, 0)) > 0.95);
+        let edges = EdgeCounts { as_learned: 60, goes_on: 0 };
+        let door = PartVerdict { edges, ..part(500, 0) };
+        assert!(verdict(vec![part(0, 0), door]).articulation_evidence(&articulated) > 0.95);
+    }
+}
