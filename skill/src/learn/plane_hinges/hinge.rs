@@ -63,11 +63,6 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// The line, without its range.
-    pub fn geometry(&self) -> JointGeometry {
-        JointGeometry::hinge(UnitVector3::new_normalize(self.axis), self.origin)
-    }
-
     /// The hinge of the planes that support the line, or of some of them.
     pub fn hinge(&self, patches: &[PlanePatch], support: &[usize]) -> Option<Hinge> {
         refined(patches, support, &self.axis, &self.origin)

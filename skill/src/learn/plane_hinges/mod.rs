@@ -24,7 +24,6 @@ use super::learned_joint::LearnedJoint;
 use super::recording::Recording;
 use crate::math::rigid::{distance_to_line, line_angle};
 use crate::math::robust::Moments;
-use crate::object::joint_geometry::JointGeometry;
 use crate::object::model::Joint;
 use config::PlanesConfig;
 use extend_range::{extend, extend_to};
@@ -54,9 +53,12 @@ pub fn complete(
     config: &PlanesConfig,
 ) -> Vec<LearnedJoint> {
     let mut plain: Vec<LearnedJoint> = Vec::new();
-    for part in search(&joints, recording, config) {
+    for part in search(recording, config) {
         let mut learned = part.to_learned(recording);
-        let is_known = |j: &LearnedJoint| !is_meagre(j, config) && moves_together(j, &learned);
+        let is_known = |j: &LearnedJoint| {
+            is_same_hinge(&j.joint, &learned.joint)
+                || !is_meagre(j, config) && moves_together(j, &learned)
+        };
         if !joints.iter().any(is_known) {
             extend_to(part.reach(), &mut learned, recording);
             plain.push(learned);
@@ -99,25 +101,22 @@ fn moves_together(a: &LearnedJoint, b: &LearnedJoint) -> bool {
 }
 
 /// Both are hinges about much the same line.
-fn is_same_hinge(tracked: &Joint, plain: &JointGeometry) -> bool {
+fn is_same_hinge(tracked: &Joint, plain: &Joint) -> bool {
     let axis = tracked.axis.into();
     tracked.kind == plain.kind
-        && line_angle(&axis, &plain.axis) < SAME_DIRECTION_RAD
-        && distance_to_line(&tracked.origin.into(), &axis, &plain.origin) < SAME_PLACE_M
+        && line_angle(&axis, &plain.axis.into()) < SAME_DIRECTION_RAD
+        && distance_to_line(&tracked.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE_M
 }
 
-/// Finds plain parts that turn, but for those about lines that tracks showed.
-fn search(joints: &[LearnedJoint], recording: &Recording, config: &PlanesConfig) -> Vec<PlainPart> {
+/// Finds plain parts that turn, those that tracks showed among them: what their planes explain must
+/// not suggest other parts.
+fn search(recording: &Recording, config: &PlanesConfig) -> Vec<PlainPart> {
     let mut patches = moving_patches(recording, Sampling::Coarse, None);
     let mut found = Vec::new();
     let mut followed = 0;
     'next: while followed < MOST_FOLLOWED {
         for candidate in candidates(&patches, MOST_FOLLOWED - followed) {
             followed += 1;
-            let line = candidate.geometry();
-            if joints.iter().any(|j| is_same_hinge(&j.joint, &line)) {
-                continue;
-            }
             if let Some(part) = follow_candidate(&candidate, &patches, recording, config) {
                 // What the plane of one part explains, no other joint needs to explain.
                 patches = without(patches, &part.support);
@@ -139,6 +138,7 @@ fn without(patches: Vec<PlanePatch>, places: &[usize]) -> Vec<PlanePatch> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::object::joint_geometry::JointGeometry;
     use nalgebra::{Point3, UnitVector3, Vector3};
 
     fn hinge(direction: [f64; 3], origin: [f64; 3]) -> JointGeometry {
@@ -160,7 +160,7 @@ mod tests {
 
     #[test]
     fn a_hinge_is_the_same_only_near_the_line_of_the_tracks() {
-        let plain = hinge([0.0, 1.0, 0.0], [0.3, 0.1, 2.5]);
+        let plain = Joint::of(&hinge([0.0, 1.0, 0.0], [0.3, 0.1, 2.5]));
         let tracked = |direction, origin| Joint::of(&hinge(direction, origin));
         assert!(is_same_hinge(&tracked([0.1, -1.0, 0.0], [0.35, 0.8, 2.5]), &plain));
         assert!(!is_same_hinge(&tracked([0.0, 1.0, 0.0], [0.9, 0.1, 3.0]), &plain), "elsewhere");
