@@ -29,9 +29,9 @@ impl Default for PlanesConfig {
             enabled: true,
             meagre_gain: 1000.0,
             min_keyframes: 8,
-            min_turn_rad: 0.2,
+            min_turn_rad: 0.35,
             max_rmse_m: 0.008,
-            max_through: 0.1,
+            max_through: 0.06,
             min_tells: 0.5,
         }
     }

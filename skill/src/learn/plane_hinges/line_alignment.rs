@@ -157,7 +157,7 @@ fn moved_line(line: &JointGeometry, step: &Vector4<f64>) -> JointGeometry {
     let (u, v) = orthonormal_basis(&line.axis);
     let axis = line.axis.into_inner() + u * step[0] + v * step[1];
     let origin = line.origin + u * step[2] + v * step[3];
-    JointGeometry { axis: UnitVector3::new_normalize(axis), origin, ..line.clone() }
+    JointGeometry { axis: UnitVector3::new_normalize(axis), origin, ..*line }
 }
 
 fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> DMatrix<f64> {

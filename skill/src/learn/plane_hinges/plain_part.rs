@@ -176,7 +176,7 @@ impl PlainPart {
 
     /// As a joint of the base; its configuration is known at the keyframes that show it.
     pub fn to_learned(&self, recording: &Recording) -> LearnedJoint {
-        let mut geometry = self.line.geometry.clone();
+        let mut geometry = self.line.geometry;
         let (frames, mut configuration): (Vec<usize>, Vec<f64>) =
             self.followed.shown(LEAST_SHOWN).map(|p| (p.frame, p.q)).unzip();
         orient(&mut geometry, &mut configuration);
