@@ -424,6 +424,17 @@ mod tests {
     }
 
     #[test]
+    fn a_short_slide_is_a_joint_where_it_rests_before_and_after() {
+        let slide = |q: fn(usize) -> f64| JointEstimate {
+            q: (0..FRAMES).map(q).collect(),
+            range: [0.0, 0.05],
+            ..drawer(1.0, 0.0)
+        };
+        assert!(is_accepted(&slide(|f| if f.abs_diff(50) < 25 { 0.05 } else { 0.0 })));
+        assert!(!is_accepted(&slide(|f| 0.025 + 0.025 * (0.3 * f as f64).sin())), "a trunk");
+    }
+
+    #[test]
     fn a_rejection_tells_what_was_found_and_what_is_allowed() {
         let said = |joint: &JointEstimate| decided(joint).unwrap_err().to_string();
         let with = |evidence: Evidence| JointEstimate { evidence, ..drawer(0.95, 0.0) };
@@ -447,7 +458,9 @@ mod tests {
             said(&follows),
             "97 % of its motion follows from its parent's; at most 85 % is allowed"
         );
-        let short = JointEstimate { range: [0.0, 0.01], ..drawer(0.95, 0.0) };
+        let sways = |f: usize| if f.is_multiple_of(2) { 0.01 } else { 0.0 };
+        let mut short = JointEstimate { range: [0.0, 0.01], ..drawer(0.95, 0.0) };
+        short.q = (0..FRAMES).map(sways).collect();
         assert_eq!(said(&short), "it slides by 0.010 m; at least 0.06 m is needed");
         let few = JointEstimate { members: vec![1, 2], ..drawer(0.95, 0.0) };
         assert_eq!(said(&few), "2 tracks follow it; at least 5 are needed");

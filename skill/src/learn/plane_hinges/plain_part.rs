@@ -19,7 +19,7 @@ const SAME_TURN_RAD: f64 = 0.12;
 /// How far beyond the planes' range a part is followed, radians: first a little. It is followed
 /// farther where that does not suffice, as a lid that leans against what is behind it has no plane
 /// there of its own.
-const BEYOND_RAD: [f64; 2] = [0.3, 1.6];
+const BEYOND_RAD: [f64; 2] = [0.1, 1.6];
 /// Share of the part's points that are found in a keyframe that shows it.
 const LEAST_SHOWN: f64 = 0.3;
 /// Share of the keyframes that must show it.
@@ -141,6 +141,7 @@ impl PlainPart {
         let [low, high] = self.followed.range(LEAST_SHOWN);
         tracing::debug!(
             planes = self.support.len(),
+            turn_of_planes = ?self.hinge.range(),
             turn = high - low,
             rmse = self.hinge.rmse,
             residual = self.line.rmse,
