@@ -79,34 +79,6 @@ const KNOWN: &[&[&str]] = &[
         "planner_bridge/src/service/publisher.rs",
         "planner_bridge/src/service/stream.rs",
     ],
-    // Learning: steps that import types which stand in the `mod.rs` that calls them.
-    &["skill/src/learn/ego_motion/mod.rs", "skill/src/learn/ego_motion/observation.rs"],
-    &[
-        "skill/src/learn/joint_search/candidates.rs",
-        "skill/src/learn/joint_search/mod.rs",
-        "skill/src/learn/joint_search/search.rs",
-        "skill/src/learn/joint_search/warm_start.rs",
-    ],
-    &[
-        "skill/src/learn/joint_search/estimate.rs",
-        "skill/src/learn/joint_search/tracks_in_part_frame.rs",
-    ],
-    &["skill/src/learn/katz/mod.rs", "skill/src/learn/katz/model.rs"],
-    &[
-        "skill/src/learn/paper/pose_optimisation/mod.rs",
-        "skill/src/learn/paper/pose_optimisation/relative_motion.rs",
-    ],
-    &[
-        "skill/src/learn/paper/segmentation/mod.rs",
-        "skill/src/learn/paper/segmentation/split_chains.rs",
-    ],
-    &[
-        "skill/src/learn/tracking/corners.rs",
-        "skill/src/learn/tracking/depth_lift.rs",
-        "skill/src/learn/tracking/mod.rs",
-        "skill/src/learn/tracking/thin.rs",
-        "skill/src/learn/tracking/tracker.rs",
-    ],
 ];
 
 /// A module of a package: the names that lead to it from the package's root.
@@ -173,7 +145,9 @@ fn circles_in(source: &Path) -> Vec<BTreeSet<PathBuf>> {
         let text = fs::read_to_string(file).expect("a source file is text");
         let imported = imported_modules(&text, module, &files);
         let others = imported.iter().filter_map(|path| file_of(path, &files));
-        let others = others.filter(|other| *other != file).cloned();
+        // What tests look at is made of what they test.
+        let others = others.filter(|other| *other != file && !other.ends_with("test_data.rs"));
+        let others = others.cloned();
         imports.entry(file.clone()).or_default().extend(others);
     }
     components(&imports).into_iter().filter(|component| component.len() > 1).collect()
