@@ -96,6 +96,16 @@ impl Following {
         most(&mut self.placed.iter()) && most(&mut self.placed.iter().rev())
     }
 
+    /// Largest change from one keyframe to the next, of keyframes that show it: what happens while it
+    /// is hidden counts by the keyframe.
+    pub fn largest_step(&self, least: f64) -> f64 {
+        let place = |p: &Placed| self.placed.binary_search_by_key(&p.frame, |o| o.frame).ok();
+        let shown: Vec<(usize, f64)> =
+            self.shown(least).filter_map(|p| Some((place(p)?, p.q))).collect();
+        let step = |w: &[(usize, f64)]| (w[1].1 - w[0].1).abs() / (w[1].0 - w[0].0) as f64;
+        shown.windows(2).map(step).fold(0.0, f64::max)
+    }
+
     /// It stands still for so many keyframes on end, as things do before and after they are moved
     /// and people do not. `still` is how far it may go meanwhile, radians or metres.
     pub fn rests(&self, keyframes: usize, still: f64) -> bool {
@@ -312,6 +322,13 @@ mod tests {
         }
         assert!(following.share_through() < 0.05 && following.share_shown(0.8) > 0.99);
         assert!(following.discriminability() > 0.4);
+    }
+
+    #[test]
+    fn a_surface_that_jumps_makes_a_large_step() {
+        let smooth = followed(&[0.0, 0.0, 0.1, 0.2, 0.3, 0.4, 0.4, 0.4]);
+        let jumps = followed(&[0.0, 0.0, 0.0, 0.0, 0.4, 0.4, 0.4, 0.4]);
+        assert!(smooth.largest_step(0.5) < 0.12 && jumps.largest_step(0.5) > 0.35);
     }
 
     #[test]

@@ -120,7 +120,9 @@ fn search(recording: &Recording, config: &PlanesConfig) -> Vec<PlainPart> {
             if let Some(part) = follow_candidate(&candidate, &patches, recording, config) {
                 // What the plane of one part explains, no other joint needs to explain.
                 patches = without(patches, &part.support);
-                found.push(part);
+                if !part.jumps() {
+                    found.push(part);
+                }
                 continue 'next;
             }
         }

@@ -28,6 +28,10 @@ const LEAST_KEYFRAMES: f64 = 0.7;
 const REST_KEYFRAMES: usize = 4;
 /// Turn that it may make meanwhile, radians.
 const REST_RAD: f64 = 0.03;
+/// Least turn between the planes of a part, radians: following alone does not make a hinge.
+const MIN_TURN_OF_PLANES_RAD: f64 = 0.25;
+/// Largest turn from one keyframe to the next, radians.
+const MAX_STEP_RAD: f64 = 1.3;
 /// Largest standard deviation of a line's place, metres. A robot must not pull about a line that is
 /// less known.
 const MAX_PLACE_SIGMA_M: f64 = 0.02;
@@ -120,6 +124,7 @@ impl PlainPart {
         let reasons = [
             (self.support.len() < config.min_keyframes, "few planes lie about the line"),
             (high - low < config.min_turn_rad, "it hardly turns"),
+            (self.turn_of_planes() < MIN_TURN_OF_PLANES_RAD, "its planes do not turn"),
             (self.hinge.rmse > config.max_rmse_m, "its planes do not keep their distance"),
             (
                 self.place_sigma() > MAX_PLACE_SIGMA_M,
@@ -137,11 +142,23 @@ impl PlainPart {
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
     }
 
+    /// It is seen here and then there, never between. Of a part that slides, or of two that look the
+    /// same, the planes seem to turn over.
+    pub fn jumps(&self) -> bool {
+        self.followed.largest_step(LEAST_SHOWN) > MAX_STEP_RAD
+    }
+
+    /// Turn between the planes that show it, radians.
+    fn turn_of_planes(&self) -> f64 {
+        let [low, high] = self.hinge.range();
+        high - low
+    }
+
     fn trace(&self, doubt: Option<&str>) {
         let [low, high] = self.followed.range(LEAST_SHOWN);
         tracing::debug!(
             planes = self.support.len(),
-            turn_of_planes = ?self.hinge.range(),
+            turn_of_planes = self.turn_of_planes(),
             turn = high - low,
             rmse = self.hinge.rmse,
             residual = self.line.rmse,
@@ -151,6 +168,7 @@ impl PlainPart {
             place_sigma = self.place_sigma(),
             axis = ?self.line.geometry.axis.as_slice(),
             origin = ?self.line.geometry.origin.coords.as_slice(),
+            jumps = self.jumps(),
             rejected = doubt.unwrap_or("no"),
             "plain hinge"
         );
