@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanesConfig {
-    /// Plain parts are sought where tracks show no joint, and joints are followed by their planes where
-    /// their tracks are lost.
+    /// Plain parts are sought beside the joints that tracks show, and joints are followed by their
+    /// planes where their tracks are lost.
     pub enabled: bool,
-    /// Gain up to which joints of tracks give way to a plain part's hinge.
+    /// Gain up to which a joint of tracks gives way to a plain part that moves together with it.
     pub meagre_gain: f64,
     /// Fewest keyframes that show the part.
     pub min_keyframes: usize,

@@ -17,19 +17,23 @@ use rayon::prelude::*;
 
 /// Configurations that are tried.
 const STEPS: usize = 129;
-/// Points of the surface that are asked about.
+/// Most points of a surface that are looked for in the pictures.
 const MAX_POINTS: usize = 150;
-/// The first and the last keyframes are one in so many.
-const END_SHARE: usize = 10;
+/// Share of a surface's points that a keyframe must show to show the surface.
+const LEAST_SHOWN: f64 = 0.3;
+/// The first and the last tenth of the keyframes are the ends of a recording.
+const PARTS_PER_END: usize = 10;
+/// Fewest keyframes of an end.
+const MIN_END: usize = 3;
 /// Gauss-Newton steps from the best configuration tried.
 const ALIGNMENTS: usize = 3;
-/// Residuals that count in these, metres.
+/// Largest residual of the surface itself, metres: what is farther away is another surface.
 const MAX_RESIDUAL_M: f64 = 0.04;
-/// What a way of one metre between two keyframes costs, as a share of all points' agreement. A
-/// part that jumps to and fro by its whole width must gain by it in the pictures.
-const COST_OF_A_METRE: f64 = 2.0;
+/// Cost of a metre of travel between two keyframes, as a share of the agreement of all points. A part
+/// that jumps to and fro by its whole width must gain more agreement than that.
+const COST_PER_METRE: f64 = 2.0;
 
-/// A piece of surface: places on it and its normal, base frame, at configuration 0.
+/// A flat piece of surface in the base frame, at configuration 0.
 #[derive(Debug, Clone)]
 pub struct Surface {
     /// Places.
@@ -39,106 +43,111 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// The same with no more places than are asked about, evenly spread.
+    /// The same with at most [`MAX_POINTS`] points, evenly spread: [`follow`] looks for each of them.
     pub fn thinned(&self) -> Self {
         let stride = self.points.len().div_ceil(MAX_POINTS).max(1);
         Self { points: self.points.iter().copied().step_by(stride).collect(), ..*self }
     }
 }
 
-/// A surface in one keyframe.
+/// Where a surface is in one keyframe.
 #[derive(Debug, Clone, Copy)]
-pub struct Placed {
+pub struct Placement {
     /// Frame number.
     pub frame: usize,
     /// Configuration, radians or metres.
     pub q: f64,
-    /// What the picture tells of the surface there.
-    pub found: FreeSpaceCounts,
-    /// The same where the surface would be most seen through: half the range aside.
-    pub aside: FreeSpaceCounts,
+    /// What the picture says about the surface there.
+    found: FreeSpaceCounts,
+    /// What it says about the surface half the range aside, on the side that is more seen through.
+    aside: FreeSpaceCounts,
 }
 
-/// A surface that is followed along a joint.
+/// A surface that was followed along a joint.
 #[derive(Debug, Clone)]
 pub struct Following {
-    /// By keyframe, in time order.
-    pub placed: Vec<Placed>,
-    /// Points that were asked about.
-    pub points: usize,
+    /// One placement a keyframe, in time order.
+    placements: Vec<Placement>,
+    /// Points of the surface.
+    points: usize,
 }
 
 impl Following {
     /// Share of the points that keyframes see through where the joint puts them.
-    pub fn share_through(&self) -> f64 {
-        self.sum(|p| p.found).share_through()
+    pub fn free_space_violation(&self) -> f64 {
+        total(self.placements.iter().map(|p| p.found)).share_through()
     }
 
-    /// The same, were the surface half the range aside: how much the pictures tell of the joint.
+    /// The same share if the surface were half the range aside. Pictures that see through it there
+    /// discriminate where it is.
     pub fn discriminability(&self) -> f64 {
-        self.sum(|p| p.aside).share_through()
+        total(self.placements.iter().map(|p| p.aside)).share_through()
     }
 
-    /// Share of the keyframes in which it is shown.
-    pub fn share_shown(&self, least: f64) -> f64 {
-        self.shown(least).count() as f64 / self.placed.len().max(1) as f64
+    /// The placements in keyframes that show the surface.
+    pub fn shown(&self) -> impl Iterator<Item = &Placement> {
+        self.placements.iter().filter(|p| self.is_shown(p))
     }
 
-    /// It is shown in most of the first and of the last keyframes: parts stay, hands come and leave.
-    pub fn is_there_throughout(&self, least: f64) -> bool {
-        let n = self.placed.len().div_ceil(END_SHARE).max(3);
-        let is_shown = |p: &Placed| {
-            p.found.agrees as f64 >= least * self.points as f64 && p.found.margin() > 0
-        };
-        let most = |ends: &mut dyn Iterator<Item = &Placed>| {
-            2 * ends.take(n).filter(|p| is_shown(p)).count() >= n
-        };
-        most(&mut self.placed.iter()) && most(&mut self.placed.iter().rev())
+    /// Share of the keyframes that show the surface.
+    pub fn shown_ratio(&self) -> f64 {
+        self.shown().count() as f64 / self.placements.len().max(1) as f64
     }
 
-    /// Largest change from one keyframe to the next, of keyframes that show it: what happens while it
-    /// is hidden counts by the keyframe.
-    pub fn largest_step(&self, least: f64) -> f64 {
-        let place = |p: &Placed| self.placed.binary_search_by_key(&p.frame, |o| o.frame).ok();
+    /// Most keyframes of either end of the recording show it: parts stay, hands come and leave.
+    pub fn is_there_throughout(&self) -> bool {
+        let n =
+            self.placements.len().div_ceil(PARTS_PER_END).max(MIN_END).min(self.placements.len());
+        let (first, last) = (&self.placements[..n], &self.placements[self.placements.len() - n..]);
+        [first, last].iter().all(|end| 2 * end.iter().filter(|p| self.is_shown(p)).count() >= n)
+    }
+
+    /// Largest change of the configuration from one keyframe to the next that shows the surface,
+    /// divided by the keyframes from the one to the other.
+    pub fn largest_step(&self) -> f64 {
+        let all = self.placements.iter().enumerate();
         let shown: Vec<(usize, f64)> =
-            self.shown(least).filter_map(|p| Some((place(p)?, p.q))).collect();
+            all.filter(|(_, p)| self.is_shown(p)).map(|(i, p)| (i, p.q)).collect();
         let step = |w: &[(usize, f64)]| (w[1].1 - w[0].1).abs() / (w[1].0 - w[0].0) as f64;
         shown.windows(2).map(step).fold(0.0, f64::max)
     }
 
     /// It stands still for so many keyframes on end, as things do before and after they are moved
-    /// and people do not. `still` is how far it may go meanwhile, radians or metres.
+    /// and people do not. `still` is how far it may move meanwhile, radians or metres.
     pub fn rests(&self, keyframes: usize, still: f64) -> bool {
-        self.placed.windows(keyframes).any(|w| {
-            let q = || w.iter().map(|p| p.q);
-            q().fold(f64::NEG_INFINITY, f64::max) - q().fold(f64::INFINITY, f64::min) < still
+        self.placements.windows(keyframes).any(|w| {
+            let [low, high] = least_and_greatest(w.iter());
+            high - low < still
         })
     }
 
-    /// Keyframes in which at least so many of the points are found, and more than are seen through.
-    pub fn shown(&self, least: f64) -> impl Iterator<Item = &Placed> {
-        let least = least * self.points as f64;
-        self.placed.iter().filter(move |p| p.found.agrees as f64 >= least && p.found.margin() > 0)
-    }
-
-    /// Least and greatest configuration where it is shown.
-    pub fn range(&self, least: f64) -> [f64; 2] {
-        let q = || self.shown(least).map(|p| p.q);
-        [q().fold(f64::INFINITY, f64::min), q().fold(f64::NEG_INFINITY, f64::max)]
+    /// Least and greatest configuration in keyframes that show it; none: an empty range.
+    pub fn range(&self) -> [f64; 2] {
+        least_and_greatest(self.shown())
     }
 
     /// The configuration at a keyframe.
     pub fn at(&self, frame: usize) -> Option<f64> {
-        let i = self.placed.binary_search_by_key(&frame, |p| p.frame).ok()?;
-        Some(self.placed[i].q)
+        let i = self.placements.binary_search_by_key(&frame, |p| p.frame).ok()?;
+        Some(self.placements[i].q)
     }
 
-    fn sum(&self, counts: impl Fn(&Placed) -> FreeSpaceCounts) -> FreeSpaceCounts {
-        self.placed.iter().fold(FreeSpaceCounts::default(), |mut all, p| {
-            all.add(counts(p));
-            all
-        })
+    fn is_shown(&self, placement: &Placement) -> bool {
+        let found = placement.found;
+        found.agrees as f64 >= LEAST_SHOWN * self.points as f64 && found.margin() > 0
     }
+}
+
+fn least_and_greatest<'p>(placements: impl Iterator<Item = &'p Placement>) -> [f64; 2] {
+    placements
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], p| [low.min(p.q), high.max(p.q)])
+}
+
+fn total(counts: impl Iterator<Item = FreeSpaceCounts>) -> FreeSpaceCounts {
+    counts.fold(FreeSpaceCounts::default(), |mut all, one| {
+        all.add(one);
+        all
+    })
 }
 
 /// Follows a surface over all keyframes. `reach` is its distance from a hinge's line (metres); 1
@@ -151,12 +160,11 @@ pub fn follow(
     recording: &Recording,
 ) -> Following {
     let Recording { ego_motion: base, keyframes, .. } = recording;
-    let thinned = surface.thinned();
     let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
     let step = (range[1] - range[0]) / (STEPS - 1) as f64;
     let probe = |frame: usize, picture: &RgbdFrame, q: f64| {
         let camera_from_part = base.camera_from_base[frame] * geometry.motion(q);
-        count_free_space(picture, &thinned.points, &camera_from_part)
+        count_free_space(picture, &surface.points, &camera_from_part)
     };
     let table: Vec<Vec<FreeSpaceCounts>> = pictures
         .par_iter()
@@ -164,24 +172,24 @@ pub fn follow(
             (0..STEPS).map(|i| probe(frame, picture, range[0] + step * i as f64)).collect()
         })
         .collect();
-    let cost_of_a_step = COST_OF_A_METRE * thinned.points.len() as f64 * step * reach;
+    let cost_of_a_step = COST_PER_METRE * surface.points.len() as f64 * step * reach;
     let path = best_path(&table, cost_of_a_step);
     let indices = || path.iter().copied();
     let (least, most) = (indices().min().unwrap_or(0), indices().max().unwrap_or(0));
     let aside = 0.5 * step * (most - least) as f64;
-    let placed = pictures
+    let placements = pictures
         .par_iter()
         .zip(&path)
         .map(|(&(frame, picture), &i)| {
             let camera_from_base = base.camera_from_base[frame];
             let q = range[0] + step * i as f64;
-            let q = aligned(&thinned, geometry, q, picture, &camera_from_base);
+            let q = aligned(surface, geometry, q, picture, &camera_from_base);
             let [low, high] = [q - aside, q + aside].map(|q| probe(frame, picture, q));
             let aside = if high.through > low.through { high } else { low };
-            Placed { frame, q, found: probe(frame, picture, q), aside }
+            Placement { frame, q, found: probe(frame, picture, q), aside }
         })
         .collect();
-    Following { placed, points: thinned.points.len() }
+    Following { placements, points: surface.points.len() }
 }
 
 /// The configuration near `q` at which the surface agrees best with the depth picture: least
@@ -317,10 +325,10 @@ mod tests {
     fn a_plain_surface_is_found_where_it_is_in_each_keyframe() {
         let truth = [0.0, 0.0, 0.1, 0.25, 0.4, 0.4, 0.2, 0.0];
         let following = followed(&truth);
-        for (placed, q) in following.placed.iter().zip(truth) {
+        for (placed, q) in following.placements.iter().zip(truth) {
             assert!((placed.q - q).abs() < 0.002, "{} is told for {q}", placed.q);
         }
-        assert!(following.share_through() < 0.05 && following.share_shown(0.8) > 0.99);
+        assert!(following.free_space_violation() < 0.05 && following.shown_ratio() > 0.99);
         assert!(following.discriminability() > 0.4);
     }
 
@@ -328,12 +336,12 @@ mod tests {
     fn a_surface_that_jumps_makes_a_large_step() {
         let smooth = followed(&[0.0, 0.0, 0.1, 0.2, 0.3, 0.4, 0.4, 0.4]);
         let jumps = followed(&[0.0, 0.0, 0.0, 0.0, 0.4, 0.4, 0.4, 0.4]);
-        assert!(smooth.largest_step(0.5) < 0.12 && jumps.largest_step(0.5) > 0.35);
+        assert!(smooth.largest_step() < 0.12 && jumps.largest_step() > 0.35);
     }
 
     #[test]
     fn of_a_surface_that_stands_still_the_pictures_tell_no_motion() {
-        let [low, high] = followed(&[0.0; 8]).range(0.5);
+        let [low, high] = followed(&[0.0; 8]).range();
         assert!(high - low < 0.03);
     }
 

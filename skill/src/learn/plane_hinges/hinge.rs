@@ -1,8 +1,7 @@
 //! The line that a turning plane keeps its distance from.
 
 use super::plane_segments::PlanePatch;
-use super::planes_about_axis::near;
-use crate::learn::plane_hinges::planes_about_axis::PoseAboutAxis;
+use super::planes_about_axis::{PoseAboutAxis, near};
 use crate::math::rigid::{distance_to_line, line_angle, orthonormal_basis};
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
@@ -22,7 +21,8 @@ const MAX_GAP_M: f64 = 0.25;
 const MAX_REACH_M: f64 = 2.5;
 /// Standard deviation of a plane's distance from the line, metres.
 const RESIDUAL_M: f64 = 0.003;
-/// Standard deviation of the line's distance from its part's face, metres: parts have a thickness, and hinges stand out.
+/// Standard deviation of the line's distance from its part's face, metres: parts have a thickness, and
+/// hinges stand out.
 const OFFSET_M: f64 = 0.02;
 /// Least standard deviation of a plane's distance, metres: planes share errors.
 const LEAST_RMSE_M: f64 = 0.001;

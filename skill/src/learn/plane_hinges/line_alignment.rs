@@ -11,21 +11,21 @@ use super::hinge::Hinge;
 use crate::learn::recording::Recording;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointGeometry;
-use nalgebra::{DMatrix, Matrix4, Point3, UnitVector3, Vector3, Vector4};
+use nalgebra::{Matrix4, Matrix6, Point3, SMatrix, UnitVector3, Vector3, Vector4};
 
 /// Gauss-Newton steps.
 const STEPS: usize = 6;
 /// Standard deviation of a residual, metres.
 const RESIDUAL_M: f64 = 0.004;
-/// Residuals of one keyframe that tell as much as all of them: neighbouring readings of a depth
+/// Independent residuals of one keyframe. It has many more, but neighbouring readings of a depth
 /// camera share their errors.
 const INDEPENDENT: f64 = 8.0;
 /// Standard deviation of a hinge's distance from its part's face, metres: parts have a thickness.
 const OFFSET_M: f64 = 0.03;
-/// Largest standard deviation of what the planes told of the direction, radians,
-const TOLD_RAD: f64 = 0.01;
-/// and of the place, metres.
-const TOLD_M: f64 = 0.05;
+/// Largest standard deviation of the direction that the planes gave, radians.
+const PRIOR_RAD: f64 = 0.01;
+/// Largest standard deviation of the place that the planes gave, metres.
+const PRIOR_M: f64 = 0.05;
 /// Residual from which a reading counts no more (Tukey's biweight), metres.
 const CUT_M: f64 = 0.02;
 /// Step for derivatives, radians or metres.
@@ -36,8 +36,8 @@ const DIFFERENCE: f64 = 1e-5;
 pub struct AlignedLine {
     /// The line.
     pub geometry: JointGeometry,
-    /// Covariance of (axis, origin) by the residuals alone, 6 x 6.
-    pub covariance: DMatrix<f64>,
+    /// Covariance of (axis, origin) by residuals and prior, without errors that all readings share.
+    pub covariance: Matrix6<f64>,
     /// Root mean square residual, metres.
     pub rmse: f64,
 }
@@ -45,19 +45,18 @@ pub struct AlignedLine {
 /// Aligns a line to the keyframes that show its part.
 pub fn align_line(
     surface: &Surface,
-    told: &Hinge,
+    from_planes: &Hinge,
     following: &Following,
-    least_shown: f64,
     recording: &Recording,
 ) -> AlignedLine {
-    let mut q: Vec<(usize, f64)> = following.shown(least_shown).map(|p| (p.frame, p.q)).collect();
-    let mut geometry = told.geometry();
+    let mut q: Vec<(usize, f64)> = following.shown().map(|p| (p.frame, p.q)).collect();
+    let mut geometry = from_planes.geometry();
     let mut information = Matrix4::identity();
     let mut rmse = 0.0;
     for _ in 0..STEPS {
         let (system, squares, weight) = reduced_system(surface, &geometry, &mut q, recording);
         rmse = (squares / weight.max(1e-9)).sqrt();
-        let known = prior(surface, told, &geometry);
+        let known = prior(surface, from_planes, &geometry);
         information = system.left + known.left;
         let right = system.right + known.right;
         let Some(step) = information.cholesky().map(|c| c.solve(&right)) else { break };
@@ -127,9 +126,9 @@ fn reduced_system(
     (all, squares, weights)
 }
 
-/// What is known beside the pictures: the planes told the line, roughly; and a hinge lies near the
-/// face of its part.
-fn prior(surface: &Surface, told: &Hinge, now: &JointGeometry) -> LineSystem {
+/// What is known without these residuals: the line that the planes gave, with its standard deviations,
+/// and that a hinge lies near the face of its part.
+fn prior(surface: &Surface, from_planes: &Hinge, now: &JointGeometry) -> LineSystem {
     let (u, v) = orthonormal_basis(&now.axis);
     let n = surface.points.len().max(1) as f64;
     let mean = Point3::from(surface.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
@@ -138,14 +137,14 @@ fn prior(surface: &Surface, told: &Hinge, now: &JointGeometry) -> LineSystem {
         all.left += slopes * slopes.transpose() / sigma.powi(2);
         all.right -= slopes * off / sigma.powi(2);
     };
-    let turned = now.axis.into_inner() - told.axis;
-    let reach = told.reach().max(0.1);
-    let shifted = now.origin - told.origin;
+    let turned = now.axis.into_inner() - from_planes.axis;
+    let reach = from_planes.reach().max(0.1);
+    let shifted = now.origin - from_planes.origin;
     for (k, side) in [u, v].iter().enumerate() {
         let unit = |k: usize| Vector4::from_fn(|i, _| f64::from(u8::from(i == k)));
-        let sigma = told.place_sigma(side);
-        add(unit(k), side.dot(&turned), (sigma / reach).min(TOLD_RAD));
-        add(unit(k + 2), side.dot(&shifted), sigma.min(TOLD_M));
+        let sigma = from_planes.place_sigma(side);
+        add(unit(k), side.dot(&turned), (sigma / reach).min(PRIOR_RAD));
+        add(unit(k + 2), side.dot(&shifted), sigma.min(PRIOR_M));
     }
     let across = Vector4::new(0.0, 0.0, surface.normal.dot(&u), surface.normal.dot(&v));
     add(across, surface.normal.dot(&(now.origin - mean)), OFFSET_M);
@@ -160,16 +159,14 @@ fn moved_line(line: &JointGeometry, step: &Vector4<f64>) -> JointGeometry {
     JointGeometry { axis: UnitVector3::new_normalize(axis), origin, ..*line }
 }
 
-fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> DMatrix<f64> {
+/// Covariance of (axis, origin) from the information of the line's four unknowns.
+fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> Matrix6<f64> {
     let (u, v) = orthonormal_basis(&line.axis);
-    let of_line = information.try_inverse().unwrap_or_else(Matrix4::zeros);
-    let mut spread = DMatrix::zeros(6, 4);
+    let mut spread = SMatrix::<f64, 6, 4>::zeros();
     for (k, side) in [u, v].iter().enumerate() {
-        for r in 0..3 {
-            spread[(r, k)] = side[r];
-            spread[(r + 3, k + 2)] = side[r];
-        }
+        spread.fixed_view_mut::<3, 1>(0, k).copy_from(side);
+        spread.fixed_view_mut::<3, 1>(3, k + 2).copy_from(side);
     }
-    let of_line = DMatrix::from_fn(4, 4, |r, c| of_line[(r, c)]);
-    &spread * of_line * spread.transpose()
+    let of_line = information.try_inverse().unwrap_or_else(Matrix4::zeros);
+    spread * of_line * spread.transpose()
 }

@@ -140,7 +140,13 @@ fn without(patches: Vec<PlanePatch>, places: &[usize]) -> Vec<PlanePatch> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learn::ego_motion::EgoMotion;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::TrackSet;
+    use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
+    use crate::test_data::seen;
+    use linkage_driver::RgbdFrame;
     use nalgebra::{Point3, UnitVector3, Vector3};
 
     fn hinge(direction: [f64; 3], origin: [f64; 3]) -> JointGeometry {
@@ -157,6 +163,65 @@ mod tests {
             base_from_part: Vec::new(),
             tracks: Vec::new(),
             plain_surface: Vec::new(),
+        }
+    }
+
+    /// Turn of a door that rests, is opened, and rests again, radians.
+    fn turn(frame: usize) -> f64 {
+        0.13 * frame.saturating_sub(6).min(10) as f64
+    }
+
+    /// A plain door in the front of a plain cupboard, open by `turn`: its hinge is vertical, 0.3 m left
+    /// of the camera's axis and 2 m before it.
+    fn door(turn: f64) -> RgbdFrame {
+        let (hinge, arm) = ([-0.3, 2.0], [turn.cos(), -turn.sin()]);
+        seen(0, |x, y| {
+            let normal = [turn.sin(), turn.cos()];
+            let z = (normal[0] * hinge[0] + normal[1] * hinge[1]) / (normal[0] * x + normal[1]);
+            let along = arm[0] * (z * x - hinge[0]) + arm[1] * (z - hinge[1]);
+            let is_door = z > 0.0 && (0.0..0.6).contains(&along) && (z * y).abs() < 0.5;
+            let is_opening = (2.0 * x).abs() < 0.3 && (2.0 * y).abs() < 0.5;
+            let behind = if is_opening { 2.6 } else { 2.0 };
+            if is_door { z.min(behind) } else { behind }
+        })
+    }
+
+    fn recording(frames: usize, turn: impl Fn(usize) -> f64) -> Recording {
+        let mut keyframes = Keyframes::new(frames);
+        (0..frames).for_each(|f| keyframes.offer(f, &door(turn(f))));
+        let camera_from_base = vec![Pose::identity(); frames];
+        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
+        let frame_utimes = (0..frames as i64).map(|f| 100_000 * f).collect();
+        let tracks = TrackSet { frame_utimes, tracks: Vec::new() };
+        Recording { tracks, ego_motion, keyframes }
+    }
+
+    #[test]
+    fn a_plain_door_is_learned_by_its_planes_alone() {
+        let recording = recording(24, turn);
+        let learned = complete(Vec::new(), &recording, &PlanesConfig::default());
+        assert_eq!(learned.len(), 1);
+        let LearnedJoint { joint, base_from_part, plain_surface, .. } = &learned[0];
+        let (axis, origin) = (Vector3::from(joint.axis), Point3::from(joint.origin));
+        assert!(axis.y.abs() > 0.9998);
+        assert!(distance_to_line(&origin, &axis, &Point3::new(-0.3, 0.0, 2.0)) < 0.02);
+        assert!((joint.range[1] - joint.range[0] - 1.3).abs() < 0.03);
+        // In each frame the surface lies where the door is.
+        for (frame, pose) in base_from_part.iter().enumerate() {
+            let Some(pose) = pose else { continue };
+            let normal = Vector3::new(turn(frame).sin(), 0.0, turn(frame).cos());
+            for p in plain_surface {
+                let off = normal.dot(&(pose * p - Point3::new(-0.3, 0.0, 2.0)));
+                assert!(off.abs() < 0.02, "{off} m off the door in frame {frame}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_door_that_stays_closed_or_stands_open_is_no_joint() {
+        for stays in [0.0, 1.0] {
+            let recording = recording(24, |_| stays);
+            assert!(complete(Vec::new(), &recording, &PlanesConfig::default()).is_empty());
         }
     }
 

@@ -12,7 +12,7 @@ use crate::learn::tracking::Trajectory;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointKind;
 use crate::object::model::{Joint, covariance_rows};
-use nalgebra::{DMatrix, Point3};
+use nalgebra::{Matrix6, Point3};
 
 /// Turn by which a plane may differ from where its part was followed to, radians.
 const SAME_TURN_RAD: f64 = 0.12;
@@ -20,8 +20,6 @@ const SAME_TURN_RAD: f64 = 0.12;
 /// farther where that does not suffice, as a lid that leans against what is behind it has no plane
 /// there of its own.
 const BEYOND_RAD: [f64; 2] = [0.1, 1.6];
-/// Share of the part's points that are found in a keyframe that shows it.
-const LEAST_SHOWN: f64 = 0.3;
 /// Share of the keyframes that must show it.
 const LEAST_KEYFRAMES: f64 = 0.7;
 /// Keyframes on end for which a part must rest.
@@ -66,7 +64,7 @@ pub fn follow_candidate(
     if rough.turns.len() < config.min_keyframes || high - low < config.min_turn_rad {
         return None;
     }
-    let through = |part: &PlainPart| part.followed.share_through();
+    let violation = |part: &PlainPart| part.followed.free_space_violation();
     rough
         .ends()
         .into_iter()
@@ -84,7 +82,7 @@ pub fn follow_candidate(
             })
         })
         .max_by(|a, b| {
-            a.support.len().cmp(&b.support.len()).then(through(b).total_cmp(&through(a)))
+            a.support.len().cmp(&b.support.len()).then(violation(b).total_cmp(&violation(a)))
         })
 }
 
@@ -106,7 +104,7 @@ fn followed(
     let support: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
     let hinge = candidate.hinge(patches, &support)?;
     let again = follow(surface, &hinge.geometry(), range, hinge.reach(), recording);
-    let line = align_line(surface, &hinge, &again, LEAST_SHOWN, recording);
+    let line = align_line(surface, &hinge, &again, recording);
     let followed = follow(surface, &line.geometry, range, hinge.reach(), recording);
     Some(PlainPart { hinge, line, surface: surface.clone(), followed, support })
 }
@@ -120,7 +118,7 @@ impl PlainPart {
     /// Why it is no part of an object; `None` where it is one.
     fn doubt(&self, config: &PlanesConfig) -> Option<&'static str> {
         let seen = &self.followed;
-        let [low, high] = seen.range(LEAST_SHOWN);
+        let [low, high] = seen.range();
         let reasons = [
             (self.support.len() < config.min_keyframes, "few planes lie about the line"),
             (high - low < config.min_turn_rad, "it hardly turns"),
@@ -130,14 +128,14 @@ impl PlainPart {
                 self.place_sigma() > MAX_PLACE_SIGMA_M,
                 "it turns too little to tell about which line",
             ),
-            (!seen.is_there_throughout(LEAST_SHOWN), "it comes and leaves"),
+            (!seen.is_there_throughout(), "it comes and leaves"),
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
-            (seen.share_through() > config.max_through, "it is seen through"),
+            (seen.free_space_violation() > config.max_through, "it is seen through"),
             (
                 seen.discriminability() < config.min_tells,
                 "the pictures tell nothing of where it is",
             ),
-            (seen.share_shown(LEAST_SHOWN) < LEAST_KEYFRAMES, "few pictures show it"),
+            (seen.shown_ratio() < LEAST_KEYFRAMES, "few pictures show it"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
     }
@@ -145,7 +143,7 @@ impl PlainPart {
     /// It is seen here and then there, never between. Of a part that slides, or of two that look the
     /// same, the planes seem to turn over.
     pub fn jumps(&self) -> bool {
-        self.followed.largest_step(LEAST_SHOWN) > MAX_STEP_RAD
+        self.followed.largest_step() > MAX_STEP_RAD
     }
 
     /// Turn between the planes that show it, radians.
@@ -155,16 +153,16 @@ impl PlainPart {
     }
 
     fn trace(&self, doubt: Option<&str>) {
-        let [low, high] = self.followed.range(LEAST_SHOWN);
+        let [low, high] = self.followed.range();
         tracing::debug!(
             planes = self.support.len(),
             turn_of_planes = self.turn_of_planes(),
             turn = high - low,
             rmse = self.hinge.rmse,
             residual = self.line.rmse,
-            through = self.followed.share_through(),
+            free_space_violation = self.followed.free_space_violation(),
             discriminability = self.followed.discriminability(),
-            shown = self.followed.share_shown(LEAST_SHOWN),
+            shown = self.followed.shown_ratio(),
             place_sigma = self.place_sigma(),
             axis = ?self.line.geometry.axis.as_slice(),
             origin = ?self.line.geometry.origin.coords.as_slice(),
@@ -176,20 +174,19 @@ impl PlainPart {
 
     /// Largest standard deviation of the line's place, metres.
     fn place_sigma(&self) -> f64 {
-        let place = self.line.covariance.view((3, 3), (3, 3)).into_owned();
+        let place = self.line.covariance.fixed_view::<3, 3>(3, 3).into_owned();
         place.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
 
-    /// Covariance of (axis, origin): what the residuals tell, and errors that all readings share.
-    fn covariance(&self) -> DMatrix<f64> {
-        let mut covariance = self.line.covariance.clone();
+    /// Covariance of (axis, origin), with the errors that all readings share.
+    fn covariance(&self) -> Matrix6<f64> {
+        let mut covariance = self.line.covariance;
         let (u, v) = orthonormal_basis(&self.line.geometry.axis);
-        for side in [u, v] {
-            for (r, c) in (0..9).map(|i| (i / 3, i % 3)) {
-                covariance[(r, c)] += SYSTEMATIC_RAD.powi(2) * side[r] * side[c];
-                covariance[(r + 3, c + 3)] += SYSTEMATIC_M.powi(2) * side[r] * side[c];
-            }
-        }
+        let across = u * u.transpose() + v * v.transpose();
+        let mut direction = covariance.fixed_view_mut::<3, 3>(0, 0);
+        direction += SYSTEMATIC_RAD.powi(2) * across;
+        let mut place = covariance.fixed_view_mut::<3, 3>(3, 3);
+        place += SYSTEMATIC_M.powi(2) * across;
         covariance
     }
 
@@ -197,7 +194,10 @@ impl PlainPart {
     pub fn to_learned(&self, recording: &Recording) -> LearnedJoint {
         let mut geometry = self.line.geometry;
         let (frames, mut configuration): (Vec<usize>, Vec<f64>) =
-            self.followed.shown(LEAST_SHOWN).map(|p| (p.frame, p.q)).unzip();
+            self.followed.shown().map(|p| (p.frame, p.q)).unzip();
+        // The part's coordinates are those of the first frame that shows it.
+        let first = geometry.motion(configuration.first().copied().unwrap_or_default());
+        let plain_surface = self.surface.points.iter().map(|p| first * p).collect();
         orient(&mut geometry, &mut configuration);
         let mut base_from_part: Trajectory =
             vec![None; recording.ego_motion.camera_from_base.len()];
@@ -213,7 +213,6 @@ impl PlainPart {
             type_probabilities: [(JointKind::Revolute, 1.0)].into(),
             ..Joint::of(&geometry)
         };
-        let plain_surface = self.surface.points.clone();
         LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface }
     }
 }
