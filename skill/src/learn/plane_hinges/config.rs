@@ -31,7 +31,7 @@ impl Default for PlanesConfig {
             min_keyframes: 8,
             min_turn_rad: 0.35,
             max_rmse_m: 0.008,
-            max_through: 0.06,
+            max_through: 0.1,
             min_tells: 0.5,
         }
     }

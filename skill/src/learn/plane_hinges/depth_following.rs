@@ -21,6 +21,10 @@ const STEPS: usize = 129;
 const MAX_POINTS: usize = 150;
 /// Share of a surface's points that a keyframe must show to show the surface.
 const LEAST_SHOWN: f64 = 0.3;
+/// Share of a surface's points that a keyframe must show to tell its configuration by itself.
+const CERTAINLY_FOUND: f64 = 0.7;
+/// Share of the points that it may see through then.
+const CERTAINLY_THROUGH: f64 = 0.05;
 /// The first and the last tenth of the keyframes are the ends of a recording.
 const PARTS_PER_END: usize = 10;
 /// Fewest keyframes of an end.
@@ -87,6 +91,21 @@ impl Following {
     /// The placements in keyframes that show the surface.
     pub fn shown(&self) -> impl Iterator<Item = &Placement> {
         self.placements.iter().filter(|p| self.is_shown(p))
+    }
+
+    /// The placements in keyframes that show nearly all of the surface and hardly see through it: what
+    /// the configuration can be taken from without a plane.
+    pub fn certain(&self) -> impl Iterator<Item = &Placement> {
+        let (most, few) =
+            (CERTAINLY_FOUND * self.points as f64, CERTAINLY_THROUGH * self.points as f64);
+        self.placements
+            .iter()
+            .filter(move |p| p.found.agrees as f64 >= most && p.found.through as f64 <= few)
+    }
+
+    /// Keyframes that it was followed over.
+    pub fn keyframes(&self) -> usize {
+        self.placements.len()
     }
 
     /// Share of the keyframes that show the surface.

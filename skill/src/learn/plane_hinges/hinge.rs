@@ -4,7 +4,9 @@ use super::plane_segments::PlanePatch;
 use super::planes_about_axis::{PoseAboutAxis, near};
 use crate::math::rigid::{distance_to_line, line_angle, orthonormal_basis};
 use crate::object::joint_geometry::JointGeometry;
-use nalgebra::{DMatrix, DVector, Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
+use nalgebra::{
+    DMatrix, DVector, Matrix3, Matrix3x2, Point3, SymmetricEigen, UnitVector3, Vector3,
+};
 use rayon::prelude::*;
 
 /// Turn between two planes that can suggest a hinge, radians.
@@ -259,6 +261,14 @@ impl Hinge {
     pub fn place_sigma(&self, side: &Vector3<f64>) -> f64 {
         let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
         self.rmse.max(LEAST_RMSE_M) * CORRELATED / seen.sqrt()
+    }
+
+    /// The largest standard deviation of the line's place across it, metres.
+    pub fn largest_place_sigma(&self) -> f64 {
+        let (u, v) = orthonormal_basis(&self.axis);
+        let across = Matrix3x2::from_columns(&[u, v]);
+        let seen = (across.transpose() * self.normal_scatter * across).symmetric_eigen();
+        self.place_sigma(&(across * seen.eigenvectors.column(seen.eigenvalues.imin())))
     }
 
     /// Distance from the line up to which the part reaches.

@@ -26,6 +26,8 @@ const OFFSET_M: f64 = 0.03;
 const PRIOR_RAD: f64 = 0.01;
 /// Largest standard deviation of the place that the planes gave, metres.
 const PRIOR_M: f64 = 0.05;
+/// Standard deviation of a line's place below which it is not aligned, metres.
+const WELL_KNOWN_M: f64 = 0.01;
 /// Residual from which a reading counts no more (Tukey's biweight), metres.
 const CUT_M: f64 = 0.02;
 /// Step for derivatives, radians or metres.
@@ -42,13 +44,19 @@ pub struct AlignedLine {
     pub rmse: f64,
 }
 
-/// Aligns a line to the keyframes that show its part.
+/// Aligns a line to the keyframes that show its part, where its planes do not give its place well: a
+/// good line gains nothing, for all readings of a keyframe may be of the wrong surface together.
 pub fn align_line(
     surface: &Surface,
     from_planes: &Hinge,
     following: &Following,
     recording: &Recording,
 ) -> AlignedLine {
+    if from_planes.largest_place_sigma() < WELL_KNOWN_M {
+        let geometry = from_planes.geometry();
+        let covariance = line_covariance(&geometry, &prior(surface, from_planes, &geometry).left);
+        return AlignedLine { geometry, covariance, rmse: from_planes.rmse };
+    }
     let mut q: Vec<(usize, f64)> = following.shown().map(|p| (p.frame, p.q)).collect();
     let mut geometry = from_planes.geometry();
     let mut information = Matrix4::identity();

@@ -13,15 +13,18 @@ use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointKind;
 use crate::object::model::{Joint, covariance_rows};
 use nalgebra::{Matrix6, Point3};
+use std::collections::BTreeMap;
 
 /// Turn by which a plane may differ from where its part was followed to, radians.
 const SAME_TURN_RAD: f64 = 0.12;
-/// How far beyond the planes' range a part is followed, radians: first a little. It is followed
-/// farther where that does not suffice, as a lid that leans against what is behind it has no plane
-/// there of its own.
+/// How far beyond the range of its planes a part is followed, radians: first a little, and farther only
+/// where that shows no part. A lid that leans against what is behind it has no plane of its own there.
 const BEYOND_RAD: [f64; 2] = [0.1, 1.6];
 /// Share of the keyframes that must show it.
 const LEAST_KEYFRAMES: f64 = 0.7;
+/// Largest share of its points that may be seen through where fewer than half of the keyframes have a
+/// plane of it.
+const FEW_PLANES_VIOLATION: f64 = 0.06;
 /// Keyframes on end for which a part must rest.
 const REST_KEYFRAMES: usize = 4;
 /// Turn that it may make meanwhile, radians.
@@ -48,6 +51,8 @@ pub struct PlainPart {
     followed: Following,
     /// Planes that show it, by their place in the list.
     pub support: Vec<usize>,
+    /// Configuration of the hinge's first plane.
+    first_turn: f64,
 }
 
 /// The part that is seen to turn about a candidate's line. Two parts may turn about one line (a
@@ -64,26 +69,33 @@ pub fn follow_candidate(
     if rough.turns.len() < config.min_keyframes || high - low < config.min_turn_rad {
         return None;
     }
-    let violation = |part: &PlainPart| part.followed.free_space_violation();
-    rough
-        .ends()
-        .into_iter()
-        .filter_map(|seed| {
-            let plane = &patches[candidate.support[seed]];
-            let back = rough.geometry().motion(-rough.turns[seed].1);
-            let points: Vec<Point3<f64>> = plane.points.iter().map(|p| back * p).collect();
-            let surface = Surface { points, normal: back * plane.normal }.thinned();
-            BEYOND_RAD.iter().find_map(|beyond| {
-                let range = [low - beyond, high + beyond];
-                let part = followed(&surface, &rough, range, candidate, patches, recording)?;
-                let doubt = part.doubt(config);
-                part.trace(doubt);
-                doubt.is_none().then_some(part)
-            })
-        })
-        .max_by(|a, b| {
+    BEYOND_RAD.iter().find_map(|beyond| {
+        let range = [low - beyond, high + beyond];
+        let parts = rough.ends().into_iter().filter_map(|seed| {
+            let surface = surface_of(seed, &rough, candidate, patches);
+            let part = followed(&surface, &rough, range, candidate, patches, recording)?;
+            let doubt = part.doubt(config);
+            part.trace(doubt);
+            doubt.is_none().then_some(part)
+        });
+        let violation = |part: &PlainPart| part.followed.free_space_violation();
+        parts.max_by(|a, b| {
             a.support.len().cmp(&b.support.len()).then(violation(b).total_cmp(&violation(a)))
         })
+    })
+}
+
+/// The surface of one of the planes about a line, at configuration 0.
+fn surface_of(
+    plane: usize,
+    rough: &Hinge,
+    candidate: &Candidate,
+    patches: &[PlanePatch],
+) -> Surface {
+    let patch = &patches[candidate.support[plane]];
+    let back = rough.geometry().motion(-rough.turns[plane].1);
+    let points: Vec<Point3<f64>> = patch.points.iter().map(|p| back * p).collect();
+    Surface { points, normal: back * patch.normal }.thinned()
 }
 
 /// A surface that is followed about the line, the line that its planes tell, and the surface followed
@@ -102,11 +114,13 @@ fn followed(
         ((turn - q).abs() < SAME_TURN_RAD).then_some(candidate.support[k])
     };
     let support: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
+    let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
+    let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
     let hinge = candidate.hinge(patches, &support)?;
     let again = follow(surface, &hinge.geometry(), range, hinge.reach(), recording);
     let line = align_line(surface, &hinge, &again, recording);
     let followed = follow(surface, &line.geometry, range, hinge.reach(), recording);
-    Some(PlainPart { hinge, line, surface: surface.clone(), followed, support })
+    Some(PlainPart { hinge, line, surface: surface.clone(), followed, support, first_turn })
 }
 
 impl PlainPart {
@@ -119,6 +133,8 @@ impl PlainPart {
     fn doubt(&self, config: &PlanesConfig) -> Option<&'static str> {
         let seen = &self.followed;
         let [low, high] = seen.range();
+        let max_violation =
+            if self.has_many_planes() { config.max_through } else { FEW_PLANES_VIOLATION };
         let reasons = [
             (self.support.len() < config.min_keyframes, "few planes lie about the line"),
             (high - low < config.min_turn_rad, "it hardly turns"),
@@ -128,9 +144,9 @@ impl PlainPart {
                 self.place_sigma() > MAX_PLACE_SIGMA_M,
                 "it turns too little to tell about which line",
             ),
-            (!seen.is_there_throughout(), "it comes and leaves"),
+            (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
-            (seen.free_space_violation() > config.max_through, "it is seen through"),
+            (seen.free_space_violation() > max_violation, "it is seen through"),
             (
                 seen.discriminability() < config.min_tells,
                 "the pictures tell nothing of where it is",
@@ -138,6 +154,12 @@ impl PlainPart {
             (seen.shown_ratio() < LEAST_KEYFRAMES, "few pictures show it"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+    }
+
+    /// At least half of the keyframes have a plane of it: the planes bear it out, even where a door
+    /// that lies open is seen from its edge.
+    fn has_many_planes(&self) -> bool {
+        2 * self.support.len() >= self.followed.keyframes()
     }
 
     /// It is seen here and then there, never between. Of a part that slides, or of two that look the
@@ -190,11 +212,19 @@ impl PlainPart {
         covariance
     }
 
+    /// Configuration by frame: where a plane shows the part, its turn, which is the most exact; else
+    /// where the part was followed to, if the keyframe is certain of it.
+    fn configuration(&self) -> BTreeMap<usize, f64> {
+        let followed = self.followed.certain().map(|p| (p.frame, p.q));
+        let planes = self.hinge.turns.iter().map(|(frame, turn)| (*frame, self.first_turn + turn));
+        followed.chain(planes).collect()
+    }
+
     /// As a joint of the base; its configuration is known at the keyframes that show it.
     pub fn to_learned(&self, recording: &Recording) -> LearnedJoint {
         let mut geometry = self.line.geometry;
         let (frames, mut configuration): (Vec<usize>, Vec<f64>) =
-            self.followed.shown().map(|p| (p.frame, p.q)).unzip();
+            self.configuration().into_iter().unzip();
         // The part's coordinates are those of the first frame that shows it.
         let first = geometry.motion(configuration.first().copied().unwrap_or_default());
         let plain_surface = self.surface.points.iter().map(|p| first * p).collect();
