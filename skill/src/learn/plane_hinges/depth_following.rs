@@ -22,7 +22,7 @@ const MAX_POINTS: usize = 150;
 /// Share of a surface's points that a keyframe must show to show the surface.
 const LEAST_SHOWN: f64 = 0.3;
 /// Share of a surface's points that a keyframe must show to tell its configuration by itself.
-const CERTAINLY_FOUND: f64 = 0.7;
+const CERTAINLY_FOUND: f64 = 0.4;
 /// Share of the points that it may see through then.
 const CERTAINLY_THROUGH: f64 = 0.05;
 /// The first and the last tenth of the keyframes are the ends of a recording.

@@ -48,8 +48,11 @@ pub struct Hinge {
     pub points: Vec<Point3<f64>>,
     /// The plane that these points are of, by its place among `turns`.
     largest: usize,
-    /// Sum over the planes of normal times normal: which places of the line they tell.
+    /// Sum over the planes of normal times normal: which directions of the line they tell.
     normal_scatter: Matrix3<f64>,
+    /// Which places of the line they tell: the same sum, without what an unknown distance of the face
+    /// from the line explains as well.
+    place_scatter: Matrix3<f64>,
     /// Root mean square distance of the planes from where the hinge puts them.
     pub rmse: f64,
 }
@@ -200,16 +203,36 @@ fn refined(
         planes.get(k).map_or(0.0, |p| p.offset - p.normal.dot(&origin.coords))
     });
     let solved = rows.clone().svd(true, true).solve(&right, 1e-6).ok()?;
+    let place_scatter = place_scatter(&rows.rows(0, planes.len()).into_owned(), &u, &v);
     let residuals = (rows * &solved - right).rows(0, planes.len()).norm_squared();
     let rmse = (residuals / planes.len() as f64).sqrt();
     let origin = origin + u * solved[0] + v * solved[1];
     let turns: Vec<(usize, f64)> = unwrapped(&planes, &arms, &direction);
     let largest = (0..planes.len()).max_by_key(|&k| planes[k].points.len())?;
-    let mut hinge =
-        Hinge { axis: direction, origin, turns, points: Vec::new(), largest, normal_scatter, rmse };
+    let mut hinge = Hinge {
+        axis: direction,
+        origin,
+        turns,
+        points: Vec::new(),
+        largest,
+        normal_scatter,
+        place_scatter,
+        rmse,
+    };
     let back = hinge.geometry().motion(-hinge.turns[largest].1);
     hinge.points = planes[largest].points.iter().map(|p| back * p).collect();
     Some(hinge)
+}
+
+/// The scatter of the place's two columns, `u` and `v`, without what the columns of the faces explain
+/// (Schur complement), base frame.
+fn place_scatter(rows: &DMatrix<f64>, u: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
+    let (place, faces) = rows.columns_range_pair(0..2, 2..);
+    let per_face = (faces.transpose() * faces).map_diagonal(|n| 1.0 / n.max(1.0));
+    let cross = place.transpose() * faces;
+    let own = place.transpose() * place - &cross * DMatrix::from_diagonal(&per_face) * cross.transpose();
+    let sides = Matrix3x2::from_columns(&[*u, *v]);
+    sides * own.fixed_view::<2, 2>(0, 0) * sides.transpose()
 }
 
 /// Turns of the arms from the first, without jumps.
@@ -256,19 +279,30 @@ impl Hinge {
         ends
     }
 
-    /// Standard deviation of the line's place along a unit direction across it, metres: what the
-    /// planes' distances tell.
-    pub fn place_sigma(&self, side: &Vector3<f64>) -> f64 {
+    /// Standard deviation of the line's direction towards a unit vector across it, radians.
+    pub fn direction_sigma(&self, side: &Vector3<f64>) -> f64 {
         let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
-        self.rmse.max(LEAST_RMSE_M) * CORRELATED / seen.sqrt()
+        self.plane_sigma() / seen.sqrt() / self.reach().max(0.1)
     }
 
-    /// The largest standard deviation of the line's place across it, metres.
-    pub fn largest_place_sigma(&self) -> f64 {
+    /// Information (inverse covariance) of the line's place, base frame: what the distances of the
+    /// planes tell.
+    pub fn place_information(&self) -> Matrix3<f64> {
+        self.place_scatter / self.plane_sigma().powi(2)
+    }
+
+    /// The largest standard deviation of the line's place across it, metres, if the line lies in the
+    /// face of its part.
+    pub fn place_sigma_in_face(&self) -> f64 {
         let (u, v) = orthonormal_basis(&self.axis);
         let across = Matrix3x2::from_columns(&[u, v]);
-        let seen = (across.transpose() * self.normal_scatter * across).symmetric_eigen();
-        self.place_sigma(&(across * seen.eigenvectors.column(seen.eigenvalues.imin())))
+        let seen = (across.transpose() * self.normal_scatter * across).symmetric_eigenvalues();
+        self.plane_sigma() / seen.min().max(1e-3).sqrt()
+    }
+
+    /// Standard deviation of a plane's distance from the line, metres, as if planes were independent.
+    fn plane_sigma(&self) -> f64 {
+        self.rmse.max(LEAST_RMSE_M) * CORRELATED
     }
 
     /// Distance from the line up to which the part reaches.

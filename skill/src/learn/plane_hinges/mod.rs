@@ -36,6 +36,8 @@ use plane_segments::{PlanePatch, Sampling, moving_patches};
 const SAME_DIRECTION_RAD: f64 = 0.2;
 /// Largest distance between their lines, metres.
 const SAME_PLACE_M: f64 = 0.15;
+/// Share of the range of a plain part's hinge up to which tracks of the same hinge show less.
+const LESS_OF_THE_RANGE: f64 = 0.8;
 /// Lines that are followed in the depth pictures, the best supported first.
 const MOST_FOLLOWED: usize = 10;
 /// Squared correlation of two configurations above which one joint is a consequence of the other.
@@ -55,6 +57,10 @@ pub fn complete(
     let mut plain: Vec<LearnedJoint> = Vec::new();
     for part in search(recording, config) {
         let mut learned = part.to_learned(recording);
+        // A few tracks of the hand on the part, or of its edge, tell its hinge less well than it does.
+        if !joints.iter().any(|j| j.joint.parent != 0) {
+            joints.retain(|j| !(is_meagre(j, config) && shows_less(&j.joint, &learned.joint)));
+        }
         let is_known = |j: &LearnedJoint| {
             is_same_hinge(&j.joint, &learned.joint)
                 || !is_meagre(j, config) && moves_together(j, &learned)
@@ -106,6 +112,12 @@ fn is_same_hinge(tracked: &Joint, plain: &Joint) -> bool {
     tracked.kind == plain.kind
         && line_angle(&axis, &plain.axis.into()) < SAME_DIRECTION_RAD
         && distance_to_line(&tracked.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE_M
+}
+
+/// Tracks show much the same hinge as a plain part's planes, over less of its range.
+fn shows_less(tracked: &Joint, plain: &Joint) -> bool {
+    let turn = |joint: &Joint| joint.range[1] - joint.range[0];
+    is_same_hinge(tracked, plain) && turn(tracked) < LESS_OF_THE_RANGE * turn(plain)
 }
 
 /// Finds plain parts that turn, those that tracks showed among them: what their planes explain must
@@ -232,6 +244,13 @@ mod tests {
         assert!(is_same_hinge(&tracked([0.1, -1.0, 0.0], [0.35, 0.8, 2.5]), &plain));
         assert!(!is_same_hinge(&tracked([0.0, 1.0, 0.0], [0.9, 0.1, 3.0]), &plain), "elsewhere");
         assert!(!is_same_hinge(&tracked([1.0, 0.0, 0.0], [0.3, 0.1, 2.5]), &plain), "crosswise");
+    }
+
+    #[test]
+    fn tracks_that_show_half_of_a_hinge_show_less_than_its_planes() {
+        let turning = |range| Joint { range, ..Joint::of(&hinge([0.0, 1.0, 0.0], [0.3, 0.1, 2.5])) };
+        assert!(shows_less(&turning([0.0, 0.5]), &turning([0.0, 1.4])));
+        assert!(!shows_less(&turning([0.0, 1.3]), &turning([0.0, 1.4])));
     }
 
     #[test]

@@ -4,7 +4,7 @@
 use super::config::PlanesConfig;
 use super::depth_following::{Following, Surface, follow};
 use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
-use super::line_alignment::{AlignedLine, align_line};
+use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
 use crate::learn::recording::Recording;
@@ -33,7 +33,7 @@ const REST_RAD: f64 = 0.03;
 const MIN_TURN_OF_PLANES_RAD: f64 = 0.25;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
-/// Largest standard deviation of a line's place, metres. A robot must not pull about a line that is
+/// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must not pull about a line that is
 /// less known.
 const MAX_PLACE_SIGMA_M: f64 = 0.02;
 /// Error of a line's place that all planes share, metres: ledges and the part's thickness shift its
@@ -69,7 +69,7 @@ pub fn follow_candidate(
     if rough.turns.len() < config.min_keyframes || high - low < config.min_turn_rad {
         return None;
     }
-    BEYOND_RAD.iter().find_map(|beyond| {
+    let within = |beyond: f64| {
         let range = [low - beyond, high + beyond];
         let parts = rough.ends().into_iter().filter_map(|seed| {
             let surface = surface_of(seed, &rough, candidate, patches);
@@ -78,11 +78,16 @@ pub fn follow_candidate(
             part.trace(doubt);
             doubt.is_none().then_some(part)
         });
-        let violation = |part: &PlainPart| part.followed.free_space_violation();
         parts.max_by(|a, b| {
-            a.support.len().cmp(&b.support.len()).then(violation(b).total_cmp(&violation(a)))
+            let less_known = b.place_sigma().total_cmp(&a.place_sigma());
+            a.support.len().cmp(&b.support.len()).then(less_known)
         })
-    })
+    };
+    let [near, far] = BEYOND_RAD.map(within);
+    match (near, far) {
+        (Some(near), Some(far)) => Some(if far.explains_more_than(&near) { far } else { near }),
+        (near, far) => near.or(far),
+    }
 }
 
 /// The surface of one of the planes about a line, at configuration 0.
@@ -141,7 +146,7 @@ impl PlainPart {
             (self.turn_of_planes() < MIN_TURN_OF_PLANES_RAD, "its planes do not turn"),
             (self.hinge.rmse > config.max_rmse_m, "its planes do not keep their distance"),
             (
-                self.place_sigma() > MAX_PLACE_SIGMA_M,
+                self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M,
                 "it turns too little to tell about which line",
             ),
             (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
@@ -160,6 +165,16 @@ impl PlainPart {
     /// that lies open is seen from its edge.
     fn has_many_planes(&self) -> bool {
         2 * self.support.len() >= self.followed.keyframes()
+    }
+
+    /// More pictures show it where it is followed to than another's, and no more are seen through: a
+    /// door that opens beyond its planes.
+    fn explains_more_than(&self, other: &Self) -> bool {
+        let (more, less) = (&self.followed, &other.followed);
+        !self.jumps()
+            && self.support.len() >= other.support.len()
+            && more.shown_ratio() > less.shown_ratio()
+            && more.free_space_violation() <= less.free_space_violation()
     }
 
     /// It is seen here and then there, never between. Of a part that slides, or of two that look the
@@ -196,8 +211,7 @@ impl PlainPart {
 
     /// Largest standard deviation of the line's place, metres.
     fn place_sigma(&self) -> f64 {
-        let place = self.line.covariance.fixed_view::<3, 3>(3, 3).into_owned();
-        place.symmetric_eigenvalues().max().max(0.0).sqrt()
+        largest_place_sigma(&self.line.covariance)
     }
 
     /// Covariance of (axis, origin), with the errors that all readings share.
