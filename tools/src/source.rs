@@ -8,6 +8,7 @@ use linkage_driver::{
     Awaited, Gate, PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions,
     SourceStatistics, Timeline,
 };
+use linkage_skill::recognise::StillFrames;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -63,15 +64,30 @@ impl Taken {
     /// The last frame of a recording; of a live camera, the first one that is well exposed. Where a
     /// signal cut a recording short, its status is told instead.
     pub fn last_frame(&mut self) -> Outcome<RgbdFrame> {
+        let mut last = None;
+        self.watch(|frame| last = Some(frame))?;
+        last.ok_or_else(|| Failure::no_answer(format!("{}: no frame", self.name())))
+    }
+
+    /// The frames up to that frame since the camera last moved; at least one.
+    pub fn still_frames(&mut self) -> Outcome<StillFrames> {
+        let mut still = StillFrames::default();
+        self.watch(|frame| still.push(frame))?;
+        if still.is_empty() {
+            return Err(Failure::no_answer(format!("{}: no frame", self.name())));
+        }
+        Ok(still)
+    }
+
+    /// Hands on each frame that [`Taken::last_frame`] chooses from.
+    fn watch(&mut self, mut take: impl FnMut(RgbdFrame)) -> Outcome<()> {
         if self.source.is_live() && self.take.frames.is_none() && self.take.seconds.is_none() {
             self.take.frames = Some(SETTLING);
         }
-        let mut last = None;
         while let Some(frame) = self.next_frame()? {
-            last = Some(frame);
+            take(frame);
         }
-        interrupt::stopped(self.name(), self.is_live())?;
-        last.ok_or_else(|| Failure::no_answer(format!("{}: no frame", self.name())))
+        interrupt::stopped(self.name(), self.is_live())
     }
 
     /// The next frame of the source; `None` at its end, at the deadline, or when interrupted.

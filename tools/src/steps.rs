@@ -14,7 +14,7 @@ use crate::tags::TagLog;
 use anyhow::{Context, anyhow};
 use linkage_driver::live::host_utime;
 use linkage_driver::{RgbdFrame, RgbdSource};
-use linkage_skill::recognise::{Recognition, Scene};
+use linkage_skill::recognise::{Recognition, Scene, StillFrames};
 use linkage_skill::remember::add_demonstration;
 use linkage_skill::store::{Library, Provenance, StoredObject};
 use linkage_skill::{Demonstration, LearnError, Learner, SkillConfig};
@@ -118,6 +118,25 @@ pub fn recognise_frame(
 ) -> Outcome<Recognition> {
     warn_without_depth(frame, source);
     Ok(library.recognise(&Scene::new(frame)?, &config.recognise, config.seed)?)
+}
+
+/// Recognises in the frames of a camera that stands still, as one with less noise; where that shows
+/// nothing, in the last of them alone. Returns the frame that the answer is of, too.
+pub fn recognise_view(
+    library: &Library,
+    still: &StillFrames,
+    source: &str,
+    config: &SkillConfig,
+) -> Outcome<(RgbdFrame, Recognition)> {
+    let fused = still.fused().map_err(anyhow::Error::new)?;
+    let fused = fused.ok_or_else(|| Failure::no_answer(format!("{source}: no frame")))?;
+    let recognition = recognise_frame(library, &fused, source, config)?;
+    match still.last() {
+        Some(last) if recognition.matches.is_empty() && still.len() > 1 => {
+            Ok((last.clone(), recognise_frame(library, last, source, config)?))
+        }
+        _ => Ok((fused, recognition)),
+    }
 }
 
 /// Warns of a frame without depth.

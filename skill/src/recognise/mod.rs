@@ -32,6 +32,7 @@ mod render_cloud;
 mod result;
 mod retrieval;
 mod scene;
+mod still_frames;
 mod stillness;
 mod surface_cache;
 #[cfg(test)]
@@ -46,6 +47,7 @@ pub use result::{JointState, RECOGNITION_SCHEMA, Recognised, Recognition, is_yes
 pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
 pub(crate) use retrieval::{Posting, Postings};
 pub use scene::Scene;
+pub use still_frames::StillFrames;
 
 use object_search::ObjectSearch;
 use rayon::prelude::*;

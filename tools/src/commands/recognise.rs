@@ -5,14 +5,17 @@ use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, describe};
 use crate::source;
-use crate::steps::{recognise_frame, skill_config};
+use crate::steps::{recognise_view, skill_config};
 use linkage_skill::store::Store;
 
 pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
     let library = Store::open(&args.store)?.load()?;
-    let frame = source::open(&args.source, &args.take)?.last_frame()?;
-    let recognition = recognise_frame(&library, &frame, &args.source, &config)?;
+    let still = source::open(&args.source, &args.take)?.still_frames()?;
+    let (frame, recognition) = recognise_view(&library, &still, &args.source, &config)?;
+    if !common.quiet && still.len() > 1 {
+        eprintln!("the camera stands still: the last {} frames count together", still.len());
+    }
     if let Some(path) = &args.json {
         write_json(path, &recognition)?;
     }

@@ -230,7 +230,8 @@ fn place_scatter(rows: &DMatrix<f64>, u: &Vector3<f64>, v: &Vector3<f64>) -> Mat
     let (place, faces) = rows.columns_range_pair(0..2, 2..);
     let per_face = (faces.transpose() * faces).map_diagonal(|n| 1.0 / n.max(1.0));
     let cross = place.transpose() * faces;
-    let own = place.transpose() * place - &cross * DMatrix::from_diagonal(&per_face) * cross.transpose();
+    let own =
+        place.transpose() * place - &cross * DMatrix::from_diagonal(&per_face) * cross.transpose();
     let sides = Matrix3x2::from_columns(&[*u, *v]);
     sides * own.fixed_view::<2, 2>(0, 0) * sides.transpose()
 }

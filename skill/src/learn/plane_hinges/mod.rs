@@ -248,7 +248,8 @@ mod tests {
 
     #[test]
     fn tracks_that_show_half_of_a_hinge_show_less_than_its_planes() {
-        let turning = |range| Joint { range, ..Joint::of(&hinge([0.0, 1.0, 0.0], [0.3, 0.1, 2.5])) };
+        let turning =
+            |range| Joint { range, ..Joint::of(&hinge([0.0, 1.0, 0.0], [0.3, 0.1, 2.5])) };
         assert!(shows_less(&turning([0.0, 0.5]), &turning([0.0, 1.4])));
         assert!(!shows_less(&turning([0.0, 1.3]), &turning([0.0, 1.4])));
     }
