@@ -140,6 +140,23 @@ pub fn write_depth(
     write_png(path, width, height, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes)
 }
 
+/// Encodes raw depth as a 16-bit grey PNG in memory.
+///
+/// # Errors
+/// What the encoder says, for a buffer that does not fit the size.
+pub fn encode_png_depth(width: usize, height: usize, raw: &[u16]) -> Result<Vec<u8>, String> {
+    let bytes: Vec<u8> = raw.iter().flat_map(|r| r.to_be_bytes()).collect();
+    let mut out = Vec::new();
+    let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
+    writer.write_image_data(&bytes).map_err(|e| e.to_string())?;
+    writer.finish().map_err(|e| e.to_string())?;
+    Ok(out)
+}
+
 /// Writes labels as an 8-bit grey PNG.
 ///
 /// # Errors

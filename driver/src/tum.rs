@@ -6,9 +6,10 @@
 
 use crate::camera::PinholeCamera;
 use crate::depth::{ScaleDoubt, ScaleWatch};
+use crate::error::SourceError;
 use crate::frame::{DepthImage, PictureFault, RgbdFrame};
 use crate::image_file;
-use crate::source::{RgbdSource, SourceError};
+use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use crate::text_table;
 use std::path::{Path, PathBuf};

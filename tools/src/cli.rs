@@ -242,7 +242,7 @@ pub struct RecordArgs {
     pub source: String,
     #[command(flatten)]
     pub take: SourceArgs,
-    /// A new folder; a new file for lcm-log
+    /// A new folder; a new file for lcm-log and mcap
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// How it is written
@@ -259,6 +259,8 @@ pub enum RecordFormat {
     TumJpeg,
     /// LCM event log of kinect.frame_msg_t
     LcmLog,
+    /// MCAP file of ROS 2 messages: JPEG colour, depth as it is, the camera
+    Mcap,
     /// Folder that fakenect plays; depth as disparities of 11 bits
     Fakenect,
 }
