@@ -54,6 +54,23 @@ pub fn read_depth(path: &Path, size: (usize, usize)) -> Result<Vec<u16>, ImageFi
     decode_png_depth(file, size).map_err(at(path))
 }
 
+/// Columns and rows that a picture's header tells, PNG or JPEG by its first bytes.
+///
+/// # Errors
+/// Names the file when it is missing or neither.
+pub fn read_size(path: &Path) -> Result<(usize, usize), ImageFileError> {
+    let mut file = opened(path)?;
+    let is_png = file.fill_buf().map_err(|e| error(path, e))?.starts_with(b"\x89PNG");
+    if is_png {
+        let mut decoder = png::Decoder::new(file);
+        let header = decoder.read_header_info().map_err(|e| error(path, e))?;
+        return Ok((header.width as usize, header.height as usize));
+    }
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE_BYTES).read_to_end(&mut bytes).map_err(|e| error(path, e))?;
+    jpeg::size(&bytes).map_err(at(path))
+}
+
 /// Decodes a PNG to colour.
 ///
 /// # Errors

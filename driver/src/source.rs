@@ -4,6 +4,7 @@ use crate::bag::reader::BagReader;
 use crate::bag::{BagOptions, BagRecording};
 use crate::camera::PinholeCamera;
 use crate::error::SourceError;
+use crate::folders::{self, Layout};
 use crate::freenect::FreenectCamera;
 use crate::lcm::{DEFAULT_CHANNEL, LcmCamera, LogRecording};
 use crate::live::{Camera, LiveConfig, LiveSource};
@@ -11,6 +12,8 @@ use crate::mcap_file::McapReader;
 use crate::openni2::{OniRecording, OpenNi2Camera};
 use crate::path_kind::{PathKind, kind_of_path};
 use crate::rgbd_source::RgbdSource;
+use crate::rosbag1::Rosbag1Reader;
+use crate::rosbag2::{Rosbag2Reader, SqliteReader};
 use crate::tum::TumRecording;
 use crate::v4l::V4lCamera;
 use std::path::{Path, PathBuf};
@@ -35,7 +38,8 @@ const V4L_UNITS_PER_METRE: f64 = 1000.0;
 const LCM_UNITS_PER_METRE: f64 = 1000.0;
 
 /// The kinds of sources, for messages.
-const KINDS: &str = "a recording's path, tum:DIR, mcap:FILE[#COLOR_TOPIC,DEPTH_TOPIC], oni:FILE, \
+const KINDS: &str = "a recording's path, tum:DIR, mcap:FILE, bag:FILE or rosbag2:DIR \
+    (each with [#COLOR_TOPIC,DEPTH_TOPIC]), oni:FILE, \
     lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N, openni2:[URI], v4l:COLOUR,DEPTH";
 
 /// Opens a source by name (DESIGN 4.2) with default options.
@@ -59,6 +63,13 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
     let rest = rest.to_owned();
     match kind {
         "tum" => Ok(Box::new(TumRecording::open(Path::new(&rest))?)),
+        "bag" => open_bag("bag", &rest, options, |path| Ok(Box::new(Rosbag1Reader::open(path)?))),
+        "rosbag2" => open_bag("rosbag2", &rest, options, |path| {
+            if path.is_dir() {
+                return Ok(Box::new(Rosbag2Reader::open(path)?));
+            }
+            Ok(Box::new(SqliteReader::open(path)?))
+        }),
         "mcap" => open_bag("mcap", &rest, options, |path| Ok(Box::new(McapReader::open(path)?))),
         "oni" => Ok(Box::new(OniRecording::open(Path::new(&rest), options.camera.as_ref())?)),
         "lcmlog" => {
@@ -107,10 +118,18 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
 
 /// Opens a recording by its path alone; a bag's may have topics behind it.
 fn open_path(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSource>, SourceError> {
-    let path = with_topics(name).0;
-    match kind_of_path(Path::new(path))? {
-        PathKind::Tum => Ok(Box::new(TumRecording::open(Path::new(name))?)),
+    let (path, given) = (Path::new(with_topics(name).0), options.camera.as_ref());
+    let folder = |layout| folders::open(path, &layout, given).map(|r| Box::new(r) as _);
+    match kind_of_path(path)? {
+        PathKind::Tum => Ok(Box::new(TumRecording::open(path)?)),
+        PathKind::Associations(list) => Ok(Box::new(folders::open_associations(&list, given)?)),
         PathKind::Mcap => open_with(&format!("mcap:{name}"), options),
+        PathKind::Rosbag1 => open_with(&format!("bag:{name}"), options),
+        PathKind::Rosbag2 | PathKind::Sqlite => open_with(&format!("rosbag2:{name}"), options),
+        PathKind::Open3d(json) => folder(Layout::Open3d(json)),
+        PathKind::ScanNet => folder(Layout::ScanNet),
+        PathKind::BundleFusion => folder(Layout::BundleFusion),
+        PathKind::StrayScanner => folder(Layout::StrayScanner),
     }
 }
 
