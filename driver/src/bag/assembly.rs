@@ -19,6 +19,10 @@ const MILLIMETRES: f64 = 1000.0;
 const METRIC_UNITS: f64 = 5000.0;
 /// Focal lengths and centres that differ by less are the same, pixels.
 const SAME_PIXELS: f64 = 0.5;
+/// Cameras that differ by less stand at the same place, metres.
+const SAME_PLACE_M: f64 = 1e-4;
+/// Cameras that differ by less look the same way, radians.
+const SAME_DIRECTION_RAD: f64 = 1e-4;
 
 /// How pictures become frames.
 pub struct Assembly {
@@ -185,6 +189,10 @@ fn registration(
     } else {
         found.color_from_depth()
     };
+    let is_one_camera = same_size && same_intrinsics(info.k, camera);
+    if is_one_camera && known.as_ref().is_some_and(is_nearly_nothing) {
+        return Ok(None);
+    }
     if let Some(color_from_depth) = known {
         let units = camera.depth_units_per_metre;
         let depth_camera = camera_of(info, is_rectified(depth_name), units)
@@ -205,6 +213,10 @@ fn registration(
         "depth of {depth_name} has {}x{} pixels in frame \"{}\", colour of {color_name} {}x{} in \"{}\", and nothing tells how the cameras stand to each other; record depth that the driver aligned to colour, or /tf_static too",
         info.width, info.height, frames[1], camera.width, camera.height, frames[0]
     ))
+}
+
+fn is_nearly_nothing(pose: &nalgebra::Isometry3<f64>) -> bool {
+    pose.translation.vector.norm() < SAME_PLACE_M && pose.rotation.angle() < SAME_DIRECTION_RAD
 }
 
 fn same_intrinsics(k: [f64; 9], camera: &PinholeCamera) -> bool {

@@ -8,6 +8,9 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// Number, topic, time in nanoseconds, and the bytes of a message that is not above the limit.
+type Row = (i64, i64, i64, Option<Vec<u8>>);
+
 /// An opened database.
 pub struct SqliteReader {
     path: PathBuf,
@@ -35,7 +38,7 @@ impl SqliteReader {
         Ok(Self { path, database, topics, places, query, last_id: i64::MIN })
     }
 
-    fn row(&mut self) -> rusqlite::Result<Option<(i64, i64, i64, Option<Vec<u8>>)>> {
+    fn row(&mut self) -> rusqlite::Result<Option<Row>> {
         let mut statement = self.database.prepare_cached(&self.query)?;
         let most = MAX_MESSAGE_BYTES as i64;
         let row = statement.query_row([self.last_id, most], |row| {
