@@ -1,55 +1,9 @@
 //! One RGB-D frame: colour and depth of the same instant, in the same pixels.
 
 use crate::camera::PinholeCamera;
+pub use crate::error::{FrameError, PictureFault};
 use nalgebra::Point3;
 use std::sync::Arc;
-
-/// A frame whose parts do not fit each other.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
-pub enum FrameError {
-    /// A buffer does not hold as many values as its size asks for.
-    #[error("{what} image of {width}x{height} needs {needed} values, {found} given")]
-    BufferSize {
-        /// Which image.
-        what: &'static str,
-        /// Columns.
-        width: usize,
-        /// Rows.
-        height: usize,
-        /// Values that the size asks for.
-        needed: usize,
-        /// Values that were given.
-        found: usize,
-    },
-    /// Colour, depth and camera must share one size: depth is registered to colour.
-    #[error(
-        "{what} is {found_width}x{found_height}, but the camera is {width}x{height}; \
-         register depth to colour and describe both in camera.toml"
-    )]
-    SizeMismatch {
-        /// Which image.
-        what: &'static str,
-        /// Its columns.
-        found_width: usize,
-        /// Its rows.
-        found_height: usize,
-        /// The camera's columns.
-        width: usize,
-        /// The camera's rows.
-        height: usize,
-    },
-}
-
-/// What is wrong with an encoded picture.
-#[derive(Debug, thiserror::Error)]
-pub enum PictureFault {
-    /// It cannot be read, is damaged, or is of another format.
-    #[error("{0}")]
-    Damaged(String),
-    /// It is not of the size that is expected.
-    #[error("{0}")]
-    Size(#[from] FrameError),
-}
 
 /// Refuses a picture whose columns and rows are not the camera's; asked before memory is taken
 /// for its pixels.

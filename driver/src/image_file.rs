@@ -54,6 +54,23 @@ pub fn read_depth(path: &Path, size: (usize, usize)) -> Result<Vec<u16>, ImageFi
     decode_png_depth(file, size).map_err(at(path))
 }
 
+/// Columns and rows that a picture's header tells, PNG or JPEG by its first bytes.
+///
+/// # Errors
+/// Names the file when it is missing or neither.
+pub fn read_size(path: &Path) -> Result<(usize, usize), ImageFileError> {
+    let mut file = opened(path)?;
+    let is_png = file.fill_buf().map_err(|e| error(path, e))?.starts_with(b"\x89PNG");
+    if is_png {
+        let mut decoder = png::Decoder::new(file);
+        let header = decoder.read_header_info().map_err(|e| error(path, e))?;
+        return Ok((header.width as usize, header.height as usize));
+    }
+    let mut bytes = Vec::new();
+    file.take(MAX_FILE_BYTES).read_to_end(&mut bytes).map_err(|e| error(path, e))?;
+    jpeg::size(&bytes).map_err(at(path))
+}
+
 /// Decodes a PNG to colour.
 ///
 /// # Errors
@@ -138,6 +155,23 @@ pub fn write_depth(
 ) -> Result<(), ImageFileError> {
     let bytes: Vec<u8> = raw.iter().flat_map(|r| r.to_be_bytes()).collect();
     write_png(path, width, height, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes)
+}
+
+/// Encodes raw depth as a 16-bit grey PNG in memory.
+///
+/// # Errors
+/// What the encoder says, for a buffer that does not fit the size.
+pub fn encode_png_depth(width: usize, height: usize, raw: &[u16]) -> Result<Vec<u8>, String> {
+    let bytes: Vec<u8> = raw.iter().flat_map(|r| r.to_be_bytes()).collect();
+    let mut out = Vec::new();
+    let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
+    writer.write_image_data(&bytes).map_err(|e| e.to_string())?;
+    writer.finish().map_err(|e| e.to_string())?;
+    Ok(out)
 }
 
 /// Writes labels as an 8-bit grey PNG.

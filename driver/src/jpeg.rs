@@ -25,6 +25,16 @@ pub fn decode(bytes: &[u8], size: (usize, usize)) -> Result<ColorImage, PictureF
     Ok(ColorImage::new(size.0, size.1, rgb)?)
 }
 
+/// Columns and rows that a picture's header tells.
+///
+/// # Errors
+/// [`PictureFault::Damaged`] where it is none.
+pub fn size(bytes: &[u8]) -> Result<(usize, usize), PictureFault> {
+    let mut decoder = zune_jpeg::JpegDecoder::new(ZCursor::new(bytes));
+    decoder.decode_headers().map_err(|e| PictureFault::Damaged(format!("damaged JPEG: {e}")))?;
+    decoder.dimensions().ok_or_else(|| PictureFault::Damaged("a JPEG without size".to_owned()))
+}
+
 /// Decodes a picture of a motion-JPEG stream, whose cameras may leave out the Huffman tables that
 /// are always the same.
 ///

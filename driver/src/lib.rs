@@ -7,8 +7,11 @@
 //!
 //! Camera frame: x right, y down, z forward; metres.
 
+pub mod bag;
 pub mod camera;
 pub mod depth;
+pub mod error;
+pub mod folders;
 pub mod frame;
 pub mod freenect;
 pub mod gate;
@@ -17,16 +20,24 @@ pub mod jpeg;
 pub mod kinect;
 pub mod lcm;
 pub mod live;
+pub mod mcap_file;
 pub mod openni2;
+pub mod path_kind;
 pub mod record;
+pub mod rgbd_source;
+pub mod rosbag1;
+pub mod rosbag2;
 pub mod source;
 pub mod statistics;
 pub mod text_table;
 pub mod tum;
 pub mod v4l;
+mod yuv;
 
 pub use camera::{CameraError, PinholeCamera};
-pub use frame::{ColorImage, DepthImage, FrameError, RgbdFrame};
+pub use error::{FrameError, PictureFault, SourceError};
+pub use frame::{ColorImage, DepthImage, RgbdFrame};
 pub use gate::{Gate, Timeline};
-pub use source::{Awaited, RgbdSource, SourceError, SourceOptions, open, open_with};
+pub use rgbd_source::{Awaited, RgbdSource};
+pub use source::{SourceOptions, open, open_with};
 pub use statistics::SourceStatistics;

@@ -1,98 +1,24 @@
-//! Where frames come from.
+//! Opens a source by its name.
 
+use crate::bag::reader::BagReader;
+use crate::bag::{BagOptions, BagRecording};
 use crate::camera::PinholeCamera;
-use crate::frame::{FrameError, RgbdFrame};
+use crate::error::SourceError;
+use crate::folders::{self, Layout};
 use crate::freenect::FreenectCamera;
 use crate::lcm::{DEFAULT_CHANNEL, LcmCamera, LogRecording};
 use crate::live::{Camera, LiveConfig, LiveSource};
+use crate::mcap_file::McapReader;
 use crate::openni2::{OniRecording, OpenNi2Camera};
-use crate::statistics::SourceStatistics;
+use crate::path_kind::{PathKind, kind_of_path};
+use crate::rgbd_source::RgbdSource;
+use crate::rosbag1::Rosbag1Reader;
+use crate::rosbag2::{Rosbag2Reader, SqliteReader};
 use crate::tum::TumRecording;
 use crate::v4l::V4lCamera;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
-/// A source that cannot be opened or read.
-#[derive(Debug, thiserror::Error)]
-pub enum SourceError {
-    /// No source goes by that name.
-    #[error("{name}: {reason}")]
-    Name {
-        /// As it was given.
-        name: String,
-        /// What would be right.
-        reason: String,
-    },
-    /// A file of a recording is missing, damaged or contradicts another.
-    #[error("{path}: {reason}")]
-    Recording {
-        /// The file or folder.
-        path: String,
-        /// What is wrong and what to do.
-        reason: String,
-    },
-    /// The frames of a recording do not fit its camera.
-    #[error("{path}")]
-    Frame {
-        /// The picture.
-        path: String,
-        /// How it does not fit.
-        source: FrameError,
-    },
-    /// A device or network cannot be used, or not any more.
-    #[error("{name}: {reason}")]
-    Device {
-        /// The source.
-        name: String,
-        /// What is wrong and what to do.
-        reason: String,
-    },
-}
-
-/// What waiting for a frame gave.
-#[derive(Debug)]
-pub enum Awaited {
-    /// A frame.
-    Frame(RgbdFrame),
-    /// None came in time; one may come later.
-    Nothing,
-    /// None will come any more.
-    End,
-}
-
-/// Where frames come from: a live camera or a recording.
-pub trait RgbdSource: Send {
-    /// Blocks until the next frame; `Ok(None)` once a recording has ended.
-    ///
-    /// # Errors
-    /// [`SourceError`] names what could not be read.
-    fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError>;
-
-    /// The same, but waits no longer than it is told for a live camera that is silent.
-    /// Recordings do not wait: theirs is the next frame.
-    ///
-    /// # Errors
-    /// As [`Self::next_frame`].
-    fn next_frame_within(&mut self, _timeout: Duration) -> Result<Awaited, SourceError> {
-        Ok(self.next_frame()?.map_or(Awaited::End, Awaited::Frame))
-    }
-
-    /// Frames in all, where that is known.
-    fn frame_count(&self) -> Option<usize>;
-
-    /// Name for logs and provenance.
-    fn name(&self) -> &str;
-
-    /// True for a camera that goes on until it is stopped.
-    fn is_live(&self) -> bool {
-        false
-    }
-
-    /// What was delivered and what was lost so far.
-    fn statistics(&self) -> SourceStatistics;
-}
 
 /// How sources are opened.
 #[derive(Debug, Clone, Default)]
@@ -112,8 +38,9 @@ const V4L_UNITS_PER_METRE: f64 = 1000.0;
 const LCM_UNITS_PER_METRE: f64 = 1000.0;
 
 /// The kinds of sources, for messages.
-const KINDS: &str = "tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], \
-    lcm:URL[#CHANNEL], freenect:N, openni2:[URI], v4l:COLOUR,DEPTH";
+const KINDS: &str = "a recording's path, tum:DIR, mcap:FILE, bag:FILE or rosbag2:DIR \
+    (each with [#COLOR_TOPIC,DEPTH_TOPIC]), oni:FILE, \
+    lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N, openni2:[URI], v4l:COLOUR,DEPTH";
 
 /// Opens a source by name (DESIGN 4.2) with default options.
 ///
@@ -131,11 +58,19 @@ pub fn open(name: &str) -> Result<Box<dyn RgbdSource>, SourceError> {
 pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSource>, SourceError> {
     let wrong = |reason: String| SourceError::Name { name: name.to_owned(), reason };
     let Some((kind, rest)) = name.split_once(':').filter(|_| !Path::new(name).exists()) else {
-        return Ok(Box::new(TumRecording::open(Path::new(name))?));
+        return open_path(name, options);
     };
     let rest = rest.to_owned();
     match kind {
         "tum" => Ok(Box::new(TumRecording::open(Path::new(&rest))?)),
+        "bag" => open_bag("bag", &rest, options, |path| Ok(Box::new(Rosbag1Reader::open(path)?))),
+        "rosbag2" => open_bag("rosbag2", &rest, options, |path| {
+            if path.is_dir() {
+                return Ok(Box::new(Rosbag2Reader::open(path)?));
+            }
+            Ok(Box::new(SqliteReader::open(path)?))
+        }),
+        "mcap" => open_bag("mcap", &rest, options, |path| Ok(Box::new(McapReader::open(path)?))),
         "oni" => Ok(Box::new(OniRecording::open(Path::new(&rest), options.camera.as_ref())?)),
         "lcmlog" => {
             let (file, channel) = with_channel(&rest);
@@ -178,6 +113,48 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
             })
         }
         _ => Err(wrong(format!("no source of kind \"{kind}:\"; there are {KINDS}"))),
+    }
+}
+
+/// Opens a recording by its path alone; a bag's may have topics behind it.
+fn open_path(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSource>, SourceError> {
+    let (path, given) = (Path::new(with_topics(name).0), options.camera.as_ref());
+    let folder = |layout| folders::open(path, &layout, given).map(|r| Box::new(r) as _);
+    match kind_of_path(path)? {
+        PathKind::Tum => Ok(Box::new(TumRecording::open(path)?)),
+        PathKind::Associations(list) => Ok(Box::new(folders::open_associations(&list, given)?)),
+        PathKind::Mcap => open_with(&format!("mcap:{name}"), options),
+        PathKind::Rosbag1 => open_with(&format!("bag:{name}"), options),
+        PathKind::Rosbag2 | PathKind::Sqlite => open_with(&format!("rosbag2:{name}"), options),
+        PathKind::Open3d(json) => folder(Layout::Open3d(json)),
+        PathKind::ScanNet => folder(Layout::ScanNet),
+        PathKind::BundleFusion => folder(Layout::BundleFusion),
+        PathKind::StrayScanner => folder(Layout::StrayScanner),
+    }
+}
+
+/// Opens a container of messages.
+fn open_bag(
+    kind: &str,
+    rest: &str,
+    options: &SourceOptions,
+    open: impl Fn(&Path) -> Result<Box<dyn BagReader>, SourceError>,
+) -> Result<Box<dyn RgbdSource>, SourceError> {
+    let (path, topics) = with_topics(rest);
+    let topics = topics.map(|(color, depth)| (color.to_owned(), depth.to_owned()));
+    let bag = BagOptions { camera: options.camera.clone(), topics };
+    let opener = || open(Path::new(path));
+    Ok(Box::new(BagRecording::open(&format!("{kind}:{path}"), &opener, &bag)?))
+}
+
+/// `PATH#COLOR_TOPIC,DEPTH_TOPIC`, or a path alone. One of the topics may be left out.
+fn with_topics(name: &str) -> (&str, Option<(&str, &str)>) {
+    match name.rsplit_once('#') {
+        Some((path, topics)) if !Path::new(name).exists() => {
+            let (color, depth) = topics.split_once(',').unwrap_or((topics, ""));
+            (path, Some((color.trim(), depth.trim())))
+        }
+        _ => (name, None),
     }
 }
 

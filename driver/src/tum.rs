@@ -6,9 +6,10 @@
 
 use crate::camera::PinholeCamera;
 use crate::depth::{ScaleDoubt, ScaleWatch};
+use crate::error::SourceError;
 use crate::frame::{DepthImage, PictureFault, RgbdFrame};
 use crate::image_file;
-use crate::source::{RgbdSource, SourceError};
+use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use crate::text_table;
 use std::path::{Path, PathBuf};
@@ -51,9 +52,11 @@ impl TumRecording {
     /// [`SourceError::Recording`] names the file that is missing, empty, unordered or
     /// contradicts another, and what to do.
     pub fn open(dir: &Path) -> Result<Self, SourceError> {
-        let index = RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US)?;
-        let (sender, frames) = mpsc::sync_channel(READ_AHEAD);
-        let pairs = index.pairs.len();
+        Ok(Self::of_index(dir, RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US)?))
+    }
+
+    /// Plays what an index lists.
+    pub fn of_index(dir: &Path, index: RecordingIndex) -> Self {
         let statistics = SourceStatistics {
             unpaired: index.unpaired as u64,
             largest_pair_gap_us: index.largest_pair_gap_us,
@@ -61,17 +64,33 @@ impl TumRecording {
             ..Default::default()
         };
         let scale = ScaleWatch::new(index.camera.depth_units_per_metre, index.is_camera_assumed);
+        let (name, pairs) = (format!("tum:{}", dir.display()), index.pairs.clone());
+        let camera_file = dir.join("camera.toml");
+        let played = Self::play(&name, pairs, statistics, scale, move |pair| index.load(pair));
+        Self { camera_file, ..played }
+    }
+
+    /// Plays pairs that a function loads, on a thread of its own.
+    pub fn play(
+        name: &str,
+        pairs: Vec<FramePair>,
+        statistics: SourceStatistics,
+        scale: ScaleWatch,
+        load: impl Fn(&FramePair) -> Result<RgbdFrame, SourceError> + Send + 'static,
+    ) -> Self {
+        let (sender, frames) = mpsc::sync_channel(READ_AHEAD);
+        let count = pairs.len();
         std::thread::spawn(move || {
-            for pair in &index.pairs {
-                let frame = index.load(pair);
+            for pair in &pairs {
+                let frame = load(pair);
                 let failed = frame.is_err();
                 if sender.send(frame).is_err() || failed {
                     return;
                 }
             }
         });
-        let (name, camera_file) = (format!("tum:{}", dir.display()), dir.join("camera.toml"));
-        Ok(Self { name, pairs, statistics, scale, camera_file, frames })
+        let (name, camera_file) = (name.to_owned(), PathBuf::from(name));
+        Self { name, pairs: count, statistics, scale, camera_file, frames }
     }
 }
 
@@ -192,7 +211,10 @@ fn broken(path: &Path, reason: &str) -> SourceError {
 }
 
 /// The camera that `camera.toml` describes, if there is one.
-fn read_camera(dir: &Path) -> Result<Option<PinholeCamera>, SourceError> {
+///
+/// # Errors
+/// [`SourceError::Recording`] when it is damaged.
+pub fn read_camera(dir: &Path) -> Result<Option<PinholeCamera>, SourceError> {
     let path = dir.join("camera.toml");
     if !path.exists() {
         let remedy = format!("write the right ones into {}", path.display());
@@ -273,7 +295,10 @@ pub fn parse_list(text: &str) -> Result<Vec<ListEntry<'_>>, String> {
 }
 
 /// A stamp of seconds in microseconds.
-fn stamp_utime(stamp: &str) -> Result<i64, String> {
+///
+/// # Errors
+/// What is no time in seconds.
+pub fn stamp_utime(stamp: &str) -> Result<i64, String> {
     let seconds: f64 = stamp
         .parse()
         .ok()

@@ -6,10 +6,11 @@
 
 use crate::camera::PinholeCamera;
 use crate::depth::{ScaleDoubt, ScaleWatch};
+use crate::error::SourceError;
 use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::jpeg;
 use crate::live::{Camera, CameraFault, Paired, Pairing};
-use crate::source::SourceError;
+use crate::yuv::yuv_to_rgb;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -282,23 +283,9 @@ fn packed(bytes: Vec<u8>, stride: usize, line: usize) -> Vec<u8> {
     bytes.chunks(stride).flat_map(|padded| &padded[..line.min(padded.len())]).copied().collect()
 }
 
-/// ITU-R BT.601 with the usual narrow range, in 8.8 fixed point.
-fn yuv_to_rgb(y: u8, u: u8, v: u8) -> [u8; 3] {
-    let (y, u, v) = (298 * (i32::from(y) - 16), i32::from(u) - 128, i32::from(v) - 128);
-    [y + 409 * v, y - 100 * u - 208 * v, y + 516 * u].map(|c| ((c + 128) >> 8).clamp(0, 255) as u8)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_ends_of_yuv_are_black_white_and_the_primaries() {
-        assert_eq!(yuv_to_rgb(16, 128, 128), [0, 0, 0]);
-        assert_eq!(yuv_to_rgb(235, 128, 128), [255, 255, 255]);
-        let red = yuv_to_rgb(81, 90, 240);
-        assert!(red[0] > 250 && red[1] < 5 && red[2] < 5, "{red:?}");
-    }
 
     #[test]
     fn a_short_picture_is_an_error() {

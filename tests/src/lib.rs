@@ -2,6 +2,7 @@
 //! simulated recordings, and the third-party data where it is at hand.
 
 pub mod fixtures;
+pub mod joint;
 pub mod service;
 
 use std::path::{Path, PathBuf};

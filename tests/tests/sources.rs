@@ -10,6 +10,7 @@ use linkage_driver::{
 use linkage_lcm::udpm::Network;
 use linkage_lcm::{LogWriter, encode};
 use linkage_skill::store::Store;
+use linkage_tests::joint::{assert_alike, learned_from, run, text};
 use linkage_tests::{
     build, failure, fixtures, linkage, program, shared_data, simulated, tiny_recording,
 };
@@ -52,49 +53,10 @@ fn demonstration() -> PathBuf {
     simulated(SCENE, false, SEED)
 }
 
-fn run(arguments: &[&str]) {
-    let output = linkage(arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-}
-
 /// Records eight frames of a source.
 fn record_eight(source: &str, out: &str, format: &str) {
     let how = ["--frames", "8", "--format", format, "--quiet"];
     run(&[&["record", "--source", source, "--out", out], &how[..]].concat());
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-/// The one joint that is learned from a source.
-struct Joint {
-    axis: [f64; 3],
-    range: [f64; 2],
-}
-
-fn learned_from(source: &str, scratch: &Path) -> Joint {
-    let json = scratch.join("model.json");
-    run(&["learn", source, "--object", "drawer", "--no-store", "--json", text(&json), "--quiet"]);
-    let model: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
-    let joints = model["joints"].as_array().unwrap();
-    assert_eq!(joints.len(), 1, "{source}");
-    assert_eq!(joints[0]["type"], "prismatic", "{source}");
-    let numbers = |key: &str| -> Vec<f64> {
-        joints[0][key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
-    };
-    let (axis, range) = (numbers("axis"), numbers("range"));
-    Joint { axis: [axis[0], axis[1], axis[2]], range: [range[0], range[1]] }
-}
-
-/// Both joints agree, to the precision of a format: degrees, and metres of range.
-fn assert_alike(found: &Joint, wanted: &Joint, degrees: f64, metres: f64) {
-    let cosine: f64 = (0..3).map(|k| found.axis[k] * wanted.axis[k]).sum();
-    let angle = cosine.clamp(-1.0, 1.0).acos().to_degrees();
-    assert!(angle < degrees, "axes differ by {angle}°");
-    for (a, b) in found.range.iter().zip(&wanted.range) {
-        assert!((a - b).abs() < metres, "ranges {:?} and {:?}", found.range, wanted.range);
-    }
 }
 
 #[test]

@@ -101,8 +101,9 @@ pub struct DemoArgs {
 
 #[derive(Debug, Args)]
 pub struct RecogniseArgs {
-    /// tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N,
-    /// openni2:URI or v4l:COLOUR,DEPTH
+    /// A recording (a folder, .mcap, .bag or .db3), mcap:, bag: or rosbag2: with
+    /// #COLOR_TOPIC,DEPTH_TOPIC behind it, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL],
+    /// freenect:N, openni2:URI or v4l:COLOUR,DEPTH
     pub source: String,
     #[command(flatten)]
     pub take: SourceArgs,
@@ -119,8 +120,9 @@ pub struct RecogniseArgs {
 
 #[derive(Debug, Args)]
 pub struct PredictArgs {
-    /// tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N,
-    /// openni2:URI or v4l:COLOUR,DEPTH
+    /// A recording (a folder, .mcap, .bag or .db3), mcap:, bag: or rosbag2: with
+    /// #COLOR_TOPIC,DEPTH_TOPIC behind it, oni:FILE, lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL],
+    /// freenect:N, openni2:URI or v4l:COLOUR,DEPTH
     pub source: String,
     #[command(flatten)]
     pub take: SourceArgs,
@@ -242,7 +244,7 @@ pub struct RecordArgs {
     pub source: String,
     #[command(flatten)]
     pub take: SourceArgs,
-    /// A new folder; a new file for lcm-log
+    /// A new folder; a new file for lcm-log and mcap
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// How it is written
@@ -259,6 +261,8 @@ pub enum RecordFormat {
     TumJpeg,
     /// LCM event log of kinect.frame_msg_t
     LcmLog,
+    /// MCAP file of ROS 2 messages: JPEG colour, depth as it is, the camera
+    Mcap,
     /// Folder that fakenect plays; depth as disparities of 11 bits
     Fakenect,
 }
@@ -417,7 +421,8 @@ pub enum ConfigAction {
 
 #[derive(Debug, Args)]
 pub struct LearnArgs {
-    /// Demonstrations of one object: tum:DIR or a directory, oni:FILE, lcmlog:FILE[#CHANNEL],
+    /// Demonstrations of one object: a recording (a folder, .mcap, .bag or .db3), mcap:, bag: or
+    /// rosbag2: with #COLOR_TOPIC,DEPTH_TOPIC behind it, oni:FILE, lcmlog:FILE[#CHANNEL],
     /// lcm:URL[#CHANNEL], freenect:N, openni2:URI or v4l:COLOUR,DEPTH
     #[arg(required = true)]
     pub sources: Vec<String>,
@@ -444,6 +449,10 @@ pub struct LearnArgs {
     /// Write the pose of each part in each frame
     #[arg(long, value_name = "FILE.csv")]
     pub poses: Option<PathBuf>,
+    /// Write a trajectory of each part into this folder, as `timestamp tx ty tz qx qy qz qw`
+    /// (TUM's format, which evo reads): base.txt, part1.txt, …, in the camera frame
+    #[arg(long, value_name = "DIR")]
+    pub tum: Option<PathBuf>,
     /// Write a page to look at
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,

@@ -8,10 +8,10 @@
 mod sys;
 
 use crate::camera::PinholeCamera;
+use crate::error::SourceError;
 use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
-use crate::source::SourceError;
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -2,9 +2,9 @@
 
 use super::message::decode_frame;
 use crate::camera::PinholeCamera;
+use crate::error::SourceError;
 use crate::frame::RgbdFrame;
 use crate::live::{Camera, CameraFault};
-use crate::source::SourceError;
 use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
 use std::time::{Duration, Instant};

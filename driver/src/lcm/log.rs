@@ -2,9 +2,10 @@
 
 use super::message::decode_frame;
 use crate::camera::PinholeCamera;
+use crate::error::SourceError;
 use crate::frame::RgbdFrame;
 use crate::gate::{Gate, Timeline};
-use crate::source::{RgbdSource, SourceError};
+use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use crate::text_table;
 use linkage_lcm::LogReader;

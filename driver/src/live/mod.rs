@@ -8,9 +8,10 @@ mod queue;
 pub use clock::{DeviceClock, host_utime};
 pub use pairing::{Paired, Pairing};
 
+use crate::error::SourceError;
 use crate::frame::RgbdFrame;
 use crate::gate::{Gate, Timeline};
-use crate::source::{Awaited, RgbdSource, SourceError};
+use crate::rgbd_source::{Awaited, RgbdSource};
 use crate::statistics::SourceStatistics;
 use queue::{FrameReader, FrameWriter, frame_queue};
 pub use queue::{LatestReader, LatestWriter, Nothing, latest};

@@ -2,7 +2,7 @@
 //! and whoever takes the frames.
 
 use crate::frame::RgbdFrame;
-use crate::source::Awaited;
+use crate::rgbd_source::Awaited;
 use crate::statistics::SourceStatistics;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::sync::atomic::{AtomicU64, Ordering};

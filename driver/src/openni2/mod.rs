@@ -5,11 +5,12 @@ mod sys;
 
 use crate::camera::PinholeCamera;
 use crate::depth::Registration;
+use crate::error::SourceError;
 use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::gate::{Gate, Timeline};
 use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
-use crate::source::{RgbdSource, SourceError};
+use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use std::path::Path;

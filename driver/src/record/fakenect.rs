@@ -1,7 +1,7 @@
 //! A dump that fakenect plays to programs that use libfreenect: colour, and depth as the
 //! sensor's disparities of 11 bits. Depth is registered, which `camera.toml` in the dump says.
 
-use super::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
+use super::recorder::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
 use crate::frame::RgbdFrame;
 use crate::kinect;
 use std::io::Write;

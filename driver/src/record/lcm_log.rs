@@ -1,6 +1,6 @@
 //! An LCM event log of `kinect.frame_msg_t`, which lcm-logplayer plays.
 
-use super::{RecordError, Recorder, write_whole};
+use super::recorder::{RecordError, Recorder, write_whole};
 use crate::frame::RgbdFrame;
 use crate::lcm::{DEFAULT_CHANNEL, Packing, encode_frame};
 use linkage_lcm::{LogWriter, encode};

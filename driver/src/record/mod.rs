@@ -1,50 +1,23 @@
-//! Recordings of what a source delivers: the TUM layout, an LCM log, or a dump for fakenect.
+//! Recordings of what a source delivers: the TUM layout, an LCM log, an MCAP
+//! file, or a dump for fakenect.
 //!
 //! What was written is readable at any moment: pictures come before the lines that name them,
 //! and what a full disk cuts short is taken back.
 
 mod fakenect;
 mod lcm_log;
+mod mcap;
+mod recorder;
+mod ros2_messages;
 mod tum;
 
 pub use fakenect::FakenectRecorder;
 pub use lcm_log::LogRecorder;
+pub use mcap::McapRecorder;
+pub use recorder::{RecordError, Recorder};
 pub use tum::TumRecorder;
 
-use crate::camera::PinholeCamera;
-use crate::frame::RgbdFrame;
-use std::fs::{File, OpenOptions};
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
-
-/// A recording that cannot go on. What was written before stays readable.
-#[derive(Debug, thiserror::Error)]
-#[error("{path}: {reason}")]
-pub struct RecordError {
-    path: String,
-    reason: String,
-}
-
-impl RecordError {
-    fn new(path: &Path, reason: impl ToString) -> Self {
-        Self { path: path.display().to_string(), reason: reason.to_string() }
-    }
-}
-
-/// Takes frames in order.
-pub trait Recorder {
-    /// Appends a frame, whole or not at all.
-    ///
-    /// # Errors
-    /// [`RecordError`] names the file: a full disk, most often.
-    fn write(&mut self, frame: &RgbdFrame) -> Result<(), RecordError>;
-
-    /// Hands all to the disk.
-    ///
-    /// # Errors
-    /// As [`Self::write`].
-    fn finish(&mut self) -> Result<(), RecordError>;
-}
+use std::path::Path;
 
 /// How a recording is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,6 +28,8 @@ pub enum RecordFormat {
     TumJpeg,
     /// LCM event log of `kinect.frame_msg_t`.
     LcmLog,
+    /// MCAP file of ROS 2 messages.
+    Mcap,
     /// A folder that fakenect plays: disparities of 11 bits.
     Fakenect,
 }
@@ -68,69 +43,7 @@ pub fn create(path: &Path, format: RecordFormat) -> Result<Box<dyn Recorder>, Re
         RecordFormat::Tum => Box::new(TumRecorder::create(path, "png")?),
         RecordFormat::TumJpeg => Box::new(TumRecorder::create(path, "jpg")?),
         RecordFormat::LcmLog => Box::new(LogRecorder::create(path)?),
+        RecordFormat::Mcap => Box::new(McapRecorder::create(path)?),
         RecordFormat::Fakenect => Box::new(FakenectRecorder::create(path)?),
     })
-}
-
-/// Makes a folder that must not hold anything yet.
-fn new_folder(path: &Path) -> Result<(), RecordError> {
-    let is_taken = path.is_dir()
-        && std::fs::read_dir(path).map_err(|e| RecordError::new(path, e))?.next().is_some();
-    if is_taken {
-        return Err(RecordError::new(path, "is not empty; record into a new folder"));
-    }
-    std::fs::create_dir_all(path).map_err(|e| RecordError::new(path, e))
-}
-
-/// Writes a new file, whole or not at all.
-fn write_whole(
-    path: &Path,
-    content: impl FnOnce(&mut File) -> io::Result<()>,
-) -> Result<(), RecordError> {
-    let result = File::create(path).and_then(|mut file| content(&mut file));
-    result.map_err(|e| {
-        // The disk may be full: what there is of the file only takes room.
-        let _ = std::fs::remove_file(path);
-        RecordError::new(path, e)
-    })
-}
-
-fn write_camera(dir: &Path, camera: &PinholeCamera) -> Result<(), RecordError> {
-    let path = dir.join("camera.toml");
-    let text = toml::to_string(camera).map_err(|e| RecordError::new(&path, e))?;
-    write_whole(&path, |file| file.write_all(text.as_bytes()))
-}
-
-/// A text file that grows by whole lines.
-struct LineFile {
-    path: PathBuf,
-    file: File,
-    length: u64,
-}
-
-impl LineFile {
-    fn create(path: PathBuf) -> Result<Self, RecordError> {
-        let file = OpenOptions::new()
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&path)
-            .map_err(|e| RecordError::new(&path, e))?;
-        Ok(Self { path, file, length: 0 })
-    }
-
-    fn append(&mut self, line: &str) -> Result<(), RecordError> {
-        let line = format!("{line}\n");
-        self.file.write_all(line.as_bytes()).map_err(|e| {
-            // Half a line would make the whole list unreadable.
-            let _ = self.file.set_len(self.length);
-            RecordError::new(&self.path, e)
-        })?;
-        self.length += line.len() as u64;
-        Ok(())
-    }
-
-    fn sync(&self) -> Result<(), RecordError> {
-        self.file.sync_all().map_err(|e| RecordError::new(&self.path, e))
-    }
 }

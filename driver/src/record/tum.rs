@@ -1,6 +1,6 @@
 //! The layout of the TUM RGB-D benchmark (DESIGN 4.1).
 
-use super::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
+use super::recorder::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
 use crate::frame::RgbdFrame;
 use crate::{image_file, jpeg};
 use std::io::Write;

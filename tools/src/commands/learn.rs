@@ -33,6 +33,9 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     if let Some(path) = &args.poses {
         write_text(path, &poses_csv(first))?;
     }
+    if let Some(dir) = &args.tum {
+        write_tum(dir, first)?;
+    }
     if let Some(path) = &args.report {
         let appearance = object.as_ref().map(|o| &o.appearance);
         write_text(path, &report::demonstration_page(first, appearance)?)?;
@@ -129,4 +132,21 @@ fn poses_csv(demonstration: &Demonstration) -> String {
         }
     }
     text
+}
+
+/// A file for each part in TUM's format: `timestamp tx ty tz qx qy qz qw`, camera_from_part.
+fn write_tum(dir: &Path, demonstration: &Demonstration) -> Outcome {
+    for (part, poses) in demonstration.camera_from_part.iter().enumerate() {
+        let named = demonstration.model.parts.iter().find(|p| p.id == part);
+        let name = named.map_or_else(|| format!("part{part}"), |p| p.name.clone());
+        let mut text = String::from("# timestamp tx ty tz qx qy qz qw\n");
+        for (utime, pose) in demonstration.frame_utimes.iter().zip(poses) {
+            if let Some(pose) = pose {
+                let numbers = pose_to_array(pose).map(|x| format!("{x:.9}")).join(" ");
+                let _ = writeln!(text, "{:.6} {numbers}", *utime as f64 * 1e-6);
+            }
+        }
+        write_text(&dir.join(format!("{name}.txt")), &text)?;
+    }
+    Ok(())
 }

@@ -49,6 +49,7 @@ fn format_of(format: RecordFormat) -> record::RecordFormat {
         RecordFormat::Tum => record::RecordFormat::Tum,
         RecordFormat::TumJpeg => record::RecordFormat::TumJpeg,
         RecordFormat::LcmLog => record::RecordFormat::LcmLog,
+        RecordFormat::Mcap => record::RecordFormat::Mcap,
         RecordFormat::Fakenect => record::RecordFormat::Fakenect,
     }
 }

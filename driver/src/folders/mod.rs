@@ -1,0 +1,320 @@
+//! Folders of pictures as other programs make them: Open3D, ScanNet, BundleFusion, Stray Scanner,
+//! ORB-SLAM's lists.
+//!
+//! Intrinsics and the unit of depth are taken from the files that the layout has for them; a
+//! `camera.toml` beside them, or one that is given, counts more. What nothing tells is assumed, and
+//! said with its number.
+
+mod associations;
+mod intrinsics;
+mod numbered;
+
+pub use associations::open_associations;
+pub use intrinsics::{parse_info, parse_matrix, parse_open3d};
+
+use crate::camera::PinholeCamera;
+use crate::depth::{Registration, ScaleWatch};
+use crate::error::{PictureFault, SourceError};
+use crate::frame::{DepthImage, RgbdFrame};
+use crate::image_file;
+use crate::statistics::SourceStatistics;
+use crate::text_table;
+use crate::tum::{FramePair, TumRecording};
+use intrinsics::Intrinsics;
+use nalgebra::Isometry3;
+use numbered::{Pictures, pairs};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Frames a second where nothing tells the times.
+const ASSUMED_RATE_HZ: f64 = 30.0;
+/// Units in a metre of all these layouts where their files say nothing else.
+const MILLIMETRES: f64 = 1000.0;
+/// Largest text of intrinsics, bytes.
+const MAX_TEXT_BYTES: u64 = 1 << 20;
+/// Depth of 7-Scenes where there is no reading.
+const NO_READING: u16 = u16::MAX;
+
+/// The layouts.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Layout {
+    /// With the JSON file of the intrinsics.
+    Open3d(PathBuf),
+    /// With a folder `intrinsic/`.
+    ScanNet,
+    /// With `info.txt` or `camera-intrinsics.txt`.
+    BundleFusion,
+    /// With `camera_matrix.csv`.
+    StrayScanner,
+}
+
+/// How depth belongs to the pixels of colour.
+enum DepthView {
+    /// Pixel by pixel.
+    Registered,
+    /// Another camera saw it.
+    Other(Registration),
+    /// The same camera saw it in so many larger pixels.
+    Coarse((usize, usize)),
+}
+
+/// Everything that a pair needs to become a frame.
+struct Loader {
+    camera: Arc<PinholeCamera>,
+    view: DepthView,
+}
+
+fn broken(path: &Path, reason: impl ToString) -> SourceError {
+    SourceError::Recording { path: path.display().to_string(), reason: reason.to_string() }
+}
+
+/// Opens a folder.
+///
+/// # Errors
+/// [`SourceError::Recording`] names the file that is missing or damaged.
+pub fn open(
+    dir: &Path,
+    layout: &Layout,
+    given: Option<&PinholeCamera>,
+) -> Result<TumRecording, SourceError> {
+    let color_dir = ["color", "rgb", "image"].map(|name| dir.join(name));
+    let color_dir = color_dir.into_iter().find(|d| d.is_dir()).unwrap_or_else(|| dir.to_owned());
+    let is_flat = *layout == Layout::BundleFusion;
+    let (color_dir, depth_dir) =
+        if is_flat { (dir.to_owned(), dir.to_owned()) } else { (color_dir, dir.join("depth")) };
+    let color_endings: &[&str] =
+        if is_flat { &[".color.png", ".color.jpg"] } else { &[".jpg", ".jpeg", ".png"] };
+    let depth_endings: &[&str] = if is_flat { &[".depth.png"] } else { &[".png"] };
+    let colors = Pictures { dir: &color_dir, endings: color_endings };
+    let depths = Pictures { dir: &depth_dir, endings: depth_endings };
+    let (pairs, unpaired) = pairs(&colors, &depths).map_err(|e| broken(dir, e))?;
+    let Some(first) = pairs.first() else { return Err(broken(dir, "holds no picture")) };
+    let size = |path: &Path| image_file::read_size(path).map_err(|e| broken(dir, e));
+    let (color_size, depth_size) = (size(&first.color)?, size(&first.depth)?);
+    let (camera, view) = camera_and_view(dir, layout, given, [color_size, depth_size])?;
+    tracing::warn!(
+        recording = %dir.display(),
+        "nothing tells the times of the pictures: assumed are {ASSUMED_RATE_HZ} frames a second"
+    );
+    let pairs: Vec<FramePair> = pairs
+        .into_iter()
+        .map(|pair| FramePair {
+            utime: (pair.number as f64 * 1e6 / ASSUMED_RATE_HZ).round() as i64,
+            color: pair.color,
+            depth: pair.depth,
+            gap_us: 0,
+        })
+        .collect();
+    let statistics = SourceStatistics {
+        unpaired: unpaired as u64,
+        rate_hz: ASSUMED_RATE_HZ,
+        ..Default::default()
+    };
+    let scale = ScaleWatch::new(camera.depth_units_per_metre, false);
+    let loader = Loader { camera: Arc::new(camera), view };
+    let name = dir.display().to_string();
+    Ok(TumRecording::play(&name, pairs, statistics, scale, move |pair| loader.load(pair)))
+}
+
+/// The camera of colour, and how depth belongs to it. Sizes are those of the first colour and depth
+/// pictures.
+fn camera_and_view(
+    dir: &Path,
+    layout: &Layout,
+    given: Option<&PinholeCamera>,
+    [color_size, depth_size]: [(usize, usize); 2],
+) -> Result<(PinholeCamera, DepthView), SourceError> {
+    let toml = dir.join("camera.toml");
+    let described = match given {
+        Some(camera) => Some(camera.clone()),
+        None if toml.is_file() => Some(PinholeCamera::read_or_explain(&toml)?),
+        None => None,
+    };
+    let coarse = if color_size == depth_size {
+        DepthView::Registered
+    } else {
+        DepthView::Coarse(depth_size)
+    };
+    if let Some(camera) = described {
+        return Ok((camera, coarse));
+    }
+    let camera = |i: Intrinsics, size, file: &Path| camera_of(dir, i, size, file);
+    match layout {
+        Layout::Open3d(json) => {
+            let intrinsics = read(json, parse_open3d)?;
+            Ok((camera(intrinsics, color_size, json)?, coarse))
+        }
+        Layout::StrayScanner => {
+            let file = dir.join("camera_matrix.csv");
+            let found = read(&file, parse_matrix)?;
+            // The matrix is that of the video, of which the pictures may be smaller copies.
+            let video = video_size(&found, color_size);
+            Ok((camera(found.scaled(video, color_size), color_size, &file)?, coarse))
+        }
+        Layout::BundleFusion => {
+            let info = dir.join("info.txt");
+            let matrix = dir.join("camera-intrinsics.txt");
+            let (found, file) = if info.is_file() {
+                (read(&info, parse_info)?, info)
+            } else if matrix.is_file() {
+                (read(&matrix, parse_matrix)?, matrix)
+            } else {
+                let reason = "no intrinsics: neither info.txt nor camera-intrinsics.txt; give them with --camera camera.toml";
+                return Err(broken(dir, reason));
+            };
+            Ok((camera(found, color_size, &file)?, coarse))
+        }
+        Layout::ScanNet => scannet(dir, color_size, depth_size),
+    }
+}
+
+/// ScanNet's depth camera is another one, unless its exporter made colour as small as depth.
+fn scannet(
+    dir: &Path,
+    color_size: (usize, usize),
+    depth_size: (usize, usize),
+) -> Result<(PinholeCamera, DepthView), SourceError> {
+    let file = |name: &str| dir.join("intrinsic").join(name);
+    let (color_file, depth_file) = (file("intrinsic_color.txt"), file("intrinsic_depth.txt"));
+    if color_size == depth_size && depth_file.is_file() {
+        let camera = camera_of(dir, read(&depth_file, parse_matrix)?, depth_size, &depth_file)?;
+        return Ok((camera, DepthView::Registered));
+    }
+    let camera = camera_of(dir, read(&color_file, parse_matrix)?, color_size, &color_file)?;
+    if color_size == depth_size {
+        return Ok((camera, DepthView::Registered));
+    }
+    let depth_camera = camera_of(dir, read(&depth_file, parse_matrix)?, depth_size, &depth_file)?;
+    let color_from_depth = Isometry3::identity();
+    Ok((camera, DepthView::Other(Registration { depth_camera, color_from_depth })))
+}
+
+/// Checks what a file tells against the size of its pictures, and says what is assumed.
+fn camera_of(
+    dir: &Path,
+    found: Intrinsics,
+    size: (usize, usize),
+    file: &Path,
+) -> Result<PinholeCamera, SourceError> {
+    let found = match found.size {
+        Some(told) if told != size && told.0 > 0 && told.1 > 0 => {
+            tracing::warn!(
+                file = %file.display(),
+                "is for {}x{} pixels, the pictures have {}x{}: the intrinsics are scaled",
+                told.0, told.1, size.0, size.1
+            );
+            found.scaled(told, size)
+        }
+        _ => found,
+    };
+    let units = found.depth_units_per_metre.unwrap_or_else(|| {
+        tracing::warn!(
+            recording = %dir.display(),
+            "nothing tells the unit of depth: assumed are {MILLIMETRES} units in a metre; write others into camera.toml"
+        );
+        MILLIMETRES
+    });
+    let camera = PinholeCamera {
+        width: size.0,
+        height: size.1,
+        fx: found.fx,
+        fy: found.fy,
+        cx: found.cx,
+        cy: found.cy,
+        depth_units_per_metre: units,
+        distortion: [0.0; 8],
+    };
+    camera.check().map_err(|e| broken(file, e))?;
+    Ok(camera)
+}
+
+/// Size of the video that a matrix belongs to: its principal point lies near the middle.
+fn video_size(found: &Intrinsics, picture: (usize, usize)) -> (usize, usize) {
+    let ratio = (2.0 * found.cx / picture.0 as f64).max(1e-3);
+    // A whole multiple or fraction of the pictures, as cameras and converters make them.
+    let known = [1920.0, 1280.0, 1440.0, 960.0, 720.0, 640.0, picture.0 as f64];
+    let width = known
+        .into_iter()
+        .min_by(|a, b| (a - 2.0 * found.cx).abs().total_cmp(&(b - 2.0 * found.cx).abs()));
+    let width = width.unwrap_or(ratio * picture.0 as f64);
+    let height = width * picture.1 as f64 / picture.0 as f64;
+    (width.round() as usize, height.round() as usize)
+}
+
+fn read(
+    file: &Path,
+    parse: fn(&str) -> Result<Intrinsics, String>,
+) -> Result<Intrinsics, SourceError> {
+    let size = std::fs::metadata(file).map_err(|e| broken(file, e))?.len();
+    if size > MAX_TEXT_BYTES {
+        return Err(broken(file, format!("has {size} bytes, more than {MAX_TEXT_BYTES}")));
+    }
+    let text = text_table::read(file).map_err(|e| broken(file, e))?;
+    parse(&text).map_err(|e| broken(file, e))
+}
+
+impl Loader {
+    fn load(&self, pair: &FramePair) -> Result<RgbdFrame, SourceError> {
+        let unusable = |e: image_file::ImageFileError| match e.fault {
+            PictureFault::Size(source) => SourceError::Frame { path: e.path, source },
+            PictureFault::Damaged(reason) => SourceError::Recording {
+                path: e.path,
+                reason: format!("{reason}: record it again, or remove it and its partner"),
+            },
+        };
+        let size = (self.camera.width, self.camera.height);
+        let depth_size = match &self.view {
+            DepthView::Registered => size,
+            DepthView::Other(registration) => {
+                (registration.depth_camera.width, registration.depth_camera.height)
+            }
+            DepthView::Coarse(depth_size) => *depth_size,
+        };
+        let color = image_file::read_color(&pair.color, size).map_err(unusable)?;
+        let mut raw = image_file::read_depth(&pair.depth, depth_size).map_err(unusable)?;
+        raw.iter_mut().filter(|r| **r == NO_READING).for_each(|r| *r = 0);
+        let misfit = |source| SourceError::Frame { path: pair.depth.display().to_string(), source };
+        if let DepthView::Coarse(coarse) = self.view {
+            raw = finer(&raw, coarse, size);
+        }
+        let units = self.camera.depth_units_per_metre;
+        let depth = match &self.view {
+            DepthView::Other(registration) => {
+                let depth = DepthImage::from_raw(depth_size.0, depth_size.1, &raw, units);
+                registration.register(&depth.map_err(misfit)?, &self.camera)
+            }
+            _ => DepthImage::from_raw(size.0, size.1, &raw, units).map_err(misfit)?,
+        };
+        RgbdFrame::new(pair.utime, Arc::clone(&self.camera), color, depth).map_err(misfit)
+    }
+}
+
+/// Depth in more pixels: each takes the reading that it lies in, so that no edge is blurred.
+fn finer(raw: &[u16], from: (usize, usize), to: (usize, usize)) -> Vec<u16> {
+    let mut finer = Vec::with_capacity(to.0 * to.1);
+    for v in 0..to.1 {
+        let row = v * from.1 / to.1 * from.0;
+        finer.extend((0..to.0).map(|u| raw[row + u * from.0 / to.0]));
+    }
+    finer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coarse_depth_is_repeated_not_blended() {
+        let finer = finer(&[1, 2, 3, 4], (2, 2), (4, 4));
+        assert_eq!(finer, [1, 1, 2, 2, 1, 1, 2, 2, 3, 3, 4, 4, 3, 3, 4, 4]);
+    }
+
+    #[test]
+    fn a_videos_size_is_told_by_its_principal_point() {
+        let found =
+            Intrinsics { cx: 957.3, cy: 722.0, fx: 1450.0, fy: 1450.0, ..Default::default() };
+        assert_eq!(video_size(&found, (640, 480)), (1920, 1440));
+        let found = Intrinsics { cx: 321.0, ..found };
+        assert_eq!(video_size(&found, (640, 480)), (640, 480));
+    }
+}

@@ -1,0 +1,99 @@
+//! What all recordings share: taking frames, and files that are written whole or not at all.
+
+use crate::camera::PinholeCamera;
+use crate::frame::RgbdFrame;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// A recording that cannot go on. What was written before stays readable.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {reason}")]
+pub struct RecordError {
+    path: String,
+    reason: String,
+}
+
+impl RecordError {
+    pub(super) fn new(path: &Path, reason: impl ToString) -> Self {
+        Self { path: path.display().to_string(), reason: reason.to_string() }
+    }
+}
+
+/// Takes frames in order.
+pub trait Recorder {
+    /// Appends a frame, whole or not at all.
+    ///
+    /// # Errors
+    /// [`RecordError`] names the file: a full disk, most often.
+    fn write(&mut self, frame: &RgbdFrame) -> Result<(), RecordError>;
+
+    /// Hands all to the disk.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    fn finish(&mut self) -> Result<(), RecordError>;
+}
+
+/// Makes a folder that must not hold anything yet.
+pub(super) fn new_folder(path: &Path) -> Result<(), RecordError> {
+    let is_taken = path.is_dir()
+        && std::fs::read_dir(path).map_err(|e| RecordError::new(path, e))?.next().is_some();
+    if is_taken {
+        return Err(RecordError::new(path, "is not empty; record into a new folder"));
+    }
+    std::fs::create_dir_all(path).map_err(|e| RecordError::new(path, e))
+}
+
+/// Writes a new file, whole or not at all.
+pub(super) fn write_whole(
+    path: &Path,
+    content: impl FnOnce(&mut File) -> io::Result<()>,
+) -> Result<(), RecordError> {
+    let result = File::create(path).and_then(|mut file| content(&mut file));
+    result.map_err(|e| {
+        // The disk may be full: what there is of the file only takes room.
+        let _ = std::fs::remove_file(path);
+        RecordError::new(path, e)
+    })
+}
+
+pub(super) fn write_camera(dir: &Path, camera: &PinholeCamera) -> Result<(), RecordError> {
+    let path = dir.join("camera.toml");
+    let text = toml::to_string(camera).map_err(|e| RecordError::new(&path, e))?;
+    write_whole(&path, |file| file.write_all(text.as_bytes()))
+}
+
+/// A text file that grows by whole lines.
+pub(super) struct LineFile {
+    path: PathBuf,
+    file: File,
+    length: u64,
+}
+
+impl LineFile {
+    pub(super) fn create(path: PathBuf) -> Result<Self, RecordError> {
+        let file = OpenOptions::new()
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(&path)
+            .map_err(|e| RecordError::new(&path, e))?;
+        Ok(Self { path, file, length: 0 })
+    }
+
+    pub(super) fn append(&mut self, line: &str) -> Result<(), RecordError> {
+        let line = format!("{line}\n");
+        self.file.write_all(line.as_bytes()).map_err(|e| {
+            // Half a line would make the whole list unreadable.
+            let _ = self.file.set_len(self.length);
+            RecordError::new(&self.path, e)
+        })?;
+        self.length += line.len() as u64;
+        Ok(())
+    }
+
+    pub(super) fn sync(&self) -> Result<(), RecordError> {
+        self.file.sync_all().map_err(|e| RecordError::new(&self.path, e))
+    }
+}
