@@ -9,6 +9,7 @@ use super::clearance::{Body, shapes};
 use super::colour::srgb;
 use super::cuboid::{Cuboid, Inertia};
 use super::joint::Hinge;
+use super::main_surface::main_surface;
 use super::mesh::Mesh;
 use super::upright::{box_rotation, world_from_object};
 use anyhow::bail;
@@ -153,7 +154,7 @@ fn patches(object: &StoredObject, world_from_object: &Pose) -> Vec<Vec<Patch>> {
             patches.push(Patch { place, normal, lab: surfel.lab });
         }
     }
-    of_parts
+    of_parts.iter().map(|patches| main_surface(patches)).collect()
 }
 
 /// A part's box along the joint that moves it, upright for the base; a small one where it was held,

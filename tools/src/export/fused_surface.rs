@@ -21,6 +21,8 @@ const LEAST_STEP_M: f64 = 0.004;
 const THICKNESS: f64 = 2.2;
 /// The neighbour whose distance tells how dense the pieces lie.
 const SPACING_NEIGHBOUR: usize = 6;
+/// Share of the pieces that have as many neighbours that near.
+const DENSE_PERCENT: usize = 85;
 /// How far the surface goes on beyond a piece, in such distances.
 const REACH: f64 = 0.8;
 /// How far it goes on beyond all pieces, metres.
@@ -162,7 +164,7 @@ fn distance_beyond(shape: &Cuboid, at: &Vector3<f64>) -> f64 {
     (own.abs() - 0.5 * shape.size).max()
 }
 
-/// Distance at which a piece has a few others round it: the median of all.
+/// Distance at which most pieces have a few others round them.
 fn spacing(patches: &[Patch]) -> f64 {
     let stride = patches.len().div_ceil(300).max(1);
     let to_neighbour = patches.iter().step_by(stride).map(|patch| {
@@ -173,5 +175,5 @@ fn spacing(patches: &[Patch]) -> f64 {
     });
     let mut all: Vec<f64> = to_neighbour.collect();
     all.sort_by(f64::total_cmp);
-    all[all.len() / 2]
+    all[all.len() * DENSE_PERCENT / 100]
 }

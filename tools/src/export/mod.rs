@@ -11,6 +11,7 @@ mod cuboid;
 mod description;
 mod fused_surface;
 mod joint;
+mod main_surface;
 mod mesh;
 mod mjcf;
 mod names;
@@ -163,7 +164,14 @@ mod tests {
     #[test]
     fn boxes_lie_along_their_joints_and_stand_upright() {
         let description = described(&cupboard());
-        let size = |link: usize| description.links[link].boxes[0].size;
+        // The latch's way cuts the door into several boxes.
+        let size = |link: usize| {
+            let boxes = &description.links[link].boxes;
+            let corners = boxes.iter().flat_map(|b| b.corners());
+            let own: Vec<_> = corners.map(|c| boxes[0].rotation.inverse() * c.coords).collect();
+            let high = own.iter().skip(1).fold(own[0], |a, b| a.sup(b));
+            high - own.iter().skip(1).fold(own[0], |a, b| a.inf(b))
+        };
         let sorted = |mut sides: Vec<f64>| {
             sides.sort_by(f64::total_cmp);
             sides
