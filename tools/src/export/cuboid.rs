@@ -1,7 +1,7 @@
 //! Boxes, and the mass that they stand for.
 //!
-//! A link's shape is a set of boxes. Nobody weighed the object: its mass is that of hollow furniture which
-//! fills the boxes, and the moments of inertia follow from it.
+//! A link's shape is a set of boxes. Nobody weighed the object: its mass is the volume of its boxes at
+//! the density of hollow furniture, and the moments of inertia follow from it.
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 

@@ -58,11 +58,11 @@ impl Mesh {
     }
 }
 
+/// Places of vertices, and the triangles of them.
+type Triangulated = (Vec<Point3<f64>>, Vec<[u32; 3]>);
+
 /// The same surface in fewer triangles; `None` where nothing is left.
-fn simplified(
-    places: Vec<Point3<f64>>,
-    triangles: &[[u32; 3]],
-) -> Option<(Vec<Point3<f64>>, Vec<[u32; 3]>)> {
+fn simplified(places: Vec<Point3<f64>>, triangles: &[[u32; 3]]) -> Option<Triangulated> {
     let centre = places.first()?.coords;
     let flat: Vec<f32> =
         places.iter().flat_map(|p| <[f64; 3]>::from(p.coords - centre)).map(|x| x as f32).collect();

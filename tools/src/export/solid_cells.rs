@@ -18,6 +18,8 @@ const LEAST_CELL_M: f64 = 0.001;
 const LEAST_SURFACE: usize = 50;
 /// Boxes thinner than this are left out, metres.
 const THINNEST_M: f64 = 0.004;
+/// How far a part of which nothing else is left is moved to keep its box, metres.
+const LARGEST_SHIFT_M: f64 = 0.05;
 /// Most boxes of a part.
 const MOST_BOXES: usize = 24;
 
@@ -208,10 +210,23 @@ fn planes(shape: &Cuboid, passing: &[Vec<Cuboid>]) -> [Vec<f64>; 3] {
     })
 }
 
-/// A small box below all that passes, for a part of which nothing else is left.
+/// What stands for a part of which nothing else is left: its whole box where a small shift makes room,
+/// as for the thin base under a laptop's lid; else a small box below all that passes.
 fn beside(shape: &Cuboid, passing: &[Vec<Cuboid>]) -> Cuboid {
+    let (own_low, own_high) = shape.corners_along_sides();
     let all = extent_of_all(passing.iter().flatten(), shape);
-    let (low, high) = all.unwrap_or_else(|| shape.corners_along_sides());
+    let (low, high) = all.unwrap_or((own_low, own_high));
+    let shifts = (0..3).flat_map(|k| {
+        let down = low[k] - CLEARANCE_M - own_high[k];
+        let up = high[k] + CLEARANCE_M - own_low[k];
+        [(k, down.min(0.0)), (k, up.max(0.0))]
+    });
+    let least = shifts.min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    if let Some((k, shift)) = least.filter(|(_, shift)| shift.abs() <= LARGEST_SHIFT_M) {
+        let mut way = Vector3::zeros();
+        way[k] = shift;
+        return Cuboid { center: shape.center + shape.rotation * way, ..shape.clone() };
+    }
     let mut center = 0.5 * (low + high);
     center.z = low.z - 0.5 * UNSEEN_SIDE_M - CLEARANCE_M;
     Cuboid::unseen(Point3::from(shape.rotation * center), shape.rotation)
@@ -268,5 +283,17 @@ mod tests {
         let boxes = SolidCells::new(&plate, &[], &passing).into_boxes(&plate, &passing);
         assert_eq!(boxes.len(), 1);
         assert!(!is_overlapping(&boxes[0], &passing[0][0]));
+    }
+
+    #[test]
+    fn a_thin_base_under_a_lid_keeps_its_size() {
+        let base = block_between([0.0, 0.0, 0.0], [0.3, 0.2, 0.015]);
+        let passing = [vec![
+            block_between([0.0, 0.0, 0.0], [0.3, 0.2, 0.02]),
+            block_between([-0.01, 0.0, 0.0], [0.01, 0.2, 0.3]),
+        ]];
+        let boxes = SolidCells::new(&base, &[], &passing).into_boxes(&base, &passing);
+        assert!(boxes.len() == 1 && (boxes[0].size - base.size).norm() < 1e-9);
+        assert!(passing[0].iter().all(|p| !is_overlapping(p, &boxes[0])));
     }
 }
