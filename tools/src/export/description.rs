@@ -11,6 +11,7 @@ use super::cuboid::{Cuboid, Inertia};
 use super::joint::Hinge;
 use super::main_surface::main_surface;
 use super::mesh::Mesh;
+use super::patch::Patch;
 use super::upright::{box_rotation, world_from_object};
 use anyhow::bail;
 use linkage_planner_bridge::Rig;
@@ -47,14 +48,6 @@ pub struct Link {
     pub colour: [f64; 3],
     /// The surface that was seen, where it is wanted.
     pub mesh: Option<Mesh>,
-}
-
-/// A piece of a part's surface in the export's frame.
-#[derive(Clone, Copy)]
-pub struct Patch {
-    pub place: Vector3<f64>,
-    pub normal: Vector3<f64>,
-    pub lab: [f32; 3],
 }
 
 impl Description {

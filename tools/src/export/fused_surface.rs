@@ -6,7 +6,7 @@
 
 use super::colour::srgb;
 use super::cuboid::Cuboid;
-use super::description::Patch;
+use super::patch::Patch;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::HashMap;

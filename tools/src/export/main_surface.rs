@@ -4,7 +4,7 @@
 //! sleeve. Such pieces lie apart from the rest. They do no harm to recognition, but a box around all
 //! would be far too large.
 
-use super::description::Patch;
+use super::patch::Patch;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
 //! A part's surface as triangles.
 
 use super::cuboid::Cuboid;
-use super::description::Patch;
 use super::fused_surface::FusedSurface;
+use super::patch::Patch;
 use super::surface_nets::surface_nets;
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify};
 use nalgebra::{Point3, Vector3};

@@ -16,6 +16,7 @@ mod mesh;
 mod mjcf;
 mod names;
 mod overlap;
+mod patch;
 mod sdf;
 mod solid_cells;
 mod surface_nets;
