@@ -114,7 +114,11 @@ pub fn python_with_lcm() -> Option<PathBuf> {
 
 /// The Python that tools/setup made, if it carries these packages.
 pub fn python_with(packages: &[&str]) -> Option<PathBuf> {
-    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/python/bin/python");
+    // tools/setup makes it beside the build, which CARGO_TARGET_DIR may have elsewhere.
+    let target = program().ancestors().nth(2).map(|target| target.join("python/bin/python"));
+    let python = target.filter(|python| python.exists()).unwrap_or_else(|| {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/python/bin/python")
+    });
     let import = format!("import {}", packages.join(", "));
     let works = Command::new(&python).args(["-c", &import]).status().is_ok_and(|s| s.success());
     if works {

@@ -349,16 +349,22 @@ pub enum StoreAction {
 pub struct ExportArgs {
     /// Name of the object
     pub object: String,
-    /// json: linkage.model/1; urdf, sdf, mjcf: links with boxes around their surface, joints with
-    /// the range that was seen (screws in sdf alone)
+    /// json: linkage.model/1; urdf, sdf, mjcf, usd (text): links of boxes that keep apart over the
+    /// joints' ranges, joints with the range that was seen (screws in sdf alone), z up
     #[arg(long, default_value = "json")]
     pub format: ExportFormat,
     /// File; standard output where none is named
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Show the surface that was seen, as OBJ files with colours in a folder NAME_meshes beside --out
+    #[arg(long, requires = "out")]
+    pub mesh: bool,
     /// The store
     #[arg(long, default_value = DEFAULT_STORE, value_name = "FILE")]
     pub store: PathBuf,
+    /// Rig file with the velocities that joints may have
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -367,6 +373,7 @@ pub enum ExportFormat {
     Urdf,
     Sdf,
     Mjcf,
+    Usd,
 }
 
 #[derive(Debug, Args)]

@@ -1,7 +1,7 @@
 //! Models that somebody else wrote, or that damage made: each is refused as it is read, or harms
 //! nothing that works with models.
 
-use crate::export::{Description, mjcf, sdf, urdf};
+use crate::export::{Description, mjcf, sdf, urdf, usd};
 use crate::report::{recognition_page, save_prediction_picture, summary};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_planner_bridge::messages::Stamps;
@@ -171,8 +171,8 @@ fn use_it(model: ObjectModel, scratch: &Path) {
     let motions = model.part_motions(&middle);
     assert!(motions.iter().all(|m| m.translation.vector.iter().all(finite)));
     let object = stored(model.clone());
-    if let Ok(description) = Description::new(&object) {
-        for write in [urdf, sdf, mjcf] {
+    if let Ok(description) = Description::new(&object, &Rig::default()) {
+        for write in [urdf, sdf, mjcf, usd] {
             if let Ok(text) = write(&description) {
                 assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
             }

@@ -1,10 +1,11 @@
 //! `linkage export`.
 
 use crate::cli::{ExportArgs, ExportFormat};
-use crate::export::{Description, mjcf, sdf, urdf};
+use crate::export::{Description, mjcf, sdf, urdf, usd};
 use crate::outcome::Outcome;
 use crate::output::{write_json, write_text};
-use anyhow::Context;
+use anyhow::{Context, bail};
+use linkage_planner_bridge::Rig;
 use linkage_skill::store::Store;
 use std::path::Path;
 
@@ -16,7 +17,35 @@ pub fn run(args: &ExportArgs) -> Outcome {
         ExportFormat::Urdf => urdf,
         ExportFormat::Sdf => sdf,
         ExportFormat::Mjcf => mjcf,
+        ExportFormat::Usd => usd,
     };
-    let text = write(&Description::new(&object)?).context("writing the description")?;
+    let rig = match &args.rig {
+        Some(path) => Rig::read(path)?,
+        None => Rig::default(),
+    };
+    let mut description = Description::new(&object, &rig)?;
+    if args.mesh {
+        description = description.with_meshes(&object, &meshes_folder(out)?);
+        write_meshes(&description, out)?;
+    }
+    let text = write(&description).context("writing the description")?;
     write_text(out, &text)
+}
+
+/// Name of the folder beside a file that holds its meshes.
+fn meshes_folder(out: &Path) -> anyhow::Result<String> {
+    match out.file_stem().and_then(|stem| stem.to_str()) {
+        Some(stem) if stem != "-" => Ok(format!("{stem}_meshes")),
+        _ => bail!("{}: meshes need an --out that is a file with a readable name", out.display()),
+    }
+}
+
+fn write_meshes(description: &Description, out: &Path) -> Outcome {
+    let folder = out.parent().unwrap_or(Path::new(""));
+    for link in &description.links {
+        if let Some(mesh) = &link.mesh {
+            write_text(&folder.join(&mesh.file), &mesh.obj(&link.name))?;
+        }
+    }
+    Ok(())
 }

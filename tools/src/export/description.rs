@@ -1,93 +1,94 @@
 //! A learned object as links and joints, which all formats have in common.
 //!
 //! In: an object of the store (object frame at configuration 0, metres). Out: for each part a link,
-//! with its origin on the joint that moves it and the box around its surface; for each joint its axis
-//! in its parent's frame. A link's mass is that of a box of light wood: nobody weighed it.
+//! with its origin on the joint that moves it, its boxes and its inertia; for each joint its line. The
+//! export's frame has the object frame's origin, z up and x towards where the viewer stood; every
+//! link's frame has its axes.
 
+use super::clearance::{Body, shapes};
+use super::colour::srgb;
+use super::cuboid::{Cuboid, Inertia};
+use super::joint::Hinge;
+use super::main_surface::main_surface;
+use super::mesh::Mesh;
+use super::patch::Patch;
+use super::upright::{box_rotation, world_from_object};
 use anyhow::bail;
+use linkage_planner_bridge::Rig;
+use linkage_skill::math::rigid::Pose;
 use linkage_skill::object::appearance::Appearance;
-use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::{Joint, ObjectModel};
+use linkage_skill::object::model::{ObjectModel, Part};
 use linkage_skill::store::StoredObject;
-use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
-/// Kilograms a cubic metre.
-const DENSITY: f64 = 300.0;
-/// Least mass of a link, kilograms.
-const LEAST_MASS_KG: f64 = 0.05;
-/// Shortest side of a box, metres.
-pub const LEAST_SIDE_M: f64 = 0.005;
-/// Share of the surface beyond either side of a box.
-const STRAYS: f64 = 0.01;
+/// Colour of a part that was not seen.
+const UNSEEN_COLOUR: [f64; 3] = [0.5, 0.5, 0.5];
 
 /// An object as links and joints.
+#[derive(Clone)]
 pub struct Description {
     pub name: String,
     /// The root first.
     pub links: Vec<Link>,
     pub joints: Vec<Hinge>,
+    /// Rotation of the export's frame from the object frame.
+    pub world_from_object: UnitQuaternion<f64>,
 }
 
-/// A part.
+/// A part; shapes are given in its own frame.
+#[derive(Clone)]
 pub struct Link {
     pub name: String,
-    /// Of its frame, in the object frame at configuration 0.
+    /// Of its frame, in the export's frame at configuration 0.
     pub origin: Point3<f64>,
-    pub shape: Option<Cuboid>,
-}
-
-/// The box around a part's surface, in its link's frame.
-pub struct Cuboid {
-    pub center: Point3<f64>,
-    pub rotation: UnitQuaternion<f64>,
-    pub size: Vector3<f64>,
-}
-
-/// A joint of links that are named by their number.
-pub struct Hinge {
-    pub name: String,
-    pub parent: usize,
-    pub child: usize,
-    pub motion: Motion,
-    pub axis: [f64; 3],
-    pub range: [f64; 2],
-}
-
-/// How a joint moves along or about its axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Motion {
-    Turns,
-    Slides,
-    /// Turns, and advances so many metres a turn.
-    Screws(f64),
-}
-
-impl Hinge {
-    /// What URDF and SDF call its type.
-    pub fn kind(&self) -> &'static str {
-        match self.motion {
-            Motion::Turns => "revolute",
-            Motion::Slides => "prismatic",
-            Motion::Screws(_) => "screw",
-        }
-    }
-
-    /// True for a screw.
-    pub fn is_screw(&self) -> bool {
-        matches!(self.motion, Motion::Screws(_))
-    }
+    /// At least one.
+    pub boxes: Vec<Cuboid>,
+    pub inertia: Inertia,
+    /// Red, green and blue, 0 to 1.
+    pub colour: [f64; 3],
+    /// The surface that was seen, where it is wanted.
+    pub mesh: Option<Mesh>,
 }
 
 impl Description {
-    /// Of a learned object.
+    /// Of a learned object; limits of its joints are the rig's.
     ///
     /// # Errors
     /// When a joint neither turns, slides nor screws, which the formats cannot hold.
-    pub fn new(object: &StoredObject) -> anyhow::Result<Self> {
+    pub fn new(object: &StoredObject, rig: &Rig) -> anyhow::Result<Self> {
         let model = &object.model;
-        let joints = model.joints.iter().map(hinge).collect::<anyhow::Result<_>>()?;
-        let links = (0..model.parts.len()).map(|part| link(part, model, &object.appearance));
-        Ok(Self { name: model.object.clone(), links: links.collect(), joints })
+        let rotation = upright(model, &object.appearance);
+        let to_world = Pose::from_parts(Translation3::identity(), rotation);
+        let joints = model.joints.iter().map(|j| Hinge::new(j, &to_world, rig));
+        let joints = joints.collect::<anyhow::Result<Vec<Hinge>>>()?;
+        let patches = patches(object, &to_world);
+        let numbered = model.parts.iter().zip(&patches).enumerate();
+        let bodies: Vec<Body> = numbered
+            .map(|(number, (part, patches))| {
+                let moved_by = joints.iter().find(|j| j.child == number);
+                body(part, patches, moved_by, &to_world)
+            })
+            .collect();
+        let parts = model.parts.iter().zip(&patches).zip(shapes(&bodies, &joints)).enumerate();
+        let links = parts.map(|(number, ((part, patches), boxes))| {
+            let moved_by = joints.iter().find(|j| j.child == number);
+            link(part, patches, boxes, moved_by)
+        });
+        let links = links.collect();
+        Ok(Self { name: model.object.clone(), links, joints, world_from_object: rotation })
+    }
+
+    /// The same with the surface of each part that was seen, in files of a folder with names of their
+    /// own.
+    pub fn with_meshes(mut self, object: &StoredObject, folder: &str) -> Self {
+        let to_world = Pose::from_parts(Translation3::identity(), self.world_from_object);
+        let patches = patches(object, &to_world);
+        for (number, (link, patches)) in self.links.iter_mut().zip(&patches).enumerate() {
+            let mesh = Mesh::fused(patches, &link.boxes[0], &link.origin);
+            let file = format!("{folder}/part{number}.obj");
+            link.mesh = mesh.map(|mesh| Mesh { file, ..mesh });
+        }
+        self
     }
 
     /// Refuses screws for a format that has none.
@@ -108,82 +109,81 @@ impl Description {
     pub fn in_parent(&self, joint: &Hinge) -> Vector3<f64> {
         self.links[joint.child].origin - self.links[joint.parent].origin
     }
+
+    /// What the head of every file says.
+    pub fn remarks(&self) -> String {
+        let q = self.world_from_object.quaternion();
+        format!(
+            "Learned by Linkage from RGB-D. Metres, radians, kilograms; z is up (as far as it was seen). \
+             Rotation of this frame from the object frame, qx qy qz qw: {:.9} {:.9} {:.9} {:.9}. \
+             Masses and inertias are guesses: 150 kg/m3 for all of the boxes, as furniture is mostly hollow, 0.05 kg at \
+             least. Efforts, damping and friction are guesses; velocities are the rig's.",
+            q.i, q.j, q.k, q.w
+        )
+    }
 }
 
-/// A joint as the formats hold it.
-pub fn hinge(joint: &Joint) -> anyhow::Result<Hinge> {
-    let motion = match joint.kind {
-        JointKind::Revolute => Motion::Turns,
-        JointKind::Prismatic => Motion::Slides,
-        JointKind::Helical => Motion::Screws(joint.pitch),
-        other => bail!(
-            "{} is {}: only joints that turn, slide or screw can be described; use --format json",
-            joint.name,
-            other.name()
-        ),
+/// The rotation that sets the object upright.
+fn upright(model: &ObjectModel, appearance: &Appearance) -> UnitQuaternion<f64> {
+    let normals = appearance.surfels.iter().map(|s| Vector3::from(s.normal).map(f64::from));
+    let normals: Vec<Vector3<f64>> = normals.filter(is_direction).collect();
+    let axes: Vec<Vector3<f64>> = model.joints.iter().map(|j| Vector3::from(j.axis)).collect();
+    world_from_object(&normals, &axes)
+}
+
+fn is_direction(normal: &Vector3<f64>) -> bool {
+    (normal.norm() - 1.0).abs() < 0.1
+}
+
+/// The surface of each part in the export's frame.
+fn patches(object: &StoredObject, world_from_object: &Pose) -> Vec<Vec<Patch>> {
+    let mut of_parts = vec![Vec::new(); object.model.parts.len()];
+    for surfel in &object.appearance.surfels {
+        let place = Point3::from(surfel.point).map(f64::from);
+        let normal = Vector3::from(surfel.normal).map(f64::from);
+        let Some(patches) = of_parts.get_mut(usize::from(surfel.part)) else { continue };
+        if is_direction(&normal) && place.iter().all(|x| x.is_finite()) {
+            let (place, normal) = ((world_from_object * place).coords, world_from_object * normal);
+            patches.push(Patch { place, normal, lab: surfel.lab });
+        }
+    }
+    of_parts.iter().map(|patches| main_surface(patches)).collect()
+}
+
+/// A part's box along the joint that moves it, upright for the base; a small one where it was held,
+/// else at its joint, where its surface was not seen.
+fn body(part: &Part, patches: &[Patch], moved_by: Option<&Hinge>, to_world: &Pose) -> Body {
+    let places: Vec<Vector3<f64>> = patches.iter().map(|p| p.place).collect();
+    let normals: Vec<Vector3<f64>> = patches.iter().map(|p| p.normal).collect();
+    let rotation = match moved_by {
+        None => UnitQuaternion::identity(),
+        Some(joint) => box_rotation(&joint.line.axis, &normals, &places),
     };
-    Ok(Hinge {
-        name: joint.name.clone(),
-        parent: joint.parent,
-        child: joint.child,
-        motion,
-        axis: joint.axis,
-        range: joint.range,
-    })
+    let unseen = || {
+        let held = part.grasp.map(|held| to_world * Point3::from(held));
+        let somewhere = || places.first().map(|p| Point3::from(*p));
+        let at = held.or_else(somewhere).or(moved_by.map(|j| j.line.origin));
+        Cuboid::unseen(at.unwrap_or_default(), rotation)
+    };
+    let shape = Cuboid::around(&places, rotation).unwrap_or_else(unseen);
+    Body { shape, surface: places.into_iter().zip(normals).collect() }
 }
 
-/// A part with the box around its surface.
-fn link(part: usize, model: &ObjectModel, appearance: &Appearance) -> Link {
-    let moved_by = model.joints.iter().find(|j| j.child == part);
-    let origin = moved_by.map_or(Point3::origin(), |j| Point3::from(j.origin));
-    let surface: Vec<Vector3<f64>> = appearance
-        .surfels
-        .iter()
-        .filter(|s| usize::from(s.part) == part)
-        .map(|s| Vector3::from(s.point).map(f64::from) - origin.coords)
-        .collect();
-    Link { name: model.parts[part].name.clone(), origin, shape: Cuboid::around(&surface) }
-}
-
-impl Cuboid {
-    /// Along the main directions of the surface; `None` with too little of it.
-    pub fn around(surface: &[Vector3<f64>]) -> Option<Self> {
-        if surface.len() < 10 {
-            return None;
-        }
-        let mean = surface.iter().sum::<Vector3<f64>>() / surface.len() as f64;
-        let spread: Matrix3<f64> =
-            surface.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
-        let main = spread.symmetric_eigen().eigenvectors;
-        let (x, y) = (main.column(0).into_owned(), main.column(1).into_owned());
-        let rotation = Rotation3::from_basis_unchecked(&[x, y, x.cross(&y)]);
-        let (mut low, mut high) = (Vector3::zeros(), Vector3::zeros());
-        for k in 0..3 {
-            let mut along: Vec<f64> = surface.iter().map(|p| (rotation.inverse() * p)[k]).collect();
-            along.sort_by(f64::total_cmp);
-            let strays = (STRAYS * along.len() as f64) as usize;
-            (low[k], high[k]) = (along[strays], along[along.len() - 1 - strays]);
-        }
-        Some(Self {
-            center: Point3::from(rotation * (0.5 * (low + high))),
-            rotation: UnitQuaternion::from_rotation_matrix(&rotation),
-            size: (high - low).map(|side| side.max(LEAST_SIDE_M)),
-        })
-    }
-
-    pub fn mass(&self) -> f64 {
-        (DENSITY * self.size.product()).max(LEAST_MASS_KG)
-    }
-
-    /// Moments of inertia about the box's own axes.
-    pub fn inertia(&self) -> [f64; 3] {
-        let [x, y, z] = self.size.map(|side| side * side).into();
-        [y + z, x + z, x + y].map(|squares| self.mass() * squares / 12.0)
-    }
-
-    /// Roll, pitch and yaw.
-    pub fn rpy(&self) -> [f64; 3] {
-        let (roll, pitch, yaw) = self.rotation.euler_angles();
-        [roll, pitch, yaw]
+/// A part with its origin on the joint that moves it.
+fn link(part: &Part, patches: &[Patch], boxes: Vec<Cuboid>, moved_by: Option<&Hinge>) -> Link {
+    let origin = moved_by.map_or(Point3::origin(), |j| j.line.origin);
+    let boxes: Vec<Cuboid> = boxes.iter().map(|b| b.seen_from(&origin)).collect();
+    let sum = patches.iter().map(|p| Vector3::from(p.lab)).sum::<Vector3<f32>>();
+    let colour = match patches.len() {
+        0 => UNSEEN_COLOUR,
+        count => srgb((sum / count as f32).into()),
+    };
+    Link {
+        name: part.name.clone(),
+        origin,
+        inertia: Inertia::of(&boxes),
+        boxes,
+        colour,
+        mesh: None,
     }
 }

@@ -1,7 +1,10 @@
-//! MJCF, as MuJoCo reads it.
+//! MJCF, as MuJoCo reads it. The base is fixed to the world.
 
-use super::description::{Description, Motion};
-use super::xml::{document, spaced};
+use super::cuboid::Cuboid;
+use super::description::{Description, Link};
+use super::joint::{Hinge, Motion};
+use super::names::{legal, plain};
+use super::xml::{document, element, empty, spaced};
 use quick_xml::Writer;
 use std::io::{self, Write};
 
@@ -10,19 +13,34 @@ use std::io::{self, Write};
 /// # Errors
 /// For screws, which it has not.
 pub fn mjcf(of: &Description) -> anyhow::Result<String> {
-    let of = of.without_screws("MJCF")?;
-    let text = document(|writer| {
-        writer
-            .create_element("mujoco")
-            .with_attribute(("model", of.name.as_str()))
-            .write_inner_content(|w| {
-                w.create_element("compiler").with_attribute(("angle", "radian")).write_empty()?;
-                w.create_element("worldbody").write_inner_content(|w| body(w, of, 0))?;
-                Ok(())
-            })
-            .map(drop)
+    let of = &legal(of.without_screws("MJCF")?, plain, &["world"]);
+    let text = document(&of.remarks(), |writer| {
+        element(writer, "mujoco", &[("model", &of.name)], |w| {
+            empty(w, "compiler", &[("angle", "radian"), ("autolimits", "true")])?;
+            if of.links.iter().any(|l| l.mesh.is_some()) {
+                element(w, "asset", &[], |w| of.links.iter().try_for_each(|l| asset(w, l)))?;
+            }
+            element(w, "worldbody", &[], |w| body(w, of, 0))?;
+            if of.joints.is_empty() {
+                return Ok(());
+            }
+            element(w, "contact", &[], |w| of.joints.iter().try_for_each(|j| exclude(w, of, j)))
+        })
     })?;
     Ok(text)
+}
+
+fn asset<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
+    match &link.mesh {
+        None => Ok(()),
+        Some(mesh) => empty(writer, "mesh", &[("name", &link.name), ("file", &mesh.file)]),
+    }
+}
+
+/// MuJoCo lets what is fixed to the world bump into its own children.
+fn exclude<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> io::Result<()> {
+    let names = [joint.parent, joint.child].map(|link| of.links[link].name.as_str());
+    empty(writer, "exclude", &[("body1", names[0]), ("body2", names[1])])
 }
 
 /// A link within the one that carries it, with all that it carries.
@@ -30,38 +48,65 @@ fn body<W: Write>(writer: &mut Writer<W>, of: &Description, number: usize) -> io
     let link = &of.links[number];
     let moved_by = of.joints.iter().find(|j| j.child == number);
     let at = moved_by.map_or(link.origin.coords, |j| of.in_parent(j));
-    writer
-        .create_element("body")
-        .with_attributes([
-            ("name", link.name.as_str()),
-            ("pos", spaced(at.iter().copied()).as_str()),
-        ])
-        .write_inner_content(|w| {
-            if let Some(joint) = moved_by {
-                w.create_element("joint")
-                    .with_attributes([
-                        ("name", joint.name.as_str()),
-                        ("type", if joint.motion == Motion::Turns { "hinge" } else { "slide" }),
-                        ("axis", joint.axis.map(|x| x.to_string()).join(" ").as_str()),
-                        ("limited", "true"),
-                        ("range", joint.range.map(|q| q.to_string()).join(" ").as_str()),
-                    ])
-                    .write_empty()?;
-            }
-            if let Some(shape) = &link.shape {
-                let q = shape.rotation;
-                w.create_element("geom")
-                    .with_attributes([
-                        ("type", "box"),
-                        ("size", spaced(shape.size.iter().map(|side| side / 2.0)).as_str()),
-                        ("pos", spaced(shape.center.iter().copied()).as_str()),
-                        ("quat", spaced([q.w, q.i, q.j, q.k]).as_str()),
-                        ("mass", shape.mass().to_string().as_str()),
-                    ])
-                    .write_empty()?;
-            }
-            let carried = of.joints.iter().filter(|j| j.parent == number);
-            carried.map(|j| j.child).try_for_each(|child| body(w, of, child))
-        })
-        .map(drop)
+    let at = spaced(at.iter().copied());
+    element(writer, "body", &[("name", &link.name), ("pos", &at)], |w| {
+        inertial(w, link)?;
+        if let Some(moved_by) = moved_by {
+            joint(w, moved_by)?;
+        }
+        let [r, g, b] = link.colour;
+        let rgba = format!("{r:.3} {g:.3} {b:.3} 1");
+        if link.mesh.is_some() {
+            let seen = [("type", "mesh"), ("mesh", link.name.as_str()), ("rgba", &rgba)];
+            let apart = [("contype", "0"), ("conaffinity", "0"), ("group", "2"), ("mass", "0")];
+            empty(w, "geom", &[seen.as_slice(), apart.as_slice()].concat())?;
+        }
+        // Viewers show groups 0 to 2 unless told otherwise.
+        let group = if link.mesh.is_some() { "3" } else { "0" };
+        link.boxes.iter().try_for_each(|b| geom(w, b, &rgba, group))?;
+        let carried = of.joints.iter().filter(|j| j.parent == number);
+        carried.map(|j| j.child).try_for_each(|child| body(w, of, child))
+    })
+}
+
+fn inertial<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
+    let at = spaced(link.inertia.center.iter().copied());
+    let i = &link.inertia.moments;
+    let moments = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|k| i[k].to_string());
+    let (mass, moments) = (link.inertia.mass_kg.to_string(), moments.join(" "));
+    empty(writer, "inertial", &[("pos", &at), ("mass", &mass), ("fullinertia", &moments)])
+}
+
+fn joint<W: Write>(writer: &mut Writer<W>, joint: &Hinge) -> io::Result<()> {
+    let kind = if joint.motion == Motion::Turns { "hinge" } else { "slide" };
+    let (axis, range) = (joint.axis(), joint.range);
+    let [axis, range] = [axis.as_slice(), &range]
+        .map(|numbers| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(" "));
+    let (damping, friction) = (joint.damping.to_string(), joint.friction.to_string());
+    let force = format!("{} {}", -joint.effort, joint.effort);
+    let attributes = [
+        ("name", joint.name.as_str()),
+        ("type", kind),
+        ("axis", &axis),
+        ("range", &range),
+        ("actuatorfrcrange", &force),
+        ("damping", &damping),
+        ("frictionloss", &friction),
+    ];
+    empty(writer, "joint", &attributes)
+}
+
+fn geom<W: Write>(w: &mut Writer<W>, shape: &Cuboid, rgba: &str, group: &str) -> io::Result<()> {
+    let q = shape.rotation;
+    let half = spaced(shape.size.iter().map(|side| side / 2.0));
+    let (at, turned) = (spaced(shape.center.iter().copied()), spaced([q.w, q.i, q.j, q.k]));
+    let attributes = [
+        ("type", "box"),
+        ("size", half.as_str()),
+        ("pos", &at),
+        ("quat", &turned),
+        ("rgba", rgba),
+        ("group", group),
+    ];
+    empty(w, "geom", &attributes)
 }

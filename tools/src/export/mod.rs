@@ -1,133 +1,269 @@
 //! Learned objects as robot descriptions that simulators and planners read.
 //!
-//! Every link's frame has the axes of the object frame, and its origin on the joint that moves
-//! it; at configuration 0 the links are where the demonstration began.
+//! The frame of a description has the object frame's origin and z up; every link's frame has its
+//! axes, and its origin on the joint that moves the link. At configuration 0 the links are where the
+//! demonstration began. `description.rs` makes links and joints of the model, with boxes that
+//! `upright.rs` sets up and `clearance.rs` keeps apart; one file each writes a format.
 
+mod clearance;
+mod colour;
+mod cuboid;
 mod description;
+mod fused_surface;
+mod joint;
+mod main_surface;
+mod mesh;
 mod mjcf;
+mod names;
+mod overlap;
+mod patch;
 mod sdf;
+mod solid_cells;
+mod surface_nets;
+mod upright;
 mod urdf;
+mod usd;
 mod xml;
 
 pub use description::Description;
 pub use mjcf::mjcf;
 pub use sdf::sdf;
 pub use urdf::urdf;
+pub use usd::usd;
 
 #[cfg(test)]
 mod tests {
-    use super::description::{Cuboid, Hinge, LEAST_SIDE_M, Link, Motion, hinge};
+    use super::clearance::{chain, moved};
+    use super::overlap::overlap;
     use super::*;
-    use linkage_skill::object::joint_geometry::JointKind;
-    use linkage_skill::object::model::Joint;
+    use linkage_planner_bridge::Rig;
+    use linkage_skill::ObjectModel;
+    use linkage_skill::math::rigid::Pose;
+    use linkage_skill::object::appearance::{Appearance, Surfel};
+    use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
+    use linkage_skill::object::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
+    use linkage_skill::store::StoredObject;
     use nalgebra::{Point3, Vector3};
 
-    fn model_joint(kind: JointKind) -> Joint {
-        let value = serde_json::json!({
-            "name": "latch", "parent": 0, "child": 1, "type": kind, "axis": [1.0, 0.0, 0.0],
-            "origin": [0.0, 0.0, 0.0], "pitch": 0.09, "range": [0.0, 1.0], "covariance": [],
-            "observations": 0, "bic": 0.0, "log_likelihood": 0.0, "position_rmse": 0.0,
-            "orientation_rmse": 0.0, "configuration": [],
-        });
-        serde_json::from_value(value).expect("it has every field")
+    /// Pieces of surface over a rectangle, 2 cm apart; places in a camera's frame, y down.
+    fn rectangle(part: u16, corner: [f64; 3], sides: [[f64; 3]; 2]) -> Vec<Surfel> {
+        let [a, b] = sides.map(Vector3::from);
+        let normal = a.cross(&b).normalize().map(|x| x as f32).into();
+        let steps = |side: &Vector3<f64>| (side.norm() / 0.02) as usize;
+        let places = (0..=steps(&a)).flat_map(|i| (0..=steps(&b)).map(move |k| (i, k)));
+        let at = |(i, k): (usize, usize)| {
+            let place = Vector3::from(corner)
+                + a.normalize() * (0.02 * i as f64)
+                + b.normalize() * (0.02 * k as f64);
+            Surfel { part, point: place.map(|x| x as f32).into(), normal, lab: [60.0, 10.0, 20.0] }
+        };
+        places.map(at).collect()
     }
 
-    /// A door of 40 cm by 80 cm on a hinge, with a handle that slides upon it.
-    fn cupboard() -> Description {
-        let origins = [[0.0; 3], [0.2, 0.1, 1.0], [0.5, 0.1, 1.0]].map(Point3::from);
-        let door: Vec<Vector3<f64>> = (0..41)
-            .flat_map(|i| (0..81).map(move |k| [0.01 * f64::from(i), 0.01 * f64::from(k), 0.0]))
-            .map(|p| Vector3::from(p) - Vector3::new(0.0, 0.1, 0.0))
-            .collect();
-        let link = |name: &str, origin, surface: &[Vector3<f64>]| Link {
-            name: name.to_owned(),
-            origin,
-            shape: Cuboid::around(surface),
+    /// The six faces of a block, seen from outside.
+    fn block(part: u16, low: [f64; 3], high: [f64; 3]) -> Vec<Surfel> {
+        let [x, y, z] = [0, 1, 2].map(|k| high[k] - low[k]);
+        let ([a, b, c], [d, e, f]) = (low, high);
+        let faces = [
+            (low, [[0.0, y, 0.0], [x, 0.0, 0.0]]),
+            ([a, b, f], [[x, 0.0, 0.0], [0.0, y, 0.0]]),
+            (low, [[x, 0.0, 0.0], [0.0, 0.0, z]]),
+            ([a, e, c], [[0.0, 0.0, z], [x, 0.0, 0.0]]),
+            (low, [[0.0, 0.0, z], [0.0, y, 0.0]]),
+            ([d, b, c], [[0.0, y, 0.0], [0.0, 0.0, z]]),
+        ];
+        faces.into_iter().flat_map(|(corner, sides)| rectangle(part, corner, sides)).collect()
+    }
+
+    fn object(joints: Vec<Joint>, surfels: Vec<Surfel>) -> StoredObject {
+        let model = ObjectModel {
+            schema: MODEL_SCHEMA.to_owned(),
+            object: "cup & board".to_owned(),
+            reference_frame: ReferenceFrame::at_camera(0.0),
+            parts: (0..=joints.len()).map(|i| Part::new(i, format!("part{i}"), 9)).collect(),
+            joints,
+            demonstrations: 1,
+            profile: "default".to_owned(),
+            version: "0".to_owned(),
         };
-        let joint = |name: &str, parent, motion, axis, range| Hinge {
-            name: name.to_owned(),
-            parent,
-            child: parent + 1,
-            motion,
-            axis,
-            range,
-        };
-        Description {
-            name: "cup & board".to_owned(),
-            links: vec![
-                link("base", origins[0], &[]),
-                link("door", origins[1], &door),
-                link("handle", origins[2], &[]),
-            ],
-            joints: vec![
-                joint("hinge", 0, Motion::Turns, [0.0, 1.0, 0.0], [0.0, 1.5]),
-                joint("latch", 1, Motion::Slides, [1.0, 0.0, 0.0], [-0.1, 0.0]),
-            ],
+        let appearance = Appearance { surfels, ..Appearance::default() };
+        StoredObject { model, appearance, provenance: Vec::new() }
+    }
+
+    fn joint(number: usize, parent: usize, line: &JointGeometry, range: [f64; 2]) -> Joint {
+        let name = format!("joint{number}");
+        Joint { name, parent, child: number, range, ..Joint::of(line) }
+    }
+
+    /// A cupboard of 60 cm by 80 cm by 40 cm with a door before its left half, that carries a latch
+    /// nobody saw, and a drawer in its right half; a metre before the camera.
+    fn cupboard() -> StoredObject {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(-0.3, 0.0, 1.0));
+        let latch = JointGeometry::slide(Vector3::x_axis(), Point3::new(-0.1, 0.0, 1.0));
+        let slide = JointGeometry::slide(-Vector3::z_axis(), Point3::new(0.15, 0.0, 1.0));
+        let joints = vec![
+            joint(1, 0, &hinge, [0.0, 1.5]),
+            joint(2, 1, &latch, [-0.05, 0.0]),
+            joint(3, 0, &slide, [0.0, 0.3]),
+        ];
+        let surfels = [
+            block(0, [-0.3, -0.4, 1.01], [0.3, 0.4, 1.4]),
+            block(1, [-0.3, -0.38, 0.98], [0.01, 0.38, 1.0]),
+            block(3, [0.0, -0.2, 0.98], [0.28, 0.2, 1.35]),
+        ];
+        object(joints, surfels.concat())
+    }
+
+    fn described(object: &StoredObject) -> Description {
+        Description::new(object, &Rig::default()).unwrap()
+    }
+
+    /// The deepest overlap of any two links at any of so many configurations of each joint, metres.
+    fn deepest_overlap(of: &Description, steps: usize) -> f64 {
+        let grids: Vec<Vec<f64>> = of.joints.iter().map(|j| j.configurations(steps)).collect();
+        let mut deepest: f64 = 0.0;
+        for number in 0..grids.iter().map(Vec::len).product() {
+            let mut left = number;
+            let mut configuration = Vec::new();
+            for grid in &grids {
+                configuration.push(grid[left % grid.len()]);
+                left /= grid.len();
+            }
+            let placed: Vec<Vec<_>> = (0..of.links.len())
+                .map(|link| {
+                    let path = chain(link, &of.joints);
+                    let number = |j: &super::joint::Hinge| {
+                        of.joints.iter().position(|other| other.name == j.name).unwrap()
+                    };
+                    let motion = path.iter().rev().fold(Pose::identity(), |motion, j| {
+                        motion * j.line.motion(configuration[number(j)])
+                    });
+                    let origin = of.links[link].origin.coords;
+                    let to_world = motion * Pose::translation(origin.x, origin.y, origin.z);
+                    of.links[link].boxes.iter().map(|b| moved(b, &to_world)).collect()
+                })
+                .collect();
+            for (i, a) in placed.iter().enumerate() {
+                for b in placed[i + 1..].iter().flatten() {
+                    let depths = a.iter().filter_map(|a| overlap(a, b)).map(|(depth, _)| depth);
+                    deepest = depths.fold(deepest, f64::max);
+                }
+            }
         }
+        deepest
+    }
+
+    #[test]
+    fn parts_keep_their_distance_wherever_the_joints_stand() {
+        let description = described(&cupboard());
+        let deepest = deepest_overlap(&description, 9);
+        assert!(deepest < 0.005, "{deepest} m");
+        let base: f64 = description.links[0].boxes.iter().map(|b| b.volume()).sum();
+        assert!(base > 0.5 * 0.6 * 0.8 * 0.39 - 0.03, "little is left of the base: {base} m3");
+    }
+
+    #[test]
+    fn boxes_lie_along_their_joints_and_stand_upright() {
+        let description = described(&cupboard());
+        // The latch's way cuts the door into several boxes.
+        let size = |link: usize| {
+            let boxes = &description.links[link].boxes;
+            let corners = boxes.iter().flat_map(|b| b.corners());
+            let own: Vec<_> = corners.map(|c| boxes[0].rotation.inverse() * c.coords).collect();
+            let high = own.iter().skip(1).fold(own[0], |a, b| a.sup(b));
+            high - own.iter().skip(1).fold(own[0], |a, b| a.inf(b))
+        };
+        let sorted = |mut sides: Vec<f64>| {
+            sides.sort_by(f64::total_cmp);
+            sides
+        };
+        for (link, wanted) in [(1, [0.02, 0.31, 0.76]), (3, [0.28, 0.37, 0.4])] {
+            let sides = sorted(size(link).iter().copied().collect());
+            let close = sides.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 0.025);
+            assert!(close, "link {link}: {sides:?}");
+        }
+        assert!((Vector3::from(description.joints[0].axis()) + Vector3::z()).norm() < 1e-6);
+        assert!((Vector3::from(description.joints[2].axis()) - Vector3::x()).norm() < 1e-6);
+    }
+
+    #[test]
+    fn a_part_that_was_not_seen_has_a_shape_and_a_mass_at_its_joint() {
+        let description = described(&cupboard());
+        let latch = &description.links[2];
+        assert_eq!(latch.boxes.len(), 1);
+        assert!(latch.inertia.mass_kg >= 0.05 && latch.inertia.moments[(0, 0)] > 0.0);
+        assert!(latch.boxes[0].center.coords.norm() < 1e-9, "{}", latch.boxes[0].center);
     }
 
     #[test]
     fn a_reader_of_urdf_finds_the_joints_where_they_were_learned() {
-        let description = cupboard();
+        let description = described(&cupboard());
         let robot = urdf_rs::read_from_string(&urdf(&description).unwrap()).unwrap();
-        assert_eq!((robot.name.as_str(), robot.links.len()), ("cup & board", 3));
-        let mut at = Vector3::zeros();
-        for (read, written) in robot.joints.iter().zip(&description.joints) {
-            at += Vector3::from(*read.origin.xyz);
-            let child = &description.links[written.child];
-            assert!((at - child.origin.coords).norm() < 1e-8, "{}", written.name);
-            assert_eq!(*read.axis.xyz, written.axis);
+        assert_eq!((robot.name.as_str(), robot.links.len()), ("cup & board", 5));
+        assert_eq!(robot.joints[0].parent.link, "world");
+        for (read, written) in robot.joints[1..].iter().zip(&description.joints) {
+            let at = description.in_parent(written);
+            assert!((at - Vector3::from(*read.origin.xyz)).norm() < 1e-8, "{}", written.name);
+            assert_eq!(*read.axis.xyz, written.axis());
             assert_eq!([read.limit.lower, read.limit.upper], written.range);
-            assert_eq!(read.child.link, child.name);
+            assert_eq!(read.child.link, description.links[written.child].name);
         }
-        assert!(matches!(robot.joints[0].joint_type, urdf_rs::JointType::Revolute));
-        assert!(matches!(robot.joints[1].joint_type, urdf_rs::JointType::Prismatic));
-    }
-
-    #[test]
-    fn the_box_is_the_surface_s() {
-        let description = cupboard();
-        let shape = description.links[1].shape.as_ref().unwrap();
-        let mut sides: Vec<f64> = shape.size.iter().copied().collect();
-        sides.sort_by(f64::total_cmp);
-        for (side, wanted) in sides.iter().zip([LEAST_SIDE_M, 0.4, 0.8]) {
-            assert!((side - wanted).abs() < 0.03, "{sides:?}");
-        }
-        assert!((shape.center - Point3::new(0.2, 0.3, 0.0)).norm() < 0.02);
-        assert!(description.links[0].shape.is_none());
+        assert_eq!(robot.joints[1].limit.velocity, Rig::default().revolute.velocity);
+        assert!(matches!(robot.joints[1].joint_type, urdf_rs::JointType::Revolute));
+        assert!(matches!(robot.joints[3].joint_type, urdf_rs::JointType::Prismatic));
     }
 
     #[test]
     fn mjcf_nests_what_moves_with_what_and_sdf_places_every_link() {
-        let text = mjcf(&cupboard()).unwrap();
+        let description = described(&cupboard());
+        let text = mjcf(&description).unwrap();
         let place = |what: &str| text.find(what).unwrap_or_else(|| panic!("{what} in {text}"));
-        let order = ["body name=\"base\"", "body name=\"door\"", "body name=\"handle\"", "</body>"];
+        let order =
+            ["body name=\"part0\"", "body name=\"part1\"", "body name=\"part2\"", "</body>"];
         assert!(order.windows(2).all(|w| place(w[0]) < place(w[1])), "{text}");
         assert!(text.contains("type=\"slide\"") && text.contains("model=\"cup &amp; board\""));
-        let text = sdf(&cupboard()).unwrap();
-        assert!(text.contains("<pose>0.200000000 0.100000000 1.000000000 0 0 0</pose>"), "{text}");
+        assert!(text.contains("<exclude body1=\"part0\" body2=\"part1\"/>"), "{text}");
+        let text = sdf(&description).unwrap();
+        let at = description.links[1].origin;
+        assert!(
+            text.contains(&format!(
+                "<pose>{} 0 0 0</pose>",
+                super::xml::spaced(at.iter().copied())
+            ))
+        );
+    }
+
+    #[test]
+    fn names_that_a_format_keeps_for_itself_are_changed() {
+        let mut object = cupboard();
+        object.model.parts[1].name = "world".to_owned();
+        object.model.joints[0].name = "world_".to_owned();
+        let description = described(&object);
+        let text = urdf(&description).unwrap();
+        assert!(text.contains("link name=\"world_\"") && text.contains("joint name=\"world__2\""));
+        assert!(sdf(&description).unwrap().contains("<child>world_</child>"));
     }
 
     #[test]
     fn a_screw_is_written_where_the_format_has_screws_and_refused_by_name_elsewhere() {
-        let screw = hinge(&model_joint(JointKind::Helical)).unwrap();
-        let (parent, child) = (1, 2);
-        let description = Description {
-            joints: vec![cupboard().joints.swap_remove(0), Hinge { parent, child, ..screw }],
-            ..cupboard()
-        };
+        let mut object = cupboard();
+        object.model.joints[1].kind = JointKind::Helical;
+        object.model.joints[1].pitch = 0.09;
+        let description = described(&object);
         let text = sdf(&description).unwrap();
         for wanted in ["version=\"1.10\"", "type=\"screw\"", "<screw_thread_pitch>0.09<"] {
             assert!(text.contains(wanted), "{wanted} in {text}");
         }
-        for refused in [urdf(&description), mjcf(&description)] {
-            assert!(refused.unwrap_err().to_string().contains("latch is helical"));
+        for refused in [urdf(&description), mjcf(&description), usd(&description)] {
+            assert!(refused.unwrap_err().to_string().contains("joint2 is helical"));
         }
     }
 
     #[test]
     fn a_joint_that_no_format_can_hold_is_refused_by_name() {
-        let refused = hinge(&model_joint(JointKind::Nonparametric)).err().unwrap().to_string();
-        assert!(refused.contains("latch is nonparametric"), "{refused}");
+        let mut object = cupboard();
+        object.model.joints[1].kind = JointKind::Nonparametric;
+        let refused = Description::new(&object, &Rig::default()).err().unwrap().to_string();
+        assert!(refused.contains("joint2 is nonparametric"), "{refused}");
     }
 }

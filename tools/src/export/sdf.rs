@@ -1,10 +1,15 @@
-//! SDFormat, as Gazebo and Drake read it.
+//! SDFormat, as Gazebo and Drake read it. The base is fixed to the world.
 
-use super::description::{Cuboid, Description, Hinge, Link, Motion};
-use super::xml::{document, spaced};
+use super::cuboid::Cuboid;
+use super::description::{Description, Link};
+use super::joint::{Hinge, Motion};
+use super::names::{legal, sdf as legal_name};
+use super::xml::{document, element, spaced, text};
 use quick_xml::Writer;
-use quick_xml::events::BytesText;
 use std::io::{self, Write};
+
+/// Names that the file uses itself.
+const TAKEN: &[&str] = &["world", "world_to_base"];
 
 /// The description as SDF 1.9; with screws as 1.10, which was the first to say what the pitch of one
 /// is.
@@ -12,55 +17,58 @@ use std::io::{self, Write};
 /// # Errors
 /// Whatever the writer says.
 pub fn sdf(of: &Description) -> anyhow::Result<String> {
+    let of = &legal(of, legal_name, TAKEN);
     let version = if of.joints.iter().any(Hinge::is_screw) { "1.10" } else { "1.9" };
-    let text = document(|writer| {
-        writer
-            .create_element("sdf")
-            .with_attribute(("version", version))
-            .write_inner_content(|w| {
-                w.create_element("model")
-                    .with_attribute(("name", of.name.as_str()))
-                    .write_inner_content(|w| {
-                        of.links.iter().try_for_each(|l| link(w, l))?;
-                        of.joints.iter().try_for_each(|j| joint(w, of, j))
-                    })
-                    .map(drop)
+    let text = document(&of.remarks(), |writer| {
+        element(writer, "sdf", &[("version", version)], |w| {
+            element(w, "model", &[("name", &of.name)], |w| {
+                of.links.iter().try_for_each(|l| link(w, l))?;
+                let fixed = [("name", "world_to_base"), ("type", "fixed")];
+                element(w, "joint", &fixed, |w| ends(w, "world", &of.links[0].name))?;
+                of.joints.iter().try_for_each(|j| joint(w, of, j))
             })
-            .map(drop)
+        })
     })?;
     Ok(text)
 }
 
-fn text<W: Write>(writer: &mut Writer<W>, name: &str, words: &str) -> io::Result<()> {
-    writer.create_element(name).write_text_content(BytesText::new(words)).map(drop)
+fn link<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
+    element(writer, "link", &[("name", &link.name)], |w| {
+        text(w, "pose", &format!("{} 0 0 0", spaced(link.origin.iter().copied())))?;
+        inertial(w, link)?;
+        match &link.mesh {
+            None => shapes(w, link, "visual")?,
+            Some(mesh) => element(w, "visual", &[("name", "visual")], |w| {
+                element(w, "geometry", &[], |w| {
+                    element(w, "mesh", &[], |w| text(w, "uri", &mesh.file))
+                })?;
+                material(w, &link.colour)
+            })?,
+        }
+        shapes(w, link, "collision")
+    })
 }
 
-fn link<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
-    writer
-        .create_element("link")
-        .with_attribute(("name", link.name.as_str()))
-        .write_inner_content(|w| {
-            text(w, "pose", &format!("{} 0 0 0", spaced(link.origin.iter().copied())))?;
-            let Some(shape) = &link.shape else { return Ok(()) };
-            inertial(w, shape)?;
-            for purpose in ["visual", "collision"] {
-                w.create_element(purpose).with_attribute(("name", purpose)).write_inner_content(
-                    |w| {
-                        pose(w, shape)?;
-                        w.create_element("geometry").write_inner_content(|w| {
-                            w.create_element("box")
-                                .write_inner_content(|w| {
-                                    text(w, "size", &spaced(shape.size.iter().copied()))
-                                })
-                                .map(drop)
-                        })?;
-                        Ok(())
-                    },
-                )?;
-            }
-            Ok(())
+/// The boxes, to be seen or to bump into.
+fn shapes<W: Write>(writer: &mut Writer<W>, link: &Link, purpose: &str) -> io::Result<()> {
+    link.boxes.iter().enumerate().try_for_each(|(i, shape)| {
+        element(writer, purpose, &[("name", &format!("{purpose}{}", i + 1))], |w| {
+            pose(w, shape)?;
+            element(w, "geometry", &[], |w| {
+                let size = spaced(shape.size.iter().copied());
+                element(w, "box", &[], |w| text(w, "size", &size))
+            })?;
+            if purpose == "visual" { material(w, &link.colour) } else { Ok(()) }
         })
-        .map(drop)
+    })
+}
+
+fn material<W: Write>(writer: &mut Writer<W>, [r, g, b]: &[f64; 3]) -> io::Result<()> {
+    let rgba = format!("{r:.3} {g:.3} {b:.3} 1");
+    element(writer, "material", &[], |w| {
+        text(w, "ambient", &rgba)?;
+        text(w, "diffuse", &rgba)
+    })
 }
 
 fn pose<W: Write>(writer: &mut Writer<W>, shape: &Cuboid) -> io::Result<()> {
@@ -68,42 +76,44 @@ fn pose<W: Write>(writer: &mut Writer<W>, shape: &Cuboid) -> io::Result<()> {
     text(writer, "pose", &pose)
 }
 
-fn inertial<W: Write>(writer: &mut Writer<W>, shape: &Cuboid) -> io::Result<()> {
-    writer
-        .create_element("inertial")
-        .write_inner_content(|w| {
-            pose(w, shape)?;
-            text(w, "mass", &shape.mass().to_string())?;
-            w.create_element("inertia").write_inner_content(|w| {
-                for (name, moment) in ["ixx", "iyy", "izz"].iter().zip(shape.inertia()) {
-                    text(w, name, &moment.to_string())?;
-                }
-                Ok(())
-            })?;
+fn inertial<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
+    element(writer, "inertial", &[], |w| {
+        text(w, "pose", &format!("{} 0 0 0", spaced(link.inertia.center.iter().copied())))?;
+        text(w, "mass", &link.inertia.mass_kg.to_string())?;
+        element(w, "inertia", &[], |w| {
+            let named = [("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1)];
+            for (name, row, column) in named.into_iter().chain([("iyz", 1, 2), ("izz", 2, 2)]) {
+                text(w, name, &link.inertia.moments[(row, column)].to_string())?;
+            }
             Ok(())
         })
-        .map(drop)
+    })
+}
+
+fn ends<W: Write>(writer: &mut Writer<W>, parent: &str, child: &str) -> io::Result<()> {
+    text(writer, "parent", parent)?;
+    text(writer, "child", child)
 }
 
 fn joint<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> io::Result<()> {
-    writer
-        .create_element("joint")
-        .with_attributes([("name", joint.name.as_str()), ("type", joint.kind())])
-        .write_inner_content(|w| {
-            text(w, "parent", &of.links[joint.parent].name)?;
-            text(w, "child", &of.links[joint.child].name)?;
-            if let Motion::Screws(pitch) = joint.motion {
-                text(w, "screw_thread_pitch", &pitch.to_string())?;
-            }
-            w.create_element("axis").write_inner_content(|w| {
-                text(w, "xyz", &joint.axis.map(|x| x.to_string()).join(" "))?;
-                w.create_element("limit").write_inner_content(|w| {
-                    text(w, "lower", &joint.range[0].to_string())?;
-                    text(w, "upper", &joint.range[1].to_string())
-                })?;
-                Ok(())
+    let kind = [("name", joint.name.as_str()), ("type", joint.kind())];
+    element(writer, "joint", &kind, |w| {
+        ends(w, &of.links[joint.parent].name, &of.links[joint.child].name)?;
+        if let Motion::Screws(pitch) = joint.motion {
+            text(w, "screw_thread_pitch", &pitch.to_string())?;
+        }
+        element(w, "axis", &[], |w| {
+            text(w, "xyz", &joint.axis().map(|x| x.to_string()).join(" "))?;
+            element(w, "limit", &[], |w| {
+                text(w, "lower", &joint.range[0].to_string())?;
+                text(w, "upper", &joint.range[1].to_string())?;
+                text(w, "effort", &joint.effort.to_string())?;
+                text(w, "velocity", &joint.velocity.to_string())
             })?;
-            Ok(())
+            element(w, "dynamics", &[], |w| {
+                text(w, "damping", &joint.damping.to_string())?;
+                text(w, "friction", &joint.friction.to_string())
+            })
         })
-        .map(drop)
+    })
 }

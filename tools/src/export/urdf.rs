@@ -1,93 +1,106 @@
-//! URDF, as ROS and Drake read it.
+//! URDF, as ROS, Drake, PyBullet and MuJoCo read it.
+//!
+//! A link `world` without mass carries the base: readers fix it, and some refuse a base with mass.
 
-use super::description::{Cuboid, Description, Hinge, Link};
-use super::xml::{document, spaced};
+use super::cuboid::Cuboid;
+use super::description::{Description, Link};
+use super::joint::Hinge;
+use super::names::{legal, plain};
+use super::xml::{document, element, empty, spaced};
 use quick_xml::Writer;
 use std::io::{self, Write};
 
-/// Newton or newton metres, and radians or metres a second: the format wants limits.
-const EFFORT: &str = "100";
-const VELOCITY: &str = "1";
+/// Names that the file uses itself.
+const TAKEN: &[&str] = &["world", "world_to_base"];
 
 /// The description as URDF.
 ///
 /// # Errors
 /// For screws, which it has not.
 pub fn urdf(of: &Description) -> anyhow::Result<String> {
-    let of = of.without_screws("URDF")?;
-    let text = document(|writer| {
-        writer
-            .create_element("robot")
-            .with_attribute(("name", of.name.as_str()))
-            .write_inner_content(|w| {
-                of.links.iter().try_for_each(|l| link(w, l))?;
-                of.joints.iter().try_for_each(|j| joint(w, of, j))
-            })
-            .map(drop)
+    let of = &legal(of.without_screws("URDF")?, plain, TAKEN);
+    let text = document(&of.remarks(), |writer| {
+        element(writer, "robot", &[("name", &of.name)], |w| {
+            empty(w, "link", &[("name", "world")])?;
+            of.links.iter().try_for_each(|l| link(w, l))?;
+            let fixed = [("name", "world_to_base"), ("type", "fixed")];
+            element(w, "joint", &fixed, |w| ends(w, "world", &of.links[0].name))?;
+            of.joints.iter().try_for_each(|j| joint(w, of, j))
+        })
     })?;
     Ok(text)
 }
 
 fn link<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
-    let element = writer.create_element("link").with_attribute(("name", link.name.as_str()));
-    let Some(shape) = &link.shape else { return element.write_empty().map(drop) };
-    element
-        .write_inner_content(|w| {
-            w.create_element("inertial").write_inner_content(|w| {
-                origin(w, shape)?;
-                let mass = shape.mass().to_string();
-                w.create_element("mass").with_attribute(("value", mass.as_str())).write_empty()?;
-                let [x, y, z] = shape.inertia().map(|i| i.to_string());
-                w.create_element("inertia")
-                    .with_attributes([("ixx", x.as_str()), ("iyy", &y), ("izz", &z)])
-                    .with_attributes([("ixy", "0"), ("ixz", "0"), ("iyz", "0")])
-                    .write_empty()?;
-                Ok(())
-            })?;
-            for purpose in ["visual", "collision"] {
-                w.create_element(purpose).write_inner_content(|w| {
-                    origin(w, shape)?;
-                    w.create_element("geometry").write_inner_content(|w| {
-                        let size = spaced(shape.size.iter().copied());
-                        w.create_element("box")
-                            .with_attribute(("size", size.as_str()))
-                            .write_empty()
-                            .map(drop)
-                    })?;
-                    Ok(())
-                })?;
-            }
-            Ok(())
-        })
-        .map(drop)
+    element(writer, "link", &[("name", &link.name)], |w| {
+        inertial(w, link)?;
+        match &link.mesh {
+            None => link.boxes.iter().try_for_each(|b| visual_box(w, b, &link.colour))?,
+            Some(mesh) => element(w, "visual", &[], |w| {
+                element(w, "geometry", &[], |w| empty(w, "mesh", &[("filename", &mesh.file)]))?;
+                material(w, &link.colour)
+            })?,
+        }
+        link.boxes.iter().try_for_each(|b| element(w, "collision", &[], |w| geometry(w, b)))
+    })
 }
 
-fn origin<W: Write>(writer: &mut Writer<W>, shape: &Cuboid) -> io::Result<()> {
+fn inertial<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
+    element(writer, "inertial", &[], |w| {
+        let center = spaced(link.inertia.center.iter().copied());
+        empty(w, "origin", &[("xyz", &center), ("rpy", "0 0 0")])?;
+        empty(w, "mass", &[("value", &link.inertia.mass_kg.to_string())])?;
+        let i = link.inertia.moments.map(|x| x.to_string());
+        let [xx, yy, zz] = [0, 1, 2].map(|k| i[(k, k)].as_str());
+        let [xy, xz, yz] = [(0, 1), (0, 2), (1, 2)].map(|k| i[k].as_str());
+        let moments =
+            [("ixx", xx), ("ixy", xy), ("ixz", xz), ("iyy", yy), ("iyz", yz), ("izz", zz)];
+        empty(w, "inertia", &moments)
+    })
+}
+
+fn visual_box<W: Write>(w: &mut Writer<W>, shape: &Cuboid, colour: &[f64; 3]) -> io::Result<()> {
+    element(w, "visual", &[], |w| {
+        geometry(w, shape)?;
+        material(w, colour)
+    })
+}
+
+fn material<W: Write>(writer: &mut Writer<W>, [r, g, b]: &[f64; 3]) -> io::Result<()> {
+    let rgba = format!("{r:.3} {g:.3} {b:.3} 1");
+    let name = format!("rgb {r:.3} {g:.3} {b:.3}");
+    element(writer, "material", &[("name", &name)], |w| empty(w, "color", &[("rgba", &rgba)]))
+}
+
+fn geometry<W: Write>(writer: &mut Writer<W>, shape: &Cuboid) -> io::Result<()> {
     let (xyz, rpy) = (spaced(shape.center.iter().copied()), spaced(shape.rpy()));
-    let attributes = [("xyz", xyz.as_str()), ("rpy", rpy.as_str())];
-    writer.create_element("origin").with_attributes(attributes).write_empty().map(drop)
+    empty(writer, "origin", &[("xyz", &xyz), ("rpy", &rpy)])?;
+    let size = spaced(shape.size.iter().copied());
+    element(writer, "geometry", &[], |w| empty(w, "box", &[("size", &size)]))
+}
+
+fn ends<W: Write>(writer: &mut Writer<W>, parent: &str, child: &str) -> io::Result<()> {
+    empty(writer, "parent", &[("link", parent)])?;
+    empty(writer, "child", &[("link", child)])
 }
 
 fn joint<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> io::Result<()> {
-    writer
-        .create_element("joint")
-        .with_attributes([("name", joint.name.as_str()), ("type", joint.kind())])
-        .write_inner_content(|w| {
-            for (role, link) in [("parent", joint.parent), ("child", joint.child)] {
-                let name = of.links[link].name.as_str();
-                w.create_element(role).with_attribute(("link", name)).write_empty()?;
-            }
-            let at = spaced(of.in_parent(joint).iter().copied());
-            let attributes = [("xyz", at.as_str()), ("rpy", "0 0 0")];
-            w.create_element("origin").with_attributes(attributes).write_empty()?;
-            let axis = joint.axis.map(|x| x.to_string()).join(" ");
-            w.create_element("axis").with_attribute(("xyz", axis.as_str())).write_empty()?;
-            let [lower, upper] = joint.range.map(|q| q.to_string());
-            w.create_element("limit")
-                .with_attributes([("lower", lower.as_str()), ("upper", &upper)])
-                .with_attributes([("effort", EFFORT), ("velocity", VELOCITY)])
-                .write_empty()?;
-            Ok(())
-        })
-        .map(drop)
+    let kind = [("name", joint.name.as_str()), ("type", joint.kind())];
+    element(writer, "joint", &kind, |w| {
+        ends(w, &of.links[joint.parent].name, &of.links[joint.child].name)?;
+        let at = spaced(of.in_parent(joint).iter().copied());
+        empty(w, "origin", &[("xyz", &at), ("rpy", "0 0 0")])?;
+        empty(w, "axis", &[("xyz", &joint.axis().map(|x| x.to_string()).join(" "))])?;
+        let [lower, upper] = joint.range.map(|q| q.to_string());
+        let (effort, velocity) = (joint.effort.to_string(), joint.velocity.to_string());
+        let limit = [
+            ("lower", lower.as_str()),
+            ("upper", &upper),
+            ("effort", &effort),
+            ("velocity", &velocity),
+        ];
+        empty(w, "limit", &limit)?;
+        // Drake refuses dry friction.
+        empty(w, "dynamics", &[("damping", &joint.damping.to_string()), ("friction", "0")])
+    })
 }

@@ -1,0 +1,99 @@
+//! A joint as the formats hold it: its line in the export's frame, its range and its limits.
+
+use anyhow::bail;
+use linkage_planner_bridge::Rig;
+use linkage_skill::math::rigid::Pose;
+use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
+use linkage_skill::object::model::Joint;
+
+/// Damping where nothing is known: newton metre seconds a radian, newton seconds a metre.
+const DAMPING: [f64; 2] = [0.1, 1.0];
+/// Dry friction where nothing is known: newton metres, newtons.
+const FRICTION: [f64; 2] = [0.05, 0.5];
+/// What a drive may spend: newton metres, newtons. The formats want a limit; no rig has one.
+const EFFORT: [f64; 2] = [30.0, 100.0];
+
+/// A joint of links that are named by their number.
+#[derive(Debug, Clone)]
+pub struct Hinge {
+    pub name: String,
+    pub parent: usize,
+    pub child: usize,
+    pub motion: Motion,
+    /// Its line in the export's frame at configuration 0.
+    pub line: JointGeometry,
+    /// Radians or metres.
+    pub range: [f64; 2],
+    /// Radians or metres a second.
+    pub velocity: f64,
+    /// Newton metres or newtons.
+    pub effort: f64,
+    pub damping: f64,
+    pub friction: f64,
+}
+
+/// How a joint moves along or about its axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion {
+    Turns,
+    Slides,
+    /// Turns, and advances so many metres a turn.
+    Screws(f64),
+}
+
+impl Hinge {
+    /// A joint as the formats hold it.
+    ///
+    /// # Errors
+    /// When it neither turns, slides nor screws.
+    pub fn new(joint: &Joint, world_from_object: &Pose, rig: &Rig) -> anyhow::Result<Self> {
+        let motion = match joint.kind {
+            JointKind::Revolute => Motion::Turns,
+            JointKind::Prismatic => Motion::Slides,
+            JointKind::Helical => Motion::Screws(joint.pitch),
+            other => bail!(
+                "{} is {}: only joints that turn, slide or screw can be described; use --format json",
+                joint.name,
+                other.name()
+            ),
+        };
+        let slides = usize::from(motion == Motion::Slides);
+        Ok(Self {
+            name: joint.name.clone(),
+            parent: joint.parent,
+            child: joint.child,
+            motion,
+            line: joint.geometry().transformed(world_from_object),
+            range: joint.range,
+            velocity: rig.limits(joint.kind).velocity,
+            effort: EFFORT[slides],
+            damping: DAMPING[slides],
+            friction: FRICTION[slides],
+        })
+    }
+
+    pub fn axis(&self) -> [f64; 3] {
+        self.line.axis.into_inner().into()
+    }
+
+    /// What URDF and SDF call its type.
+    pub fn kind(&self) -> &'static str {
+        match self.motion {
+            Motion::Turns => "revolute",
+            Motion::Slides => "prismatic",
+            Motion::Screws(_) => "screw",
+        }
+    }
+
+    /// True for a screw.
+    pub fn is_screw(&self) -> bool {
+        matches!(self.motion, Motion::Screws(_))
+    }
+
+    /// Configurations from one end of the range to the other, so many and no more.
+    pub fn configurations(&self, count: usize) -> Vec<f64> {
+        let [low, high] = self.range;
+        let share = |i: usize| i as f64 / (count.max(2) - 1) as f64;
+        (0..count.max(2)).map(|i| low + (high - low) * share(i)).collect()
+    }
+}

@@ -1,0 +1,96 @@
+//! A part's surface as triangles.
+
+use super::cuboid::Cuboid;
+use super::fused_surface::FusedSurface;
+use super::patch::Patch;
+use super::surface_nets::surface_nets;
+use meshopt::{SimplifyOptions, VertexDataAdapter, simplify};
+use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
+use std::fmt::Write;
+
+/// Most triangles of a part.
+pub const MOST_TRIANGLES: usize = 4_000;
+/// Fewer triangles are no surface.
+const LEAST_TRIANGLES: usize = 20;
+/// How far the surface may move where triangles are joined, as a share of its extent.
+const SIMPLIFICATION: f32 = 0.02;
+
+/// Triangles in a link's frame.
+#[derive(Clone)]
+pub struct Mesh {
+    /// The file that a description names, relative to its own.
+    pub file: String,
+    /// Metres.
+    pub vertices: Vec<Point3<f64>>,
+    /// Red, green and blue of each vertex, 0 to 1.
+    pub colours: Vec<[f64; 3]>,
+    /// Counterclockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh {
+    /// The surface that was seen of a part, thickened inwards; its box is turned like `like`, its
+    /// frame's origin lies at `origin`. `None` with too little surface.
+    pub fn fused(patches: &[Patch], like: &Cuboid, origin: &Point3<f64>) -> Option<Self> {
+        let surface = FusedSurface::new(patches, like)?;
+        let (places, triangles) = surface_nets(&surface.samples());
+        let (places, triangles) = simplified(places, &triangles)?;
+        let normals = normals(&places, &triangles);
+        let colours = places.iter().zip(&normals).map(|(p, n)| surface.colour(p, n)).collect();
+        let vertices = places.iter().map(|p| p - origin.coords).collect();
+        Some(Self { file: String::new(), vertices, colours, triangles })
+    }
+
+    /// As a Wavefront OBJ file with the colour behind the place of each vertex.
+    pub fn obj(&self, remark: &str) -> String {
+        let mut text = format!("# {remark}\n");
+        for (p, [r, g, b]) in self.vertices.iter().zip(&self.colours) {
+            let _ = writeln!(text, "v {:.5} {:.5} {:.5} {r:.3} {g:.3} {b:.3}", p.x, p.y, p.z);
+        }
+        for n in normals(&self.vertices, &self.triangles) {
+            let _ = writeln!(text, "vn {:.4} {:.4} {:.4}", n.x, n.y, n.z);
+        }
+        for [a, b, c] in self.triangles.iter().map(|t| t.map(|i| i + 1)) {
+            let _ = writeln!(text, "f {a}//{a} {b}//{b} {c}//{c}");
+        }
+        text
+    }
+}
+
+/// Places of vertices, and the triangles of them.
+type Triangulated = (Vec<Point3<f64>>, Vec<[u32; 3]>);
+
+/// The same surface in fewer triangles; `None` where nothing is left.
+fn simplified(places: Vec<Point3<f64>>, triangles: &[[u32; 3]]) -> Option<Triangulated> {
+    let centre = places.first()?.coords;
+    let flat: Vec<f32> =
+        places.iter().flat_map(|p| <[f64; 3]>::from(p.coords - centre)).map(|x| x as f32).collect();
+    let bytes: Vec<u8> = flat.iter().flat_map(|x| x.to_ne_bytes()).collect();
+    let adapter = VertexDataAdapter::new(&bytes, 12, 0).ok()?;
+    let (wanted, options) = (3 * MOST_TRIANGLES, SimplifyOptions::Prune);
+    let kept = simplify(triangles.as_flattened(), &adapter, wanted, SIMPLIFICATION, options, None);
+    let mut number: HashMap<u32, u32> = HashMap::new();
+    let mut left = Vec::new();
+    let renumbered = kept.chunks_exact(3).map(|t| {
+        [t[0], t[1], t[2]].map(|old| {
+            *number.entry(old).or_insert_with(|| {
+                left.push(places[old as usize]);
+                left.len() as u32 - 1
+            })
+        })
+    });
+    let triangles: Vec<[u32; 3]> = renumbered.collect();
+    (triangles.len() >= LEAST_TRIANGLES).then_some((left, triangles))
+}
+
+/// Normals at vertices, by the area of the triangles around them.
+fn normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vector3<f64>> {
+    let mut sums = vec![Vector3::zeros(); vertices.len()];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|i| vertices[i as usize]);
+        let area = (b - a).cross(&(c - a));
+        triangle.iter().for_each(|i| sums[*i as usize] += area);
+    }
+    sums.iter().map(|sum| sum.try_normalize(1e-15).unwrap_or(Vector3::z())).collect()
+}
