@@ -219,7 +219,7 @@ mod tests {
     fn frames_from_before_the_camera_moved_do_not_count() {
         let mut still = StillFrames::default();
         (0..4).for_each(|f| still.push(wall(0, 120, noise(f))));
-        still.push(wall(12, 120, noise(5)));
+        still.push(wall(24, 120, noise(5)));
         assert_eq!(still.len(), 1);
     }
 
