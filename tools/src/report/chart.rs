@@ -8,7 +8,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 /// Size of a panel, pixels; a page makes it as narrow as the screen.
-const PANEL: (u32, u32) = (560, 240);
+const PANEL: (u32, u32) = (480, 250);
 /// Time without a configuration at which a curve breaks off, seconds.
 const PAUSE_S: f64 = 0.5;
 /// Lines of the grid, on light and on dark ground.
@@ -76,15 +76,15 @@ fn draw(
     let (bottom, top) = (low - pad, high + pad);
     let mut chart = ChartBuilder::on(area)
         .margin(10)
-        .x_label_area_size(44)
-        .y_label_area_size(62)
+        .x_label_area_size(50)
+        .y_label_area_size(74)
         .build_cartesian_2d(0.0..seconds, bottom..top)?;
     chart
         .configure_mesh()
         .axis_style(GREY)
         .bold_line_style(GREY.mix(0.3))
         .light_line_style(TRANSPARENT)
-        .label_style(("sans-serif", 16))
+        .label_style(("sans-serif", 19))
         .x_labels(6)
         .y_labels(5)
         .x_desc("seconds")

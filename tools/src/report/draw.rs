@@ -147,25 +147,6 @@ impl Canvas {
         Ok(())
     }
 
-    /// A line of text.
-    pub fn text(&mut self, line: i32, text: &str) -> opencv::Result<()> {
-        let at = Point::new(10, 24 + 22 * line);
-        for (colour, thickness) in [([0, 0, 0], 3), ([255, 255, 255], 1)] {
-            imgproc::put_text(
-                &mut self.picture,
-                text,
-                at,
-                imgproc::FONT_HERSHEY_SIMPLEX,
-                0.55,
-                scalar(colour),
-                thickness,
-                imgproc::LINE_AA,
-                false,
-            )?;
-        }
-        Ok(())
-    }
-
     /// Makes the picture narrower, to a width in pixels; one that is narrower already stays.
     pub fn shrink_to(&mut self, width: i32) -> opencv::Result<()> {
         let (cols, rows) = (self.picture.cols(), self.picture.rows());

@@ -7,7 +7,6 @@ use super::film_strip::{axes, configuration_at, film_strip};
 use super::layout::{self, facts, keys, part_style, vector};
 use super::overlay::lifted_outline;
 use super::spread;
-use super::text::summary;
 use super::tree::tree;
 use super::units::{angle, length, probability};
 use super::words::{self, Seen};
@@ -108,7 +107,15 @@ fn seen<'d>(demonstration: &'d Demonstration, joint: &Joint) -> Seen<'d> {
         carrier: (joint.parent != 0)
             .then(|| demonstration.model.parts.get(joint.parent).map(|p| p.name.as_str()))
             .flatten(),
-        frames: demonstration.frame_utimes.len(),
+        frames: frames_that_may_show(demonstration, joint),
+    }
+}
+
+/// Frames in which a joint's configuration could be known: planes are sought in keyframes alone.
+fn frames_that_may_show(demonstration: &Demonstration, joint: &Joint) -> usize {
+    match tracks_of(demonstration, joint.child).next() {
+        Some(_) => demonstration.frame_utimes.len(),
+        None => demonstration.keyframes.len(),
     }
 }
 
@@ -122,8 +129,9 @@ fn evidence(demonstration: &Demonstration, joint: &Joint) -> String {
         (n, true) => format!("{n} tracked features and the planes of its surface"),
         (n, false) => format!("{n} tracked features"),
     };
-    let (frames, all) = (joint.observations, demonstration.frame_utimes.len());
-    format!("learned from {from}; its configuration is known in {frames} of {all} frames.")
+    let (frames, all) = (joint.observations, frames_that_may_show(demonstration, joint));
+    let kept = if tracked == 0 { " that were kept whole" } else { "" };
+    format!("learned from {from}; its configuration is known in {frames} of {all} frames{kept}.")
 }
 
 /// What was refused, and why; those that were followed most first.
@@ -256,7 +264,9 @@ fn rows(j: &Joint, part: &dyn Fn(usize) -> String) -> Vec<(&'static str, String)
         rows.push((kind.name(), probability(*p)));
     }
     rows.push(("distance to the model, rms", format!("{:.1} mm", 1000.0 * j.position_rmse)));
-    rows.push(("angle to the model, rms", format!("{:.2}°", j.orientation_rmse.to_degrees())));
+    if j.orientation_rmse > 0.0 {
+        rows.push(("angle to the model, rms", format!("{:.2}°", j.orientation_rmse.to_degrees())));
+    }
     rows.push(("frames with a configuration", j.observations.to_string()));
     rows
 }
@@ -350,8 +360,5 @@ fn joints_picture(
         }
     }
     axes(&mut canvas, model, &poses)?;
-    for (i, text) in summary(model).lines().enumerate() {
-        canvas.text(i as i32, text)?;
-    }
     canvas.finish()
 }
