@@ -44,8 +44,10 @@ pub fn demonstration_page(
             (tree(model))
         }
         (pictures(demonstration)?)
-        h2 { "Numbers" }
-        (numbers(model))
+        @if !model.joints.is_empty() {
+            h2 { "Numbers" }
+            (numbers(model))
+        }
         (times(demonstration))
     };
     Ok(layout::page(&format!("Linkage: {}", model.object), &body))
@@ -154,6 +156,8 @@ fn refused(demonstration: &Demonstration) -> Markup {
                     p.note { (all.len() - MOST_REFUSED) " more are not listed." }
                 }
             }
+        } @else if demonstration.model.joints.is_empty() {
+            p { "Nothing was refused: what moved was not followed long enough to be a candidate." }
         }
     }
 }
@@ -230,7 +234,6 @@ fn part_keys(model: &ObjectModel) -> Markup {
 fn numbers(model: &ObjectModel) -> Markup {
     let part = |id: usize| model.parts.get(id).map_or("?", |p| p.name.as_str()).to_owned();
     html! {
-        @if model.joints.is_empty() { p { "There is no joint." } }
         div.facts {
             @for j in &model.joints {
                 (facts(&j.name, &rows(j, &part)))
@@ -303,6 +306,22 @@ fn middle_of(demonstration: &Demonstration, part: usize) -> Option<Point3<f64>> 
     (count > 0).then(|| Point3::from(sum / count as f64))
 }
 
+/// Pixels at which a part is seen in a keyframe: of its tracks, and of a plain part's places.
+fn pixels_of(
+    demonstration: &Demonstration,
+    part: usize,
+    index: usize,
+    frame: &RgbdFrame,
+) -> Vec<Point2<f64>> {
+    let tracked = tracks_of(demonstration, part)
+        .filter_map(|t| t.at(index))
+        .map(|o| Point2::new(f64::from(o.pixel.x), f64::from(o.pixel.y)));
+    let pose = demonstration.camera_from_part.get(part).and_then(|t| t.get(index).copied()?);
+    let plain = demonstration.plain_surface.get(part).map_or(&[][..], Vec::as_slice).iter();
+    let plain = plain.filter_map(|place| frame.camera.project(&(pose? * place)));
+    tracked.chain(plain.filter(|pixel| frame.camera.sees(pixel, 1.0))).collect()
+}
+
 /// The keyframe in which the parts have moved most, nearly half way through.
 fn middle_keyframe(demonstration: &Demonstration) -> Option<(usize, &RgbdFrame)> {
     let moved = |index: usize| {
@@ -346,10 +365,7 @@ fn joints_picture(
     for joint in &model.joints {
         let Some(camera_from_parent) = poses[joint.parent] else { continue };
         let line = joint.geometry().transformed(&camera_from_parent);
-        let features: Vec<Point2<f64>> = tracks_of(demonstration, joint.child)
-            .filter_map(|t| t.at(index))
-            .map(|o| Point2::new(f64::from(o.pixel.x), f64::from(o.pixel.y)))
-            .collect();
+        let features = pixels_of(demonstration, joint.child, index, frame);
         let present = configuration_at(joint, frame.utime);
         if let (Some(outline), Some(present)) = (lifted_outline(frame, &features)?, present) {
             let [low, high] = joint.range;
