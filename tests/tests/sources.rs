@@ -14,7 +14,6 @@ use linkage_tests::joint::{assert_alike, learned_from, run, text};
 use linkage_tests::{
     build, failure, fixtures, linkage, program, shared_data, simulated, tiny_recording,
 };
-use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
