@@ -2,6 +2,7 @@
 //! viewers subscribe to.
 
 pub mod client;
+pub mod joint_deviation;
 pub mod limits;
 pub mod messages;
 pub mod plan;

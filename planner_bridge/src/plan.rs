@@ -1,6 +1,7 @@
 //! A prediction: the recognition, each joint's trajectory, and where the moving parts are
 //! along it. Its JSON form is `linkage.prediction/1` (DESIGN 4.6).
 
+use crate::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
 use crate::limits::{Rig, Safety};
 use crate::trajectory::{Knot, Task, TrajectoryError, knots, together};
 use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
@@ -9,7 +10,7 @@ use linkage_skill::object::joint_geometry::JointKind;
 use linkage_skill::object::model::{Joint, ObjectModel};
 use linkage_skill::predict::{PredictError, PredictionContext, Target};
 use linkage_skill::recognise::{self, JointState, Recognised};
-use nalgebra::{Matrix3, Point3, Translation3, Vector3};
+use nalgebra::{Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
 /// Name and version of the JSON form.
@@ -248,7 +249,7 @@ fn assure(joint: &Joint, safety: &Safety) -> Result<(), PlanError> {
     if joint.kind == JointKind::Fixed {
         return Ok(());
     }
-    let axis = deviation_across(joint, 0)
+    let axis = axis_deviation_rad(joint)
         .ok_or_else(|| uncertain("how far its axis deviates is not known".to_owned()))?;
     if axis > safety.axis_deviation {
         let (is, limit) = (axis.to_degrees(), safety.axis_deviation.to_degrees());
@@ -257,35 +258,13 @@ fn assure(joint: &Joint, safety: &Safety) -> Result<(), PlanError> {
     if joint.kind == JointKind::Prismatic {
         return Ok(());
     }
-    let hinge = deviation_across(joint, 3)
+    let hinge = hinge_deviation_m(joint)
         .ok_or_else(|| uncertain("how far its hinge deviates is not known".to_owned()))?;
     if hinge > safety.hinge_deviation {
         let (is, limit) = (100.0 * hinge, 100.0 * safety.hinge_deviation);
         return Err(uncertain(format!("its hinge deviates by {is:.1} cm, {limit:.1} are allowed")));
     }
     Ok(())
-}
-
-/// Lesser of two variances as a share of the greater, below which it is none.
-const LEAST_SHARE: f64 = 1e-12;
-
-/// Greatest standard deviation across the axis of what begins at a row of the joint's covariance:
-/// its direction at 0, a point on it at 3. None where the covariance is missing, short, not
-/// finite, or not positive: then nothing is known, which is not the same as nothing deviating.
-fn deviation_across(joint: &Joint, from: usize) -> Option<f64> {
-    let covariance = &joint.covariance;
-    if covariance.len() != 6 || !covariance.iter().flatten().all(|x| x.is_finite()) {
-        return None;
-    }
-    let block = Matrix3::from_fn(|r, c| covariance[from + r][from + c]);
-    let along = Vector3::from(joint.axis).try_normalize(0.0)?;
-    let across = Matrix3::identity() - along * along.transpose();
-    let mut variances: Vec<f64> =
-        (across * block * across).symmetric_eigenvalues().iter().copied().collect();
-    // One of the three is that along the axis, which is 0.
-    variances.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
-    let (least, greatest) = (variances[1].min(variances[2]), variances[1].max(variances[2]));
-    (least > LEAST_SHARE * greatest && least > 0.0).then(|| greatest.sqrt())
 }
 
 /// Refuses a joint whose present configuration was not seen well enough.
@@ -385,7 +364,7 @@ pub(crate) mod tests {
     use linkage_skill::object::model::{
         Joint, MODEL_SCHEMA, Part, ReferenceFrame, covariance_rows,
     };
-    use nalgebra::Matrix6;
+    use nalgebra::{Matrix6, Vector3};
 
     pub fn fridge() -> (ObjectModel, Recognised) {
         let hinge = JointGeometry::hinge(-Vector3::y_axis(), Point3::new(0.4, 0.0, 1.1));

@@ -69,7 +69,7 @@ fn a_drawer_is_learned_with_its_axis_and_range() {
     let poses = std::fs::read_to_string(dir.path().join("poses.csv")).unwrap();
     assert!(poses.starts_with("t,part,x,y,z,qx,qy,qz,qw\n") && poses.lines().count() > 200);
     let page = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
-    assert!(page.contains("data:image/png;base64,") && page.contains("<svg"));
+    assert!(page.contains("data:image/jpeg;base64,") && page.contains("<svg"));
 }
 
 #[test]

@@ -113,7 +113,7 @@ pub struct RecogniseArgs {
     /// Write linkage.recognition/1; - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Write a page to look at
+    /// Write a page to look at: what is recognised, how far it is open, and why a joint is not told
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
 }
@@ -144,6 +144,9 @@ pub struct PredictArgs {
     /// Write linkage.prediction/1; - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Write a page to look at: how each joint will move, or why no motion is predicted
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
@@ -460,7 +463,8 @@ pub struct LearnArgs {
     /// (TUM's format, which evo reads): base.txt, part1.txt, …, in the camera frame
     #[arg(long, value_name = "DIR")]
     pub tum: Option<PathBuf>,
-    /// Write a page to look at
+    /// Write a page to look at: the joints in words, what was refused and why, the motion in
+    /// pictures, the numbers
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
     /// Learn from nothing that lies on an AprilTag; tags.toml beside the recording says where

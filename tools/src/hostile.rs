@@ -2,7 +2,7 @@
 //! nothing that works with models.
 
 use crate::export::{Description, mjcf, sdf, urdf, usd};
-use crate::report::{recognition_page, save_prediction_picture, summary};
+use crate::report::{Asked, prediction_page, recognition_page, save_prediction_picture, summary};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Request, Rig, messages, predict};
@@ -12,7 +12,7 @@ use linkage_skill::object::joint_geometry::JointGeometry;
 use linkage_skill::object::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
-use linkage_skill::store::{Library, Provenance, StoredObject};
+use linkage_skill::store::{Provenance, StoredObject};
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -188,10 +188,11 @@ fn use_it(model: ObjectModel, scratch: &Path) {
         let picture = scratch.join("prediction.png");
         let (prediction, looks) = (&plan.prediction, &object.appearance);
         save_prediction_picture(&frame, &found, prediction, looks, &picture).unwrap();
+        prediction_page(&frame, &found, &object, Ok(prediction)).unwrap();
     }
-    let library = Library::new(vec![object]);
+    let asked = Asked { known: 1, min_score: 0.5, objects: &[object] };
     let recognition = Recognition { best_refused: 0.0, ..Recognition::new(vec![found]) };
-    recognition_page(&frame, &recognition, &library).unwrap();
+    recognition_page(&frame, &recognition, &asked).unwrap();
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::predict::publish;
 use crate::cli::{Common, DemoArgs};
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
-use crate::report;
+use crate::report::{self, Asked};
 use crate::simulate::Take;
 use crate::steps::{demonstrate, film, last_frame, recognise_frame, remember, skill_config};
 use crate::truth::Truth;
@@ -58,7 +58,9 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let library = store.load()?;
     let recognition = recognise_frame(&library, &frame, &met.display().to_string(), &config)?;
     write_json(&out.join("recognition.json"), &recognition)?;
-    let page = report::recognition_page(&frame, &recognition, &library)?;
+    let (known, objects) = (library.len(), std::slice::from_ref(&stored));
+    let asked = Asked { known, min_score: config.recognise.min_score, objects };
+    let page = report::recognition_page(&frame, &recognition, &asked)?;
     write_text(&out.join("recognition.html"), &page)?;
     let best = recognition
         .matches
@@ -72,6 +74,8 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     write_json(&out.join("prediction.json"), &plan.prediction)?;
     let picture = out.join("prediction.png");
     report::save_prediction_picture(&frame, best, &plan.prediction, &stored.appearance, &picture)?;
+    let page = report::prediction_page(&frame, best, &stored, Ok(&plan.prediction))?;
+    write_text(&out.join("prediction.html"), &page)?;
 
     say(common, "5/5 publishing over LCM");
     let mut listener = Lcm::new(&rig.lcm_url)?;
@@ -81,7 +85,10 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
 
     print!("{}", errors(&watched, &met, &demonstration.model.joints[0], best)?);
     println!("{}", received.summary());
-    println!("look at {0}/report.html, {0}/recognition.html and {0}/prediction.png", out.display());
+    println!(
+        "look at {0}/report.html, {0}/recognition.html and {0}/prediction.html",
+        out.display()
+    );
     Ok(())
 }
 

@@ -10,6 +10,7 @@ use crate::steps::{demonstrate_past, remember, skill_config};
 use crate::tags::TagLog;
 use linkage_driver::RgbdSource;
 use linkage_skill::math::rigid::pose_to_array;
+use linkage_skill::object::appearance::Appearance;
 use linkage_skill::store::StoredObject;
 use linkage_skill::{Demonstration, SkillConfig};
 use std::fmt::Write;
@@ -37,8 +38,8 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
         write_tum(dir, first)?;
     }
     if let Some(path) = &args.report {
-        let appearance = object.as_ref().map(|o| &o.appearance);
-        write_text(path, &report::demonstration_page(first, appearance)?)?;
+        let looks = looks_of_first(known, object.as_ref(), &all, &config)?;
+        write_text(path, &report::demonstration_page(first, looks.as_ref())?)?;
     }
     let Some(object) = object else {
         return Err(Failure::no_answer(format!(
@@ -94,6 +95,23 @@ fn remember_all(
         }
     }
     Ok(object)
+}
+
+/// What the first demonstration's parts look like, in its own object frame. That of an object that was
+/// known already is another frame.
+fn looks_of_first(
+    known: Option<&StoredObject>,
+    object: Option<&StoredObject>,
+    all: &[Watched],
+    config: &SkillConfig,
+) -> Outcome<Option<Appearance>> {
+    match (known, all) {
+        (None, [_]) => Ok(object.map(|o| o.appearance.clone())),
+        (_, [first, ..]) => {
+            Ok(remember_all(None, std::slice::from_ref(first), config)?.map(|o| o.appearance))
+        }
+        (_, []) => Ok(None),
+    }
 }
 
 /// The directory that a source's name stands for.

@@ -2,8 +2,8 @@
 
 use crate::cli::{Common, PredictArgs};
 use crate::outcome::{BAD_INPUT, Failure, NO_ANSWER, Outcome};
-use crate::output::write_json;
-use crate::report::describe;
+use crate::output::{write_json, write_text};
+use crate::report::{self, Asked, describe};
 use crate::source;
 use crate::steps::{recognise_frame, skill_config};
 use linkage_driver::RgbdFrame;
@@ -28,11 +28,23 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     let frame = source::open(&args.source, &args.take)?.last_frame()?;
     let recognition = recognise_frame(&library, &frame, &args.source, &config)?;
     let Some(best) = recognition.matches.first() else {
+        if let Some(path) = &args.report {
+            let min_score = config.recognise.min_score;
+            let asked = Asked { known: library.len(), min_score, objects: &[] };
+            write_text(path, &report::recognition_page(&frame, &recognition, &asked)?)?;
+        }
         return Err(Failure::no_answer(format!("{}: nothing is recognised", args.source)));
     };
-    let model = store.get(&best.object)?.model;
+    let object = store.get(&best.object)?;
+    let model = &object.model;
     let request = Request { joint: args.joint.as_deref(), ..Request::to(target) };
-    let plan = predict(&model, best, &request, &rig).map_err(|e| {
+    let plan = predict(model, best, &request, &rig);
+    if let Some(path) = &args.report {
+        let why = plan.as_ref().map_err(ToString::to_string);
+        let predicted = why.as_ref().map(|p| &p.prediction).map_err(String::as_str);
+        write_text(path, &report::prediction_page(&frame, best, &object, predicted)?)?;
+    }
+    let plan = plan.map_err(|e| {
         let unseen = matches!(e, PlanError::Predict(PredictError::Unseen { .. }));
         Failure { status: if unseen { NO_ANSWER } else { BAD_INPUT }, cause: e.into() }
     })?;
@@ -42,7 +54,7 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     }
     if let Some(url) = &args.publish {
         let url = if url.is_empty() { &rig.lcm_url } else { url };
-        publish(&Lcm::new(url)?, &frame, &recognition, &plan, &model)?;
+        publish(&Lcm::new(url)?, &frame, &recognition, &plan, model)?;
     }
     if !common.quiet {
         eprint!("{}", describe(best));

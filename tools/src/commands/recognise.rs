@@ -3,14 +3,17 @@
 use crate::cli::{Common, RecogniseArgs};
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
-use crate::report::{self, describe};
+use crate::report::{self, Asked, describe};
 use crate::source;
 use crate::steps::{recognise_view, skill_config};
-use linkage_skill::store::Store;
+use linkage_skill::recognise::Recognition;
+use linkage_skill::store::{Store, StoredObject};
+use std::collections::BTreeSet;
 
 pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
-    let library = Store::open(&args.store)?.load()?;
+    let store = Store::open(&args.store)?;
+    let library = store.load()?;
     let still = source::open(&args.source, &args.take)?.still_frames()?;
     let (frame, recognition) = recognise_view(&library, &still, &args.source, &config)?;
     if !common.quiet && still.len() > 1 {
@@ -20,7 +23,10 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
         write_json(path, &recognition)?;
     }
     if let Some(path) = &args.report {
-        write_text(path, &report::recognition_page(&frame, &recognition, &library)?)?;
+        let objects = recognised_objects(&store, &recognition)?;
+        let min_score = config.recognise.min_score;
+        let asked = Asked { known: library.len(), min_score, objects: &objects };
+        write_text(path, &report::recognition_page(&frame, &recognition, &asked)?)?;
     }
     if recognition.matches.is_empty() {
         return Err(Failure::no_answer(format!("{}: nothing is recognised", args.source)));
@@ -31,4 +37,10 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
         }
     }
     Ok(())
+}
+
+/// The objects that were recognised, as they are stored, each once.
+fn recognised_objects(store: &Store, recognition: &Recognition) -> Outcome<Vec<StoredObject>> {
+    let names: BTreeSet<&str> = recognition.matches.iter().map(|m| m.object.as_str()).collect();
+    names.into_iter().map(|name| Ok(store.get(name)?)).collect()
 }

@@ -1,21 +1,36 @@
 //! Drawing into a frame's picture: features by part, joint axes, motion manifolds.
 
-use linkage_driver::image_file;
 use linkage_driver::{ColorImage, PinholeCamera, RgbdFrame};
 use linkage_skill::math::rigid::Pose;
 use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point2, Point3};
-use opencv::core::{Mat, Point, Scalar, Vec3b, Vector};
+use opencv::core::{Mat, Point, Scalar, Size, Vec3b, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
-use std::path::Path;
 
 /// A colour, RGB.
 pub type Rgb = [u8; 3];
 
-/// Colours of parts, the base first.
-pub const PART_COLOURS: [Rgb; 6] =
-    [[70, 130, 255], [255, 90, 40], [60, 200, 80], [230, 60, 200], [240, 200, 30], [40, 210, 210]];
+/// Colours of parts, the base first: Okabe and Ito's, which colour-blind people tell apart.
+const PART_COLOURS: [Rgb; 7] = [
+    [0, 114, 178],
+    [230, 159, 0],
+    [0, 158, 115],
+    [204, 121, 167],
+    [213, 94, 0],
+    [86, 180, 233],
+    [240, 228, 66],
+];
+
+/// Drawn under a line, so that it is seen on any ground.
+const HALO: Rgb = [255, 255, 255];
+
+/// The colour of a part; many parts share colours.
+pub fn part_colour(part: usize) -> Rgb {
+    // The base has a colour of its own.
+    let moving = PART_COLOURS.len() - 1;
+    if part == 0 { PART_COLOURS[0] } else { PART_COLOURS[1 + (part - 1) % moving] }
+}
 
 /// Half of a drawn axis, metres.
 const AXIS_HALF_M: f64 = 0.25;
@@ -76,6 +91,7 @@ impl Canvas {
     pub fn axis(&mut self, line: &JointGeometry, colour: Rgb) -> opencv::Result<()> {
         let half = line.axis.into_inner() * AXIS_HALF_M;
         let (a, b) = (line.origin - half, line.origin + half);
+        self.segment(&a, &b, 7, HALO)?;
         self.segment(&a, &b, 3, colour)?;
         if line.kind == JointKind::Prismatic
             && let (Some(a), Some(b)) = (self.camera.project(&a), self.camera.project(&b))
@@ -92,6 +108,7 @@ impl Canvas {
             )?;
         }
         if let Some(origin) = self.camera.project(&line.origin) {
+            self.dot(origin, 8, HALO)?;
             self.dot(origin, 6, colour)?;
         }
         Ok(())
@@ -130,22 +147,16 @@ impl Canvas {
         Ok(())
     }
 
-    /// A line of text.
-    pub fn text(&mut self, line: i32, text: &str) -> opencv::Result<()> {
-        let at = Point::new(10, 24 + 22 * line);
-        for (colour, thickness) in [([0, 0, 0], 3), ([255, 255, 255], 1)] {
-            imgproc::put_text(
-                &mut self.picture,
-                text,
-                at,
-                imgproc::FONT_HERSHEY_SIMPLEX,
-                0.55,
-                scalar(colour),
-                thickness,
-                imgproc::LINE_AA,
-                false,
-            )?;
+    /// Makes the picture narrower, to a width in pixels; one that is narrower already stays.
+    pub fn shrink_to(&mut self, width: i32) -> opencv::Result<()> {
+        let (cols, rows) = (self.picture.cols(), self.picture.rows());
+        if cols <= width {
+            return Ok(());
         }
+        let size = Size::new(width, (rows * width / cols).max(1));
+        let mut small = Mat::default();
+        imgproc::resize(&self.picture, &mut small, size, 0.0, 0.0, imgproc::INTER_AREA)?;
+        self.picture = small;
         Ok(())
     }
 
@@ -153,11 +164,6 @@ impl Canvas {
     pub fn finish(self) -> anyhow::Result<ColorImage> {
         let rgb = self.picture.data_typed::<Vec3b>()?.iter().flat_map(|p| p.0).collect();
         Ok(ColorImage::new(self.picture.cols() as usize, self.picture.rows() as usize, rgb)?)
-    }
-
-    /// Writes the finished picture as PNG.
-    pub fn save(self, path: &Path) -> anyhow::Result<()> {
-        Ok(image_file::write_color(path, &self.finish()?)?)
     }
 }
 
@@ -168,4 +174,15 @@ fn point(p: &Point2<f64>) -> Point {
 
 fn scalar(c: Rgb) -> Scalar {
     Scalar::new(f64::from(c[0]), f64::from(c[1]), f64::from(c[2]), 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_moving_part_has_the_colour_of_the_base() {
+        assert!((1..30).all(|part| part_colour(part) != part_colour(0)));
+        assert_ne!(part_colour(1), part_colour(2));
+    }
 }

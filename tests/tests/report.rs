@@ -1,0 +1,244 @@
+//! Pages that a person reads: of a demonstration, a recognition, a prediction. They are whole HTML, say
+//! in their first sentence what was learned, why a thing was refused, and fit a telephone.
+
+use linkage_tests::{failure, linkage, simulated};
+use quick_xml::Reader;
+use quick_xml::events::Event;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+/// Width of a telephone, CSS pixels.
+const TELEPHONE_PX: u32 = 390;
+/// Elements of HTML that have no end.
+const VOID: [&str; 5] = ["meta", "link", "img", "br", "hr"];
+
+/// Pages of a simulated fridge, made once for all tests.
+struct Pages {
+    dir: tempfile::TempDir,
+}
+
+impl Pages {
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).expect("the page was written")
+    }
+}
+
+fn pages() -> &'static Pages {
+    static PAGES: OnceLock<Pages> = OnceLock::new();
+    PAGES.get_or_init(|| {
+        let pages = Pages { dir: tempfile::tempdir().expect("a scratch folder can be made") };
+        let seen = text(&simulated("fridge", false, 1));
+        let met = text(&simulated("fridge", true, 3));
+        let hand = text(&simulated("hand_only", false, 1));
+        let store = text(&pages.path("objects.linkage"));
+        let page = |name: &str| text(&pages.path(name));
+        let learned = page("learned.html");
+        run(&["learn", &seen, "--object", "<fridge>", "--store", &store, "--report", &learned], 0);
+        run(&["recognise", &met, "--store", &store, "--report", &page("recognised.html")], 0);
+        run(&["predict", &met, "--store", &store, "--report", &page("predicted.html")], 0);
+        let nothing = page("nothing.html");
+        run(&["learn", &hand, "--object", "hand", "--no-store", "--report", &nothing], 1);
+        run(&["recognise", &hand, "--store", &store, "--report", &page("unknown.html")], 1);
+        pages
+    })
+}
+
+fn text(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// Runs a command that ends with a status.
+fn run(arguments: &[&str], status: i32) {
+    let output = linkage(&[arguments, &["--quiet"]].concat());
+    let (ended, said) = failure(&output);
+    assert_eq!(ended, status, "{arguments:?}: {said}");
+}
+
+const ALL: [&str; 5] =
+    ["learned.html", "recognised.html", "predicted.html", "nothing.html", "unknown.html"];
+
+/// What the text of the first element of a class is.
+fn first_of_class<'p>(page: &'p str, class: &str) -> Option<&'p str> {
+    let after = page.split_once(&format!("class=\"{class}\">"))?.1;
+    Some(after.split_once('<')?.0)
+}
+
+/// The first fault in the nesting or the attributes of a page; `None` where it is well formed.
+fn fault(page: &str) -> Option<String> {
+    let mut reader = Reader::from_str(page);
+    reader.config_mut().check_end_names = false;
+    reader.config_mut().allow_unmatched_ends = true;
+    let mut open: Vec<String> = Vec::new();
+    loop {
+        match reader.read_event() {
+            Err(error) => return Some(error.to_string()),
+            Ok(Event::Eof) => return open.pop().map(|element| format!("<{element}> has no end")),
+            Ok(Event::Start(start)) => {
+                if let Some(error) = start.attributes().find_map(Result::err) {
+                    return Some(error.to_string());
+                }
+                let element = start.name().as_ref().to_owned();
+                if !VOID.contains(&element.as_str()) {
+                    open.push(element);
+                }
+            }
+            Ok(Event::End(end)) => {
+                let element = end.name().as_ref().to_owned();
+                if open.pop().as_ref() != Some(&element) {
+                    return Some(format!("</{element}> ends another element"));
+                }
+            }
+            Ok(_) => {}
+        }
+    }
+}
+
+#[test]
+fn pages_are_well_formed_and_need_no_other_file() {
+    assert!(fault("<p><b>x</p></b>").is_some() && fault("<p>").is_some());
+    assert_eq!(fault("<p>x<img alt=\"y\"></p>"), None);
+    for name in ALL {
+        let page = pages().text(name);
+        assert_eq!(fault(&page), None, "{name}");
+        assert!(page.starts_with("<!DOCTYPE html>"), "{name}");
+        assert!(page.contains("name=\"viewport\""), "{name}");
+        for outside in ["src=\"http", "href=\"http", "url(", "@import", "<script"] {
+            assert!(!page.contains(outside), "{name} holds {outside}");
+        }
+    }
+}
+
+#[test]
+fn the_first_sentence_says_what_was_learned_and_how_far_it_opens() {
+    let page = pages().text("learned.html");
+    let said = first_of_class(&page, "lead").expect("there is a first sentence");
+    // The fridge is hinged on the right in this recording.
+    assert!(said.starts_with("A door, hinged on the right, opens "), "{said}");
+    let opened = said.split_once("opens ").and_then(|(_, rest)| rest.split_once('°'));
+    let degrees: f64 = opened.expect("it tells an angle").0.parse().expect("a number");
+    assert!((degrees - truth_degrees()).abs() < 4.0, "{said} and not {}", truth_degrees());
+    assert!(page.contains("Sure of the type: ") && page.contains("Direction ± "));
+    assert!(page.contains("tracked features"), "it says what it was learned from");
+    assert!(page.contains("&lt;fridge&gt;") && !page.contains("<fridge>"));
+}
+
+/// How far the simulator opened the fridge.
+fn truth_degrees() -> f64 {
+    let truth = fs::read_to_string(simulated("fridge", false, 1).join("truth.json")).unwrap();
+    let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+    let configuration = truth["joints"][0]["configuration"].as_array().unwrap();
+    let values: Vec<f64> = configuration.iter().filter_map(|q| q.as_f64()).collect();
+    let (low, high) =
+        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(*q), h.max(*q)));
+    (high - low).to_degrees()
+}
+
+#[test]
+fn the_motion_is_shown_in_a_film_strip_and_over_time_with_its_band() {
+    let page = pages().text("learned.html");
+    let strip = page.split_once("class=\"strip\"").expect("there is a strip").1;
+    let strip = strip.split_once("</div>").expect("it ends").0;
+    let frames = strip.matches("data:image/jpeg;base64,").count();
+    assert!((5..=7).contains(&frames), "{frames} frames");
+    assert!(page.contains("<svg") && page.contains("<polygon"), "a curve and its band");
+    assert!(page.contains("Where the time went") && page.contains("moves by joint1"));
+}
+
+#[test]
+fn where_a_hand_alone_moves_the_page_says_so() {
+    let page = pages().text("nothing.html");
+    assert_eq!(first_of_class(&page, "lead"), Some("Nothing articulated moves."));
+    assert!(page.contains("<details class=\"refused\">") || page.contains("Nothing was refused"));
+}
+
+#[test]
+fn what_was_refused_is_told_with_its_reason_and_limit() {
+    let page = pages().text("learned.html");
+    let refused = page.split_once("<details class=\"refused\">").expect("they are listed").1;
+    let refused = refused.split_once("</details>").expect("the list ends").0;
+    let first = refused.split_once("<li>").expect("there is one").1;
+    let first = first.split_once("</li>").expect("it ends").0;
+    assert!(first.contains(" tracks, ") && first.contains(" frames): "), "{first}");
+    let reason = first.split_once("frames): ").expect("it has a reason").1;
+    assert!(reason.chars().any(|c| c.is_ascii_digit()) && reason.ends_with('.'), "{reason}");
+}
+
+#[test]
+fn a_recognition_tells_its_joints_and_an_unknown_thing_how_near_it_came() {
+    let page = pages().text("recognised.html");
+    let said = first_of_class(&page, "lead").expect("there is a first sentence");
+    assert!(said.starts_with("&lt;fridge&gt; is recognised: "), "{said}");
+    assert!(page.contains("joint1, a hinge, is at ") && page.contains(" that were learned."));
+    let unknown = pages().text("unknown.html");
+    assert_eq!(first_of_class(&unknown, "lead"), Some("Nothing is recognised."));
+    assert!(unknown.contains("an object is reported from 50 % on."));
+}
+
+#[test]
+fn a_prediction_tells_from_where_to_where_a_joint_goes() {
+    let page = pages().text("predicted.html");
+    let said = first_of_class(&page, "lead").expect("there is a first sentence");
+    assert!(said.starts_with("joint1, a hinge, goes from ") && said.ends_with(" s."), "{said}");
+    assert!(page.contains("as planned") && page.contains("greatest speed"));
+}
+
+/// What a browser says of a page as wide as a telephone.
+struct Shown {
+    scroll_width_px: u32,
+    console: Vec<String>,
+}
+
+/// Shows a page in a headless Chromium; `None`, said aloud, where there is none.
+fn shown(page: &Path) -> Option<Shown> {
+    if !Command::new("chromium").arg("--version").output().is_ok_and(|o| o.status.success()) {
+        eprintln!("ignored: there is no chromium on PATH; apt-get install chromium");
+        return None;
+    }
+    let dir = tempfile::tempdir().expect("a scratch folder can be made");
+    // A browser's window cannot be as narrow as a telephone; a frame in it can.
+    let frame = dir.path().join("frame.html");
+    let html = format!(
+        "<!DOCTYPE html><title>-</title><iframe id=\"f\" src=\"file://{}\" \
+         style=\"width:{TELEPHONE_PX}px;height:800px;border:0\"></iframe><script>\
+         addEventListener('load', () => {{ document.title = 'width=' + \
+         document.getElementById('f').contentDocument.documentElement.scrollWidth + ';'; }});\
+         </script>",
+        page.display()
+    );
+    fs::write(&frame, html).expect("a scratch file can be written");
+    let output = Command::new("timeout")
+        .args(["120", "chromium", "--headless", "--no-sandbox", "--disable-gpu"])
+        .args(["--allow-file-access-from-files", "--enable-logging=stderr", "--dump-dom"])
+        .arg(format!("--user-data-dir={}", dir.path().join("profile").display()))
+        .arg(format!("file://{}", frame.display()))
+        .output()
+        .expect("timeout is part of coreutils");
+    let (dom, log) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let width = dom.split_once("width=").and_then(|(_, rest)| rest.split_once(';'));
+    let width = width.unwrap_or_else(|| panic!("chromium shows nothing: {log}")).0;
+    Some(Shown {
+        scroll_width_px: width.parse().expect("a width is a number"),
+        console: log.lines().filter(|l| l.contains("CONSOLE")).map(str::to_owned).collect(),
+    })
+}
+
+#[test]
+fn a_telephone_shows_pages_without_scrolling_sideways_and_without_errors() {
+    let broken = pages().path("broken.html");
+    let wide = "<!DOCTYPE html><div style=\"width:600px\">x</div><script>y.z</script>";
+    fs::write(&broken, wide).expect("a scratch file can be written");
+    let Some(shown_broken) = shown(&broken) else { return };
+    assert!(shown_broken.scroll_width_px >= 600 && !shown_broken.console.is_empty());
+    for name in ALL {
+        let page = shown(&pages().path(name)).expect("chromium is there");
+        assert!(page.scroll_width_px <= TELEPHONE_PX, "{name}: {} px", page.scroll_width_px);
+        assert!(page.console.is_empty(), "{name}: {:?}", page.console);
+    }
+}

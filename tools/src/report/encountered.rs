@@ -1,0 +1,220 @@
+//! The page about a recognition: what was recognised and how far each joint is, in words; the learned
+//! surface laid over the picture; why a configuration is not told; what was refused; the numbers.
+
+use super::draw::{Canvas, part_colour};
+use super::layout::{self, facts, keys, part_style, vector};
+use super::overlay;
+use super::units::{amount, probability};
+use super::words::kind_in_words;
+use linkage_driver::{ColorImage, RgbdFrame};
+use linkage_skill::math::rigid::{Pose, pose_from_array};
+use linkage_skill::object::model::ObjectModel;
+use linkage_skill::recognise::{JointState, Recognised, Recognition};
+use linkage_skill::store::StoredObject;
+use maud::{Markup, html};
+
+/// What was asked of recognition.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked<'a> {
+    /// Objects that were looked for.
+    pub known: usize,
+    /// Score from which one is reported.
+    pub min_score: f64,
+    /// Those that were recognised, as they were learned; one that is missing is not drawn.
+    pub objects: &'a [StoredObject],
+}
+
+impl Asked<'_> {
+    /// An object as it was learned.
+    fn object(&self, name: &str) -> Option<&StoredObject> {
+        self.objects.iter().find(|o| o.model.object == name)
+    }
+}
+
+/// A page about a recognition.
+pub fn recognition_page(
+    frame: &RgbdFrame,
+    recognition: &Recognition,
+    asked: &Asked,
+) -> anyhow::Result<String> {
+    let found = &recognition.matches;
+    let body = html! {
+        h1 { "Recognition" }
+        @if found.is_empty() {
+            p.lead { "Nothing is recognised." }
+            p { (asked.known) " known objects were looked for." }
+        }
+        @for m in found { (in_words(m)) }
+        p.note { (runner_up(recognition, asked)) }
+        @if found.is_empty() {
+            (layout::picture(&Canvas::new(frame)?.finish()?, "What the camera saw")?)
+        }
+        @for m in found {
+            @let object = asked.object(&m.object);
+            (layout::picture(&overlaid(frame, m, object)?, &format!("{} as recognised", m.object))?)
+            @if let Some(object) = object {
+                p.note { "Lines are axes; dots are the learned surface where it was recognised." }
+                (keys(object.model.parts.iter().map(|p| (p.id, p.name.as_str()))))
+            }
+        }
+        @if !found.is_empty() {
+            h2 { "Numbers" }
+            @for m in found { (numbers(m)) }
+            p.note { "Axes and origins are in the camera frame: x right, y down, z forward." }
+        }
+    };
+    Ok(layout::page("Linkage: recognition", &body))
+}
+
+/// What was recognised, and each of its joints.
+pub fn in_words(m: &Recognised) -> Markup {
+    html! {
+        p.lead { (m.object) " is recognised: " (probability(m.score)) " sure." }
+        @if !m.base_known {
+            p.warning {
+                "Only a moving part is seen: where the object itself stands is a guess, "
+                "the axis of the joint that carries the part is right."
+            }
+        }
+        @for (i, joint) in m.joints.iter().enumerate() {
+            section.joint style=(part_style(i + 1)) {
+                p { (joint_in_words(joint)) }
+            }
+        }
+    }
+}
+
+/// "joint1, a hinge, is at 34° ± 1.0°, of 0° to 72° that were learned."
+pub fn joint_in_words(joint: &JointState) -> String {
+    let of = |q: f64| amount(joint.kind, q);
+    let (name, kind) = (&joint.name, kind_in_words(joint.kind));
+    let [low, high] = joint.range;
+    match joint.configuration {
+        Some(q) => {
+            let deviation = joint
+                .deviation
+                .map_or_else(|| " (how sure is not known)".to_owned(), |d| format!(" ± {}", of(d)));
+            let learned = format!("{} to {}", of(low), of(high));
+            format!("{name}, {kind}, is at {}{deviation}, of {learned} that were learned.", of(q))
+        }
+        None => {
+            let reason = joint.reason.as_deref().unwrap_or("it is not seen");
+            format!("{name}, {kind}: how far it is moved is not known, because {reason}.")
+        }
+    }
+}
+
+/// What came next, and was refused.
+fn runner_up(recognition: &Recognition, asked: &Asked) -> String {
+    let limit = format!("an object is reported from {:.0} % on", 100.0 * asked.min_score);
+    if recognition.best_refused > 0.0 {
+        let best = probability(recognition.best_refused);
+        format!("The best of what was refused was {best} sure; {limit}.")
+    } else {
+        format!("Nothing else came near; {limit}.")
+    }
+}
+
+/// The frame with the learned surface and the axes of one object.
+pub fn overlaid(
+    frame: &RgbdFrame,
+    m: &Recognised,
+    object: Option<&StoredObject>,
+) -> anyhow::Result<ColorImage> {
+    let mut canvas = Canvas::new(frame)?;
+    if let Some(object) = object {
+        let poses = camera_from_part(&object.model, m);
+        overlay::surface(&mut canvas, frame, &object.appearance, &poses)?;
+    }
+    for (i, joint) in m.joints.iter().enumerate() {
+        canvas.axis(&joint.geometry(), part_colour(i + 1))?;
+    }
+    canvas.finish()
+}
+
+/// Where each part is; a joint that is not told is where the recognition assumed it.
+fn camera_from_part(model: &ObjectModel, m: &Recognised) -> Vec<Option<Pose>> {
+    let Some(camera_from_object) = pose_from_array(&m.camera_from_object) else {
+        return Vec::new();
+    };
+    let at = |(i, j): (usize, &JointState)| {
+        j.configuration.or_else(|| m.assumed.get(i).copied()).unwrap_or(0.0)
+    };
+    let configurations: Vec<f64> = m.joints.iter().enumerate().map(at).collect();
+    let motions = model.part_motions(&configurations);
+    motions.into_iter().map(|motion| Some(camera_from_object * motion)).collect()
+}
+
+/// A table of the object and one a joint.
+pub fn numbers(m: &Recognised) -> Markup {
+    let pose = m.camera_from_object.map(|x| format!("{x:.3}")).join(", ");
+    let object = [
+        ("score", format!("{:.3}", m.score)),
+        ("matches that agree", m.inliers.to_string()),
+        ("camera from object: x, y, z / m, quaternion", pose),
+        ("base known", if m.base_known { "yes" } else { "no" }.to_owned()),
+    ];
+    html! {
+        div.facts {
+            (facts(&m.object, &object))
+            @for j in &m.joints { (facts(&format!("{}: {}", m.object, j.name), &rows(j))) }
+        }
+    }
+}
+
+fn rows(j: &JointState) -> Vec<(&'static str, String)> {
+    let unit = j.kind.unit();
+    let number = |q: Option<f64>| q.map_or("not known".to_owned(), |q| format!("{q:.4} {unit}"));
+    vec![
+        ("type", j.kind.name().to_owned()),
+        ("configuration", number(j.configuration)),
+        ("deviation", number(j.deviation)),
+        ("learned range", format!("{:.3} to {:.3} {unit}", j.range[0], j.range[1])),
+        ("axis", vector(j.axis)),
+        ("origin / m", vector(j.origin)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use linkage_skill::object::joint_geometry::JointKind;
+
+    fn hinge(configuration: Option<f64>) -> JointState {
+        JointState {
+            name: "joint1".to_owned(),
+            kind: JointKind::Revolute,
+            axis: [0.0, 1.0, 0.0],
+            origin: [0.0, 0.0, 1.0],
+            pitch: 0.0,
+            configuration,
+            deviation: configuration.map(|_| 0.0175),
+            reason: configuration
+                .is_none()
+                .then(|| "nothing seen of door tells where it is".into()),
+            range: [0.0, 72.0_f64.to_radians()],
+        }
+    }
+
+    #[test]
+    fn a_joint_is_told_with_its_deviation_or_with_the_reason_why_not() {
+        let told = joint_in_words(&hinge(Some(34.0_f64.to_radians())));
+        assert_eq!(told, "joint1, a hinge, is at 34° ± 1.0°, of 0.0° to 72° that were learned.");
+        let hidden = "joint1, a hinge: how far it is moved is not known, because nothing seen of \
+                      door tells where it is.";
+        assert_eq!(joint_in_words(&hinge(None)), hidden);
+    }
+
+    #[test]
+    fn the_best_of_what_was_refused_is_told_with_the_limit() {
+        let asked = Asked { known: 3, min_score: 0.5, objects: &[] };
+        let said = |best_refused| {
+            runner_up(&Recognition { best_refused, ..Recognition::new(Vec::new()) }, &asked)
+        };
+        assert_eq!(
+            said(0.31),
+            "The best of what was refused was 31 % sure; an object is reported from 50 % on."
+        );
+        assert!(said(0.0).starts_with("Nothing else came near"));
+    }
+}

@@ -1,0 +1,138 @@
+//! A film strip: a few frames of the recording, evenly spread over the motion, with the axes and the
+//! surface points of the parts where they were learned to be in that frame.
+
+use super::draw::{Canvas, part_colour};
+use super::overlay;
+use super::units::amount;
+use linkage_driver::{ColorImage, RgbdFrame};
+use linkage_skill::Demonstration;
+use linkage_skill::math::rigid::Pose;
+use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::model::{Joint, ObjectModel};
+
+/// Frames of a strip.
+const FRAMES: usize = 6;
+/// Width of a frame, pixels.
+const WIDTH: i32 = 320;
+/// Time by which a configuration may be away from a frame, microseconds.
+const AT_ONCE_US: f64 = 0.2e6;
+
+/// Small pictures with what they show.
+pub fn film_strip(
+    demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
+) -> anyhow::Result<Vec<(ColorImage, String)>> {
+    let frames: Vec<(usize, &RgbdFrame)> = demonstration.keyframes.iter().collect();
+    let model = &demonstration.model;
+    let utimes: Vec<i64> = frames.iter().map(|(_, frame)| frame.utime).collect();
+    let chosen = spread_over_motion(&way(model, &utimes), FRAMES);
+    let start = demonstration.frame_utimes.first().copied().unwrap_or(0);
+    chosen
+        .into_iter()
+        .map(|k| {
+            let (index, frame) = frames[k];
+            let poses: Vec<Option<Pose>> =
+                demonstration.camera_from_part.iter().map(|t| t.get(index).copied()?).collect();
+            let mut canvas = Canvas::new(frame)?;
+            if let Some(appearance) = appearance {
+                overlay::surface(&mut canvas, frame, appearance, &poses)?;
+            }
+            axes(&mut canvas, model, &poses)?;
+            canvas.shrink_to(WIDTH)?;
+            Ok((canvas.finish()?, caption(model, frame.utime, start)))
+        })
+        .collect()
+}
+
+/// Draws each joint's axis where its carrier is.
+pub fn axes(
+    canvas: &mut Canvas,
+    model: &ObjectModel,
+    camera_from_part: &[Option<Pose>],
+) -> anyhow::Result<()> {
+    for joint in &model.joints {
+        if let Some(camera_from_parent) = camera_from_part.get(joint.parent).copied().flatten() {
+            let line = joint.geometry().transformed(&camera_from_parent);
+            canvas.axis(&line, part_colour(joint.child))?;
+        }
+    }
+    Ok(())
+}
+
+/// The configuration of a joint at a time, where it is known.
+pub fn configuration_at(joint: &Joint, utime: i64) -> Option<f64> {
+    let away = |c: &[f64; 2]| (c[0] * 1e6 - utime as f64).abs();
+    let nearest = joint.configuration.iter().min_by(|a, b| away(a).total_cmp(&away(b)))?;
+    (away(nearest) <= AT_ONCE_US).then_some(nearest[1])
+}
+
+/// "2.4 s: joint1 34°, joint2 12 cm".
+fn caption(model: &ObjectModel, utime: i64, start: i64) -> String {
+    let seconds = (utime - start) as f64 * 1e-6;
+    let joints: Vec<String> = model
+        .joints
+        .iter()
+        .map(|j| match configuration_at(j, utime) {
+            Some(q) => format!("{} {}", j.name, amount(j.kind, q)),
+            None => format!("{} not known", j.name),
+        })
+        .collect();
+    format!("{seconds:.1} s: {}", joints.join(", "))
+}
+
+/// How far all joints together have moved up to each time, as shares of their ranges.
+fn way(model: &ObjectModel, utimes: &[i64]) -> Vec<f64> {
+    let mut last: Vec<Option<f64>> = vec![None; model.joints.len()];
+    let mut way = 0.0;
+    let mut up_to = |&utime: &i64| {
+        for (joint, last) in model.joints.iter().zip(&mut last) {
+            let span = joint.range[1] - joint.range[0];
+            let Some(q) = configuration_at(joint, utime) else { continue };
+            if let (Some(before), true) = (*last, span > 0.0) {
+                way += (q - before).abs() / span;
+            }
+            *last = Some(q);
+        }
+        way
+    };
+    utimes.iter().map(&mut up_to).collect()
+}
+
+/// At most `count` places of a growing way, about evenly spread over it; nothing where it is empty.
+fn spread_over_motion(way: &[f64], count: usize) -> Vec<usize> {
+    let Some(&whole) = way.last() else { return Vec::new() };
+    let mut chosen: Vec<usize> = (0..count)
+        .map(|i| {
+            let share = i as f64 / (count.max(2) - 1) as f64;
+            if whole > 0.0 {
+                way.partition_point(|w| *w < share * whole).min(way.len() - 1)
+            } else {
+                (share * (way.len() - 1) as f64).round() as usize
+            }
+        })
+        .collect();
+    chosen.dedup();
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_spread_over_the_motion_and_not_over_the_rest() {
+        let mut way = vec![0.0; 50];
+        way.extend((1..=10).map(|i| 0.1 * f64::from(i)));
+        let chosen = spread_over_motion(&way, 6);
+        assert_eq!(chosen[0], 0);
+        assert!(chosen[1..].iter().all(|&k| k >= 50), "{chosen:?}");
+        assert_eq!(chosen.len(), 6);
+    }
+
+    #[test]
+    fn without_motion_they_are_spread_over_time() {
+        assert_eq!(spread_over_motion(&[0.0; 11], 6), [0, 2, 4, 6, 8, 10]);
+        assert_eq!(spread_over_motion(&[], 6), [0_usize; 0]);
+        assert_eq!(spread_over_motion(&[0.0], 6), [0]);
+    }
+}

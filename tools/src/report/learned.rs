@@ -1,0 +1,380 @@
+//! The page about a demonstration: what was learned in words, what was refused, the motion in
+//! pictures, and the numbers at its end.
+
+use super::chart::{self, Curve, Ground};
+use super::draw::{Canvas, part_colour};
+use super::film_strip::{axes, configuration_at, film_strip};
+use super::layout::{self, facts, keys, part_style, vector};
+use super::overlay::lifted_outline;
+use super::spread;
+use super::tree::tree;
+use super::units::{angle, length, probability};
+use super::words::{self, Seen};
+use linkage_driver::{ColorImage, RgbdFrame, image_file};
+use linkage_planner_bridge::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
+use linkage_skill::Demonstration;
+use linkage_skill::learn::tracking::Track;
+use linkage_skill::math::rigid::Pose;
+use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::model::{Joint, ObjectModel};
+use maud::{Markup, html};
+use nalgebra::{Point2, Point3, Vector3};
+use std::path::{Path, PathBuf};
+
+/// Outlines drawn of a motion manifold.
+const MANIFOLD_STEPS: usize = 9;
+/// Refused candidates that are listed.
+const MOST_REFUSED: usize = 40;
+
+/// A page about a demonstration. `appearance`: what was learned from this demonstration alone.
+pub fn demonstration_page(
+    demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
+) -> anyhow::Result<String> {
+    let model = &demonstration.model;
+    let body = html! {
+        h1 { (model.object) }
+        (in_words(demonstration))
+        (refused(demonstration))
+        @if !model.joints.is_empty() {
+            h2 { "How it moves" }
+            (motion(demonstration)?)
+            (strip(demonstration, appearance)?)
+            h2 { "How its parts hang together" }
+            (tree(model))
+        }
+        (pictures(demonstration)?)
+        @if !model.joints.is_empty() {
+            h2 { "Numbers" }
+            (numbers(model))
+        }
+        (times(demonstration))
+    };
+    Ok(layout::page(&format!("Linkage: {}", model.object), &body))
+}
+
+/// Writes a demonstration's pictures into a folder; their paths.
+pub fn save_demonstration_pictures(
+    demonstration: &Demonstration,
+    dir: &Path,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let mut written = Vec::new();
+    if let Some((index, frame)) = middle_keyframe(demonstration) {
+        for (name, picture) in [
+            ("tracks.png", tracks_picture(demonstration, index, frame)?),
+            ("joints.png", joints_picture(demonstration, index, frame)?),
+        ] {
+            let path = dir.join(name);
+            image_file::write_color(&path, &picture)?;
+            written.push(path);
+        }
+    }
+    let path = dir.join("configuration.svg");
+    std::fs::write(&path, chart::svg(&curves(demonstration), Ground::White)?)?;
+    written.push(path);
+    Ok(written)
+}
+
+/// The sentences of each joint, with what its evidence is.
+fn in_words(demonstration: &Demonstration) -> Markup {
+    let model = &demonstration.model;
+    html! {
+        @if model.joints.is_empty() {
+            p.lead { "Nothing articulated moves." }
+            p { "No motion was seen that a hinge, a slide or a screw explains." }
+        }
+        @for joint in &model.joints {
+            @let seen = seen(demonstration, joint);
+            section.joint style=(part_style(joint.child)) {
+                p.lead { (words::sentence(joint, &seen)) }
+                p { (words::certainty(joint)) }
+                @for warning in words::warnings(joint, &seen) {
+                    p.warning { (warning) }
+                }
+                p.note { (joint.name) ": " (evidence(demonstration, joint)) }
+            }
+        }
+        @if !model.joints.is_empty() {
+            p.note {
+                "Left, right, up and down are as the camera saw them at the beginning. "
+                "± is one standard deviation."
+            }
+        }
+    }
+}
+
+fn seen<'d>(demonstration: &'d Demonstration, joint: &Joint) -> Seen<'d> {
+    Seen {
+        middle: middle_of(demonstration, joint.child),
+        carrier: (joint.parent != 0)
+            .then(|| demonstration.model.parts.get(joint.parent).map(|p| p.name.as_str()))
+            .flatten(),
+        frames: frames_that_may_show(demonstration, joint),
+    }
+}
+
+/// Frames in which a joint's configuration could be known: planes are sought in keyframes alone.
+fn frames_that_may_show(demonstration: &Demonstration, joint: &Joint) -> usize {
+    match tracks_of(demonstration, joint.child).next() {
+        Some(_) => demonstration.frame_utimes.len(),
+        None => demonstration.keyframes.len(),
+    }
+}
+
+/// What a joint was learned from.
+fn evidence(demonstration: &Demonstration, joint: &Joint) -> String {
+    let tracked = tracks_of(demonstration, joint.child).count();
+    let planes = demonstration.plain_surface.get(joint.child).is_some_and(|s| !s.is_empty());
+    let from = match (tracked, planes) {
+        (0, true) => "the planes of its surface in the depth pictures".to_owned(),
+        (0, false) => "no tracked features of its own".to_owned(),
+        (n, true) => format!("{n} tracked features and the planes of its surface"),
+        (n, false) => format!("{n} tracked features"),
+    };
+    let (frames, all) = (joint.observations, frames_that_may_show(demonstration, joint));
+    let kept = if tracked == 0 { " that were kept whole" } else { "" };
+    format!("learned from {from}; its configuration is known in {frames} of {all} frames{kept}.")
+}
+
+/// What was refused, and why; those that were followed most first.
+fn refused(demonstration: &Demonstration) -> Markup {
+    let mut all: Vec<_> = demonstration.rejections.iter().collect();
+    all.sort_by_key(|r| std::cmp::Reverse(r.tracks.saturating_mul(r.frames)));
+    html! {
+        @if !all.is_empty() {
+            details.refused {
+                summary { "What else moved and was refused: " (all.len()) }
+                ul {
+                    @for r in all.iter().take(MOST_REFUSED) {
+                        li {
+                            "As " (words::kind_in_words(r.kind)) " (" (r.tracks) " tracks, "
+                            (r.frames) " frames): " (r.reason) "."
+                        }
+                    }
+                }
+                @if all.len() > MOST_REFUSED {
+                    p.note { (all.len() - MOST_REFUSED) " more are not listed." }
+                }
+            }
+        } @else if demonstration.model.joints.is_empty() {
+            p { "Nothing was refused: what moved was not followed long enough to be a candidate." }
+        }
+    }
+}
+
+/// Configurations over time.
+fn motion(demonstration: &Demonstration) -> anyhow::Result<Markup> {
+    let joints = &demonstration.model.joints;
+    let charts = curves(demonstration).into_iter().zip(joints).map(|(curve, joint)| {
+        let band = curve.deviations.iter().any(Option::is_some);
+        let band =
+            if band { "; the band is the standard deviation of single features" } else { "" };
+        let caption = format!("{}: configuration over time{band}", joint.name);
+        Ok(layout::chart(&chart::svg(&[curve], Ground::Page)?, &caption))
+    });
+    let charts: Vec<Markup> = charts.collect::<anyhow::Result<_>>()?;
+    Ok(html! { @for chart in charts { (chart) } })
+}
+
+/// Each joint's configuration over time, with how well the features agree on it.
+fn curves(demonstration: &Demonstration) -> Vec<Curve> {
+    let of_joint = |joint: &Joint| {
+        let poses = &demonstration.camera_from_part[joint.child];
+        let by_frame =
+            spread::deviations(tracks_of(demonstration, joint.child), poses, &joint.geometry());
+        let at = |t: f64| {
+            let utime = (t * 1e6).round() as i64;
+            let after = demonstration.frame_utimes.partition_point(|u| *u < utime - 1);
+            by_frame.get(after).copied().flatten()
+        };
+        Curve {
+            kind: joint.kind,
+            colour: part_colour(joint.child),
+            deviations: joint.configuration.iter().map(|c| at(c[0])).collect(),
+            points: joint.configuration.clone(),
+        }
+    };
+    demonstration.model.joints.iter().map(of_joint).collect()
+}
+
+fn strip(demonstration: &Demonstration, appearance: Option<&Appearance>) -> anyhow::Result<Markup> {
+    let frames = film_strip(demonstration, appearance)?;
+    let frames: Vec<Markup> = frames
+        .iter()
+        .map(|(frame, caption)| layout::picture(frame, caption))
+        .collect::<anyhow::Result<_>>()?;
+    Ok(html! {
+        h3 { "The motion as it was seen" }
+        div.strip { @for frame in frames { (frame) } }
+        p.note { "Lines are axes; dots are places of the surface as they were learned." }
+        (part_keys(&demonstration.model))
+    })
+}
+
+/// Pictures of one frame: what was tracked, and where the parts may go.
+fn pictures(demonstration: &Demonstration) -> anyhow::Result<Markup> {
+    let Some((index, frame)) = middle_keyframe(demonstration) else { return Ok(html! {}) };
+    let tracks = tracks_picture(demonstration, index, frame)?;
+    let joints = joints_picture(demonstration, index, frame)?;
+    Ok(html! {
+        h2 { "In one picture" }
+        (part_keys(&demonstration.model))
+        @if !demonstration.model.joints.is_empty() {
+            (layout::picture(&joints, "Axes, and the outlines of the parts over their ranges")?)
+        }
+        (layout::picture(&tracks, "Tracked features by part; grey: of no part")?)
+    })
+}
+
+fn part_keys(model: &ObjectModel) -> Markup {
+    keys(model.parts.iter().map(|p| (p.id, p.name.as_str())))
+}
+
+/// A table a joint: the model as numbers.
+fn numbers(model: &ObjectModel) -> Markup {
+    let part = |id: usize| model.parts.get(id).map_or("?", |p| p.name.as_str()).to_owned();
+    html! {
+        div.facts {
+            @for j in &model.joints {
+                (facts(&j.name, &rows(j, &part)))
+            }
+        }
+        p.note {
+            "Axis and origin are in the camera frame of the first frame: x right, y down, z forward."
+        }
+    }
+}
+
+fn rows(j: &Joint, part: &dyn Fn(usize) -> String) -> Vec<(&'static str, String)> {
+    let unit = j.kind.unit();
+    let unknown = || "not known".to_owned();
+    let mut rows = vec![
+        ("type", j.kind.name().to_owned()),
+        ("moves", format!("{} on {}", part(j.child), part(j.parent))),
+        ("range", format!("{:.3} to {:.3} {unit}", j.range[0], j.range[1])),
+        ("axis", vector(j.axis)),
+        ("origin / m", vector(j.origin)),
+        ("deviation of the direction", axis_deviation_rad(j).map_or_else(unknown, angle)),
+    ];
+    if unit == "rad" {
+        let deviation = hinge_deviation_m(j).map_or_else(unknown, length);
+        rows.push(("deviation of the hinge", deviation));
+    }
+    if j.pitch != 0.0 {
+        rows.push(("pitch", format!("{:.4} m a turn", j.pitch)));
+    }
+    for (kind, p) in &j.type_probabilities {
+        rows.push((kind.name(), probability(*p)));
+    }
+    rows.push(("distance to the model, rms", format!("{:.1} mm", 1000.0 * j.position_rmse)));
+    if j.orientation_rmse > 0.0 {
+        rows.push(("angle to the model, rms", format!("{:.2}°", j.orientation_rmse.to_degrees())));
+    }
+    rows.push(("frames with a configuration", j.observations.to_string()));
+    rows
+}
+
+fn times(demonstration: &Demonstration) -> Markup {
+    html! {
+        details {
+            summary { "Where the time went" }
+            table {
+                tr { th { "stage" } th { "seconds" } }
+                @for (stage, time) in demonstration.times.iter() {
+                    tr { td { (stage) } td { (format!("{:.2}", time.as_secs_f64())) } }
+                }
+            }
+        }
+    }
+}
+
+fn tracks_of(demonstration: &Demonstration, part: usize) -> impl Iterator<Item = &Track> {
+    let parts = demonstration.tracks.tracks.iter().zip(&demonstration.track_parts);
+    parts.filter(move |(_, p)| **p == Some(part)).map(|(track, _)| track)
+}
+
+/// Middle of a part's known places at configuration 0, in the object frame.
+fn middle_of(demonstration: &Demonstration, part: usize) -> Option<Point3<f64>> {
+    let poses = demonstration.camera_from_part.get(part)?;
+    let tracked = tracks_of(demonstration, part).filter_map(|track| {
+        track.lifted().find_map(|(f, p)| Some(poses.get(f)?.as_ref()?.inverse_transform_point(&p)))
+    });
+    let plain = demonstration.plain_surface.get(part)?.iter().copied();
+    let (count, sum) = tracked
+        .chain(plain)
+        .fold((0_usize, Vector3::zeros()), |(n, sum), p: Point3<f64>| (n + 1, sum + p.coords));
+    (count > 0).then(|| Point3::from(sum / count as f64))
+}
+
+/// Pixels at which a part is seen in a keyframe: of its tracks, and of a plain part's places.
+fn pixels_of(
+    demonstration: &Demonstration,
+    part: usize,
+    index: usize,
+    frame: &RgbdFrame,
+) -> Vec<Point2<f64>> {
+    let tracked = tracks_of(demonstration, part)
+        .filter_map(|t| t.at(index))
+        .map(|o| Point2::new(f64::from(o.pixel.x), f64::from(o.pixel.y)));
+    let pose = demonstration.camera_from_part.get(part).and_then(|t| t.get(index).copied()?);
+    let plain = demonstration.plain_surface.get(part).map_or(&[][..], Vec::as_slice).iter();
+    let plain = plain.filter_map(|place| frame.camera.project(&(pose? * place)));
+    tracked.chain(plain.filter(|pixel| frame.camera.sees(pixel, 1.0))).collect()
+}
+
+/// The keyframe in which the parts have moved most, nearly half way through.
+fn middle_keyframe(demonstration: &Demonstration) -> Option<(usize, &RgbdFrame)> {
+    let moved = |index: usize| {
+        demonstration.camera_from_part.iter().skip(1).filter_map(|t| t[index].as_ref()).count()
+    };
+    let frames: Vec<(usize, &RgbdFrame)> = demonstration.keyframes.iter().collect();
+    let middle = frames.len() / 2;
+    frames
+        .iter()
+        .enumerate()
+        .max_by_key(|(i, (index, _))| (moved(*index), std::cmp::Reverse(i.abs_diff(middle))))
+        .map(|(_, f)| *f)
+}
+
+fn tracks_picture(
+    demonstration: &Demonstration,
+    index: usize,
+    frame: &RgbdFrame,
+) -> anyhow::Result<ColorImage> {
+    let mut canvas = Canvas::new(frame)?;
+    for (track, part) in demonstration.tracks.tracks.iter().zip(&demonstration.track_parts) {
+        let Some(seen) = track.at(index) else { continue };
+        let at = Point2::new(f64::from(seen.pixel.x), f64::from(seen.pixel.y));
+        match part {
+            Some(p) => canvas.dot(at, if *p == 0 { 1 } else { 3 }, part_colour(*p))?,
+            None => canvas.dot(at, 2, [160, 160, 160])?,
+        }
+    }
+    canvas.finish()
+}
+
+fn joints_picture(
+    demonstration: &Demonstration,
+    index: usize,
+    frame: &RgbdFrame,
+) -> anyhow::Result<ColorImage> {
+    let mut canvas = Canvas::new(frame)?;
+    let model = &demonstration.model;
+    let poses: Vec<Option<Pose>> =
+        demonstration.camera_from_part.iter().map(|t| t.get(index).copied()?).collect();
+    for joint in &model.joints {
+        let Some(camera_from_parent) = poses[joint.parent] else { continue };
+        let line = joint.geometry().transformed(&camera_from_parent);
+        let features = pixels_of(demonstration, joint.child, index, frame);
+        let present = configuration_at(joint, frame.utime);
+        if let (Some(outline), Some(present)) = (lifted_outline(frame, &features)?, present) {
+            let [low, high] = joint.range;
+            let step = (high - low) / (MANIFOLD_STEPS - 1) as f64;
+            let motions: Vec<Pose> =
+                (0..MANIFOLD_STEPS).map(|i| line.motion(low + step * i as f64 - present)).collect();
+            canvas.manifold(&outline, &motions, part_colour(joint.child))?;
+        }
+    }
+    axes(&mut canvas, model, &poses)?;
+    canvas.finish()
+}

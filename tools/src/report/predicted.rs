@@ -1,0 +1,182 @@
+//! The page about a prediction: how each joint will move in words and over time, and where its part
+//! goes; or why nothing is predicted.
+
+use super::chart::{self, Curve, Ground};
+use super::draw::{Canvas, part_colour};
+use super::encountered::{in_words, numbers, overlaid};
+use super::layout::{self, facts};
+use super::overlay::outline_of;
+use super::units::{amount, length};
+use super::words::kind_in_words;
+use linkage_driver::{ColorImage, RgbdFrame};
+use linkage_planner_bridge::Prediction;
+use linkage_planner_bridge::plan::PlannedJoint;
+use linkage_skill::math::rigid::{Pose, pose_from_array};
+use linkage_skill::object::appearance::Appearance;
+use linkage_skill::recognise::Recognised;
+use linkage_skill::store::StoredObject;
+use maud::{Markup, html};
+use std::path::Path;
+
+/// Outlines drawn along the way of a part.
+const OUTLINES: usize = 9;
+
+/// A page about a prediction, or about why there is none.
+pub fn prediction_page(
+    frame: &RgbdFrame,
+    recognised: &Recognised,
+    object: &StoredObject,
+    predicted: Result<&Prediction, &str>,
+) -> anyhow::Result<String> {
+    let body = html! {
+        h1 { "Prediction: " (recognised.object) }
+        @match predicted {
+            Ok(prediction) => (motion(frame, recognised, object, prediction)?),
+            Err(why) => {
+                p.lead { "No motion is predicted." }
+                p.warning { (why) "." }
+            }
+        }
+        h2 { "From where it starts" }
+        (in_words(recognised))
+        (layout::picture(&overlaid(frame, recognised, Some(object))?, "The object as recognised")?)
+        h2 { "Numbers" }
+        @if let Ok(prediction) = predicted {
+            div.facts { @for j in moving(prediction) { (facts(&j.state.name, &rows(j))) } }
+        }
+        (numbers(recognised))
+    };
+    Ok(layout::page(&format!("Linkage: prediction of {}", recognised.object), &body))
+}
+
+/// Draws a prediction into the frame that it starts from.
+pub fn save_prediction_picture(
+    frame: &RgbdFrame,
+    recognised: &Recognised,
+    prediction: &Prediction,
+    appearance: &Appearance,
+    path: &Path,
+) -> anyhow::Result<()> {
+    let picture = way_picture(frame, recognised, prediction, appearance)?;
+    Ok(linkage_driver::image_file::write_color(path, &picture)?)
+}
+
+/// The motion in words, over time, and in the picture.
+fn motion(
+    frame: &RgbdFrame,
+    recognised: &Recognised,
+    object: &StoredObject,
+    prediction: &Prediction,
+) -> anyhow::Result<Markup> {
+    let picture = way_picture(frame, recognised, prediction, &object.appearance)?;
+    let charts: Vec<Markup> = moving(prediction)
+        .map(|j| {
+            let caption = format!("{}: configuration over time, as planned", j.state.name);
+            let colour = colour_of(recognised, j);
+            Ok(layout::chart(&chart::svg(&[curve(j, colour)], Ground::Page)?, &caption))
+        })
+        .collect::<anyhow::Result<_>>()?;
+    Ok(html! {
+        @if charts.is_empty() { p.lead { "Nothing is to move." } }
+        @for j in moving(prediction) { p.lead { (joint_in_words(j)) } }
+        (layout::picture(&picture, "Where the parts go: outlines along the way, darkest first")?)
+        @for chart in charts { (chart) }
+    })
+}
+
+fn moving(prediction: &Prediction) -> impl Iterator<Item = &PlannedJoint> {
+    prediction.joints.iter().filter(|j| !j.trajectory.is_empty())
+}
+
+/// "joint1, a hinge, goes from 12° to 72° in 3.4 s."
+fn joint_in_words(j: &PlannedJoint) -> String {
+    let (name, kind) = (&j.state.name, j.state.kind);
+    let (Some(first), Some(last)) = (j.trajectory.first(), j.trajectory.last()) else {
+        return format!("{name} stays as it is.");
+    };
+    let (from, to) = (amount(kind, first[1]), amount(kind, last[1]));
+    let seconds = last[0] - first[0];
+    format!("{name}, {}, goes from {from} to {to} in {seconds:.1} s.", kind_in_words(kind))
+}
+
+fn colour_of(recognised: &Recognised, j: &PlannedJoint) -> [u8; 3] {
+    let number = recognised.joints.iter().position(|known| known.name == j.state.name);
+    part_colour(number.map_or(1, |n| n + 1))
+}
+
+fn curve(j: &PlannedJoint, colour: [u8; 3]) -> Curve {
+    Curve {
+        kind: j.state.kind,
+        colour,
+        points: j.trajectory.iter().map(|k| [k[0], k[1]]).collect(),
+        deviations: Vec::new(),
+    }
+}
+
+fn rows(j: &PlannedJoint) -> Vec<(&'static str, String)> {
+    let unit = j.state.kind.unit();
+    let ends = [j.trajectory.first(), j.trajectory.last()].map(|k| k.map_or(0.0, |k| k[1]));
+    let fastest = |i: usize| j.trajectory.iter().map(|k| k[i].abs()).fold(0.0, f64::max);
+    let way = (ends[1] - ends[0]).abs();
+    vec![
+        ("from", format!("{:.4} {unit}", ends[0])),
+        ("to", format!("{:.4} {unit}", ends[1])),
+        ("way", if unit == "m" { length(way) } else { format!("{way:.4} rad") }),
+        ("time", format!("{:.2} s", j.trajectory.last().map_or(0.0, |k| k[0]))),
+        ("greatest speed", format!("{:.3} {unit}/s", fastest(2))),
+        ("greatest acceleration", format!("{:.3} {unit}/s²", fastest(3))),
+    ]
+}
+
+/// The frame with the axes, and the outline of each part that moves along its way.
+fn way_picture(
+    frame: &RgbdFrame,
+    recognised: &Recognised,
+    prediction: &Prediction,
+    appearance: &Appearance,
+) -> anyhow::Result<ColorImage> {
+    let mut canvas = Canvas::new(frame)?;
+    for part in &prediction.parts {
+        let poses: Vec<Pose> = part
+            .poses
+            .iter()
+            .filter_map(|p| pose_from_array(&[p[1], p[2], p[3], p[4], p[5], p[6], p[7]]))
+            .collect();
+        let Some(first) = poses.first() else { continue };
+        let stride = poses.len().div_ceil(OUTLINES).max(1);
+        let motions: Vec<Pose> =
+            poses.iter().step_by(stride).map(|p| p * first.inverse()).collect();
+        if let Some(outline) = outline_of(frame, appearance, part.part, first)? {
+            canvas.manifold(&outline, &motions, part_colour(part.part))?;
+        }
+    }
+    for (i, joint) in recognised.joints.iter().enumerate() {
+        canvas.axis(&joint.geometry(), part_colour(i + 1))?;
+    }
+    canvas.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use linkage_skill::object::joint_geometry::JointKind;
+    use linkage_skill::recognise::JointState;
+
+    #[test]
+    fn a_motion_is_told_from_where_to_where_in_which_time() {
+        let state = JointState {
+            name: "joint1".to_owned(),
+            kind: JointKind::Prismatic,
+            axis: [0.0, 0.0, -1.0],
+            origin: [0.0, 0.0, 1.0],
+            pitch: 0.0,
+            configuration: Some(0.05),
+            deviation: Some(0.001),
+            reason: None,
+            range: [0.0, 0.3],
+        };
+        let trajectory = vec![[0.0, 0.05, 0.0, 0.0], [2.5, 0.3, 0.0, 0.0]];
+        let told = joint_in_words(&PlannedJoint { state, trajectory });
+        assert_eq!(told, "joint1, a slide, goes from 5.0 cm to 30 cm in 2.5 s.");
+    }
+}
