@@ -54,12 +54,14 @@ pub fn complete(
     recording: &Recording,
     config: &PlanesConfig,
 ) -> Vec<LearnedJoint> {
+    extend(&mut joints, recording);
+    let is_chain = joints.iter().any(|j| j.joint.parent != 0);
     let mut plain: Vec<LearnedJoint> = Vec::new();
+    let mut known: Vec<LearnedJoint> = Vec::new();
     for part in search(recording, config) {
         let mut learned = part.to_learned(recording);
-        // A few tracks of the hand on the part, or of its edge, tell its hinge less well than it does.
-        if !joints.iter().any(|j| j.joint.parent != 0) {
-            joints.retain(|j| !(is_meagre(j, config) && shows_less(&j.joint, &learned.joint)));
+        if !is_chain {
+            take_over(&mut joints, &mut learned, config);
         }
         let is_known = |j: &LearnedJoint| {
             is_same_hinge(&j.joint, &learned.joint)
@@ -68,19 +70,35 @@ pub fn complete(
         if !joints.iter().any(is_known) {
             extend_to(part.reach(), &mut learned, recording);
             plain.push(learned);
+        } else {
+            known.push(learned);
         }
     }
     // A hand that held a plain part is no joint beside it.
-    let is_hand =
-        |j: &LearnedJoint| is_meagre(j, config) && plain.iter().any(|part| moves_together(part, j));
-    if !joints.iter().any(|j| j.joint.parent != 0) {
+    let is_held_by = |j: &LearnedJoint, part: &LearnedJoint| {
+        !is_same_hinge(&j.joint, &part.joint) && moves_together(part, j)
+    };
+    let is_hand = |j: &LearnedJoint| {
+        is_meagre(j, config) && plain.iter().chain(&known).any(|part| is_held_by(j, part))
+    };
+    if !is_chain {
         joints.retain(|j| !is_hand(j));
         number(&mut joints, 1);
     }
-    extend(&mut joints, recording);
     number(&mut plain, joints.len() + 1);
     joints.append(&mut plain);
     joints
+}
+
+/// A plain part takes the place of a joint whose tracks show less of the same hinge: they were lost as
+/// it turned away. A few tracks are the hand's on the part, or its edge's; many are its own.
+fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint, config: &PlanesConfig) {
+    let Some(i) = joints.iter().position(|j| shows_less(&j.joint, &plain.joint)) else { return };
+    let tracked = joints.remove(i);
+    if !is_meagre(&tracked, config) {
+        plain.joint.log_likelihood = tracked.joint.log_likelihood;
+        plain.tracks = tracked.tracks;
+    }
 }
 
 /// Names joints of the base in their order, from a number on.
