@@ -11,6 +11,9 @@ use std::collections::VecDeque;
 
 /// Most frames that are kept: a second of a camera at half its rate. More gain little and cost memory.
 const MOST: usize = 15;
+/// Most pixels of all frames that are kept, so that large pictures do not fill the memory: 15 frames of a
+/// Kinect are 4.6 million.
+const MOST_PIXELS: usize = 8_000_000;
 /// Distance between the pixels that tell whether the camera stood, pixels.
 const GRID_PX: usize = 6;
 /// Pixels to either side between which luma is differenced.
@@ -39,10 +42,11 @@ impl StillFrames {
         if self.frames.back().is_some_and(|last| !is_same_view(last, &frame)) {
             self.frames.clear();
         }
-        if self.frames.len() == MOST {
+        let pixels = (frame.color.width() * frame.color.height()).max(1);
+        self.frames.push_back(frame);
+        while self.frames.len() > (MOST_PIXELS / pixels).clamp(1, MOST) {
             self.frames.pop_front();
         }
-        self.frames.push_back(frame);
     }
 
     /// Frames that the next [`StillFrames::fused`] makes one of.
@@ -220,6 +224,19 @@ mod tests {
         let mut still = StillFrames::default();
         (0..4).for_each(|f| still.push(wall(0, 120, noise(f))));
         still.push(wall(24, 120, noise(5)));
+        assert_eq!(still.len(), 1);
+    }
+
+    #[test]
+    fn of_large_pictures_few_are_kept() {
+        let stripes = || (0..6_000_000).flat_map(|i| [90 + 80 * ((i / 24) % 2) as u8; 3]).collect();
+        let large = || RgbdFrame {
+            color: ColorImage::new(3000, 2000, stripes()).unwrap(),
+            depth: DepthImage::from_metres(3000, 2000, vec![1.0; 6_000_000]).unwrap(),
+            ..seen(0, |_, _| 1.0)
+        };
+        let mut still = StillFrames::default();
+        (0..3).for_each(|_| still.push(large()));
         assert_eq!(still.len(), 1);
     }
 
