@@ -100,7 +100,7 @@ fn surface_of(
     let patch = &patches[candidate.support[plane]];
     let back = rough.geometry().motion(-rough.turns[plane].1);
     let points: Vec<Point3<f64>> = patch.points.iter().map(|p| back * p).collect();
-    Surface { points, normal: back * patch.normal }.thinned()
+    Surface { points, normal: back * patch.normal }
 }
 
 /// A surface that is followed about the line, the line that its planes tell, and the surface followed
@@ -113,7 +113,9 @@ fn followed(
     patches: &[PlanePatch],
     recording: &Recording,
 ) -> Option<PlainPart> {
-    let first = follow(surface, &rough.geometry(), range, rough.reach(), recording);
+    // Each point is looked for in each keyframe: few are followed, all are kept.
+    let few = &surface.thinned();
+    let first = follow(few, &rough.geometry(), range, rough.reach(), recording);
     let agrees = |(k, (frame, turn)): (usize, &(usize, f64))| {
         let q = first.at(*frame)?;
         ((turn - q).abs() < SAME_TURN_RAD).then_some(candidate.support[k])
@@ -122,9 +124,9 @@ fn followed(
     let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
     let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
     let hinge = candidate.hinge(patches, &support)?;
-    let again = follow(surface, &hinge.geometry(), range, hinge.reach(), recording);
-    let line = align_line(surface, &hinge, &again, recording);
-    let followed = follow(surface, &line.geometry, range, hinge.reach(), recording);
+    let again = follow(few, &hinge.geometry(), range, hinge.reach(), recording);
+    let line = align_line(few, &hinge, &again, recording);
+    let followed = follow(few, &line.geometry, range, hinge.reach(), recording);
     Some(PlainPart { hinge, line, surface: surface.clone(), followed, support, first_turn })
 }
 
