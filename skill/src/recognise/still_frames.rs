@@ -5,6 +5,7 @@
 //! stays where the last frame has it. Depth noise falls by about the square root of the frames, and
 //! pixels that a structured-light camera reads now and then are filled.
 
+use super::stillness::EdgeView;
 use linkage_driver::{ColorImage, DepthImage, FrameError, RgbdFrame};
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -14,18 +15,8 @@ const MOST: usize = 15;
 /// Most pixels of all frames that are kept, so that large pictures do not fill the memory: 15 frames of a
 /// Kinect are 4.6 million.
 const MOST_PIXELS: usize = 8_000_000;
-/// Distance between the pixels that tell whether the camera stood, pixels.
-const GRID_PX: usize = 6;
-/// Pixels to either side between which luma is differenced.
-const REACH_PX: usize = 2;
-/// Difference of luma from which a pixel lies on an edge, of 255.
-const EDGE: i32 = 20;
 /// Change of luma that noise explains, of 255.
 const SAME_LUMA: i32 = 12;
-/// Edge pixels below which a picture tells nothing.
-const LEAST_EDGES: usize = 40;
-/// Share of the edge pixels that must be unchanged; people may hide the others.
-const LEAST_UNCHANGED: f64 = 0.6;
 /// Depths that are the same differ by less than this, metres, and this share of their square (1/m):
 /// three standard deviations of a structured-light camera.
 const SAME_DEPTH: [f64; 2] = [0.01, 0.009];
@@ -139,28 +130,15 @@ fn shows_the_same(a: &RgbdFrame, b: &RgbdFrame, u: usize, v: usize) -> bool {
     }
 }
 
-/// Most edges of the one frame are where they are in the other.
+/// Both frames are of one camera that stood still between them.
 fn is_same_view(a: &RgbdFrame, b: &RgbdFrame) -> bool {
     let size = |f: &RgbdFrame| (f.color.width(), f.color.height());
-    if size(a) != size(b) || a.camera != b.camera {
-        return false;
-    }
-    let (width, height) = size(a);
-    let luma = |u: usize, v: usize| a.color.luma_at(u, v).map_or(0, i32::from);
-    let is_edge = |u: usize, v: usize| {
-        let across = luma(u + REACH_PX, v) - luma(u - REACH_PX, v);
-        let down = luma(u, v + REACH_PX) - luma(u, v - REACH_PX);
-        across.abs().max(down.abs()) > EDGE
+    let luma = |f: &RgbdFrame, u: f64, v: f64| {
+        f.color.luma_at(u as usize, v as usize).map(|luma| f64::from(luma) / 2.55)
     };
-    let grid = |length: usize| (GRID_PX..length.saturating_sub(GRID_PX)).step_by(GRID_PX);
-    let (mut edges, mut unchanged) = (0, 0);
-    for v in grid(height) {
-        for u in grid(width).filter(|&u| is_edge(u, v)) {
-            edges += 1;
-            unchanged += usize::from(shows_the_same(a, b, u, v));
-        }
-    }
-    edges >= LEAST_EDGES && unchanged as f64 >= LEAST_UNCHANGED * edges as f64
+    size(a) == size(b)
+        && a.camera == b.camera
+        && EdgeView::of_lightness(size(a), |u, v| luma(a, u, v)).is_still_in(|u, v| luma(b, u, v))
 }
 
 #[cfg(test)]

@@ -26,9 +26,16 @@ pub struct EdgeView {
 impl EdgeView {
     /// Of a frame.
     pub fn of(scene: &Scene) -> Self {
-        let (width, height) = (scene.frame.color.width(), scene.frame.color.height());
+        let size = (scene.frame.color.width(), scene.frame.color.height());
+        Self::of_lightness(size, |u, v| scene.lab.lightness(u, v))
+    }
+
+    /// Of a picture of some columns and rows, by its lightness (0 to 100) at a column and a row.
+    pub fn of_lightness(
+        (width, height): (usize, usize),
+        at: impl Fn(f64, f64) -> Option<f64>,
+    ) -> Self {
         let grid = |length: usize| (GRID_PX..length.saturating_sub(GRID_PX)).step_by(GRID_PX);
-        let at = |u: f64, v: f64| scene.lab.lightness(u, v);
         let edge = |u: usize, v: usize| {
             let (u, v) = (u as f64, v as f64);
             let across = at(u + REACH_PX, v)? - at(u - REACH_PX, v)?;
@@ -41,8 +48,13 @@ impl EdgeView {
 
     /// The camera stands where it stood then, as far as this frame tells.
     pub fn is_still(&self, scene: &Scene) -> bool {
+        self.is_still_in(|u, v| scene.lab.lightness(u, v))
+    }
+
+    /// The same by the lightness of a picture of the same size.
+    pub fn is_still_in(&self, at: impl Fn(f64, f64) -> Option<f64>) -> bool {
         let same = |&&(u, v, lightness): &&(f64, f64, f64)| {
-            scene.lab.lightness(u, v).is_some_and(|now| (now - lightness).abs() < SAME)
+            at(u, v).is_some_and(|now| (now - lightness).abs() < SAME)
         };
         let unchanged = self.edges.iter().filter(same).count();
         self.edges.len() >= LEAST_EDGES && unchanged as f64 >= LEAST_SHARE * self.edges.len() as f64
