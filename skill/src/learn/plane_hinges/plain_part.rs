@@ -17,8 +17,9 @@ use std::collections::BTreeMap;
 
 /// Turn by which a plane may differ from where its part was followed to, radians.
 const SAME_TURN_RAD: f64 = 0.12;
-/// How far beyond the range of its planes a part is followed, radians: first a little, and farther only
-/// where that shows no part. A lid that leans against what is behind it has no plane of its own there.
+/// How far beyond the range of its planes a part is followed, radians: a little, and far. The second
+/// counts where the first shows no part or less of it: a lid that leans against what is behind it has no
+/// plane of its own there.
 const BEYOND_RAD: [f64; 2] = [0.1, 1.6];
 /// Share of the keyframes that must show it.
 const LEAST_KEYFRAMES: f64 = 0.7;
@@ -33,8 +34,8 @@ const REST_RAD: f64 = 0.03;
 const MIN_TURN_OF_PLANES_RAD: f64 = 0.25;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
-/// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must not pull about a line that is
-/// less known.
+/// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must
+/// not pull about a line that is less known.
 const MAX_PLACE_SIGMA_M: f64 = 0.02;
 /// Error of a line's place that all planes share, metres: ledges and the part's thickness shift its
 /// planes.
