@@ -1,7 +1,9 @@
 //! Builds an object's appearance from its demonstration.
 
 pub(crate) mod occlusion_edges;
+mod paint;
 mod part_labels;
+mod strangers;
 
 use super::demonstration::Demonstration;
 use crate::features::quantised::{product, quantise, similarity};
@@ -13,18 +15,20 @@ use crate::object::appearance::{Appearance, AppearanceConfig, ModelFeature, Surf
 use linkage_driver::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
 use occlusion_edges::edges;
+use paint::{SeenColour, paints};
 use part_labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
+use strangers::Strangers;
 
 /// Side of a voxel in which surface is averaged, metres, for an object one metre away;
 /// farther ones are seen in fewer, noisier pixels.
 const VOXEL_M: f64 = 0.006;
 /// Keyframes whose depth is asked which part a pixel belongs to.
-const LABEL_FRAMES: usize = 32;
+const LABEL_FRAMES: usize = 48;
 /// Side of a cell of the coarse occupancy that stands for "near", metres.
 const COARSE_M: f64 = 0.04;
 /// How far beyond its tracked features a part may extend, metres.
@@ -126,8 +130,14 @@ pub fn build(
     let swept = swept_volume(demonstration, &tracked);
     let described: Vec<usize> =
         (0..posed.len()).step_by(posed.len().div_ceil(config.keyframes).max(1)).collect();
-    let labelled: Vec<(usize, LabelGrid)> =
-        described.into_par_iter().map(|index| (index, label(&posed, index, &near_part))).collect();
+    let strangers = Strangers::new(demonstration, &posed[0].frame.camera);
+    let labelled: Vec<(usize, LabelGrid)> = described
+        .into_par_iter()
+        .map(|index| {
+            let strangers = strangers.in_frame(posed[index].number);
+            (index, label(&posed, index, &near_part, &strangers))
+        })
+        .collect();
     let region = Region::new(config, &swept, &posed, &labelled);
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut builder = Builder { voxel_m, features: Vec::new(), voxels: HashMap::new() };
@@ -168,6 +178,7 @@ struct Region {
     features: Occupancy,
     surface: Occupancy,
     room: Vec<Plane>,
+    strange: Occupancy,
 }
 
 impl Region {
@@ -181,7 +192,7 @@ impl Region {
     ) -> Self {
         let room = room_planes(posed.first(), swept);
         let near = swept.grown(config.surface_margin_m);
-        let resting = resting_surface(posed, labelled, &room);
+        let (resting, strange) = resting_surface(posed, labelled, &room);
         let little = near.0.intersection(&resting.0).count() < LITTLE_SURFACE;
         let reach = if little { config.base_reach_m } else { 0.0 };
         let connected = near.extended_along(&resting, reach);
@@ -189,11 +200,12 @@ impl Region {
             features: swept.grown(config.feature_margin_m).with(&connected),
             surface: near.with(&connected),
             room,
+            strange,
         }
     }
 
     fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
-        region.holds(p) && !is_room(&self.room, p, z)
+        region.holds(p) && !self.strange.holds(p) && !is_room(&self.room, p, z)
     }
 }
 
@@ -201,34 +213,41 @@ fn is_room(room: &[Plane], p: &Point3<f64>, z: f64) -> bool {
     room.iter().any(|plane| plane.holds(p, z))
 }
 
-/// Where several of the labelled keyframes show surface that rests and is not the room's.
+/// Where several of the labelled keyframes show surface that rests and is not the room's, and where at
+/// least as many show somebody who moves as show what rests.
 fn resting_surface(
     posed: &[PosedFrame],
     labelled: &[(usize, LabelGrid)],
     room: &[Plane],
-) -> Occupancy {
-    let mut shown: HashMap<[i32; 3], usize> = HashMap::new();
+) -> (Occupancy, Occupancy) {
+    // Keyframes that show what rests in a cell, and that show who moves there.
+    let mut shown: HashMap<[i32; 3], [usize; 2]> = HashMap::new();
     for (index, grid) in labelled {
         let frame = posed[*index].frame;
         let Some(camera_from_base) = posed[*index].camera_from_part[0] else { continue };
         let mut here = HashSet::new();
         for v in (STEP / 2..frame.camera.height).step_by(STEP) {
             for u in (STEP / 2..frame.camera.width).step_by(STEP) {
-                let Some(p) = frame.point_at(u, v).filter(|_| grid.at(u, v) == Some(0)) else {
+                let moves = grid.is_stranger(u, v);
+                if !moves && grid.at(u, v) != Some(0) {
                     continue;
-                };
+                }
+                let Some(p) = frame.point_at(u, v) else { continue };
                 let in_base = camera_from_base.inverse_transform_point(&p);
                 if !is_room(room, &in_base, p.z) {
-                    here.insert(cell(&in_base, COARSE_M));
+                    here.insert((cell(&in_base, COARSE_M), usize::from(moves)));
                 }
             }
         }
-        for cell in here {
-            *shown.entry(cell).or_default() += 1;
+        for (cell, moves) in here {
+            shown.entry(cell).or_default()[moves] += 1;
         }
     }
     let often = labelled.len().div_ceil(4);
-    Occupancy(shown.into_iter().filter(|(_, n)| *n >= often).map(|(c, _)| c).collect())
+    let cells = |is_meant: &dyn Fn(&[usize; 2]) -> bool| {
+        Occupancy(shown.iter().filter(|(_, n)| is_meant(n)).map(|(c, _)| *c).collect())
+    };
+    (cells(&|[rests, _]| *rests >= often), cells(&|[rests, moves]| moves >= rests && *moves > 0))
 }
 
 /// A plane of the room, in the object frame.
@@ -251,6 +270,7 @@ fn posed_frames<'d>(demonstration: &'d Demonstration, wanted: usize) -> Vec<Pose
         .step_by(stride)
         .map(|(index, frame)| PosedFrame {
             frame,
+            number: index,
             camera_from_part: demonstration.camera_from_part.iter().map(|t| t[index]).collect(),
         })
         .collect()
@@ -422,9 +442,8 @@ type PlaceKey = (u16, [i32; 3]);
 struct Voxel {
     point: Vector3<f64>,
     normal: Vector3<f64>,
-    lab: Vector3<f64>,
     count: f64,
-    keyframes: HashSet<usize>,
+    colours: Vec<SeenColour>,
 }
 
 /// Surface seen at a pixel, in the object frame at configuration 0.
@@ -521,9 +540,12 @@ impl Builder {
                 self.voxels.entry((s.part, cell(&s.point, self.voxel_m), side)).or_default();
             voxel.point += s.point.coords;
             voxel.normal += s.normal;
-            voxel.lab += Vector3::from(s.lab.map(f64::from));
             voxel.count += 1.0;
-            voxel.keyframes.insert(keyframe);
+            let lab = Vector3::from(s.lab.map(f64::from));
+            match voxel.colours.last_mut().filter(|seen| seen.keyframe == keyframe) {
+                Some(seen) => seen.add(lab),
+                None => voxel.colours.push(SeenColour::new(keyframe, lab)),
+            }
         }
     }
 }
@@ -532,20 +554,20 @@ impl Builder {
 fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
     let mut solid: Vec<(VoxelKey, Voxel)> = voxels
         .into_iter()
-        .filter(|(_, v)| {
-            v.keyframes.len() >= 2 && v.count >= 3.0 && v.normal.norm() > 0.8 * v.count
-        })
+        .filter(|(_, v)| v.colours.len() >= 2 && v.count >= 3.0 && v.normal.norm() > 0.8 * v.count)
         .collect();
     solid.sort_by_key(|(key, _)| *key);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     solid.shuffle(&mut rng);
-    let surfel = |((part, _, _), v): (VoxelKey, Voxel)| Surfel {
+    let faces = solid.iter().map(|((part, _, side), v)| ((*part, *side), v.colours.as_slice()));
+    let paints = paints(&faces.collect::<Vec<_>>());
+    let surfel = |(((part, _, _), v), paint): ((VoxelKey, Voxel), Vector3<f64>)| Surfel {
         part,
         point: (v.point / v.count).map(|x| x as f32).into(),
         normal: v.normal.normalize().map(|x| x as f32).into(),
-        lab: (v.lab / v.count).map(|x| x as f32).into(),
+        lab: paint.map(|x| x as f32).into(),
     };
-    solid.into_iter().map(surfel).collect()
+    solid.into_iter().zip(paints).map(surfel).collect()
 }
 
 /// The first so many of each part.

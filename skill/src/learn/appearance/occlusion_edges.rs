@@ -155,7 +155,7 @@ mod tests {
             .iter()
             .map(|(frame, slid)| {
                 let front = Pose::translation(0.0, 0.0, -slid);
-                (PosedFrame { frame, camera_from_part: vec![None, Some(front)] }, *slid)
+                (PosedFrame { frame, number: 0, camera_from_part: vec![None, Some(front)] }, *slid)
             })
             .collect();
         let views: Vec<View> =

@@ -2,10 +2,11 @@
 //! the pixel's point must be in the other keyframes; their depth pictures say which claim
 //! holds. What fits no claim (the person) belongs to nothing.
 
+use super::strangers::StrangersInFrame;
 use crate::learn::ego_motion::coarse_sigma;
 use crate::math::rigid::Pose;
 use linkage_driver::RgbdFrame;
-use nalgebra::{Point2, Point3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 /// A keyframe with the pose of every part: `camera_from_part`, mapping object coordinates at
@@ -13,6 +14,8 @@ use rayon::prelude::*;
 pub struct PosedFrame<'f> {
     /// The frame.
     pub frame: &'f RgbdFrame,
+    /// Its number in the demonstration.
+    pub number: usize,
     /// By part.
     pub camera_from_part: Vec<Option<Pose>>,
 }
@@ -28,17 +31,47 @@ const MIN_DECISIVE: f64 = 3.0;
 const MAX_LUMA_DIFFERENCE: u8 = 18;
 /// Largest share of these frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
+/// What rests is seen through in fewer frames than this: a person who stands beside the object for
+/// most of the time bends down at last.
+const SEEN_THROUGH_FRAMES: usize = 2;
+/// What is seen through lies this far before what is seen, metres.
+const FAR_BEHIND_M: f64 = 0.15;
+/// And so do the pixels at this distance, pixels.
+const AROUND_PX: f64 = 3.0;
 
 /// Part of each place on a grid of [`STEP`] pixels.
 pub struct LabelGrid {
     columns: usize,
-    labels: Vec<Option<u16>>,
+    labels: Vec<Label>,
+}
+
+/// What a place belongs to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Label {
+    /// Not known.
+    Nothing,
+    /// A part; 0: the base.
+    Part(u16),
+    /// It would be the base's, but what is seen there moves.
+    Stranger,
 }
 
 impl LabelGrid {
     /// The part at a pixel.
     pub fn at(&self, u: usize, v: usize) -> Option<u16> {
-        self.labels.get((v / STEP) * self.columns + (u / STEP).min(self.columns - 1)).copied()?
+        match self.label(u, v) {
+            Some(Label::Part(part)) => Some(part),
+            _ => None,
+        }
+    }
+
+    /// Somebody is seen at a pixel who moves before the base.
+    pub fn is_stranger(&self, u: usize, v: usize) -> bool {
+        self.label(u, v) == Some(Label::Stranger)
+    }
+
+    fn label(&self, u: usize, v: usize) -> Option<Label> {
+        self.labels.get((v / STEP) * self.columns + (u / STEP).min(self.columns - 1)).copied()
     }
 }
 
@@ -46,8 +79,13 @@ impl LabelGrid {
 /// may lie on it.
 pub type NearPart<'n> = dyn Fn(usize, &Point3<f64>) -> bool + Sync + 'n;
 
-/// Labels all places of `frames[index]`.
-pub fn label(frames: &[PosedFrame], index: usize, near_part: &NearPart) -> LabelGrid {
+/// Labels all places of `frames[index]`, in which somebody may be seen.
+pub fn label(
+    frames: &[PosedFrame],
+    index: usize,
+    near_part: &NearPart,
+    strangers: &StrangersInFrame,
+) -> LabelGrid {
     let picture = frames[index].frame;
     let columns = picture.camera.width.div_ceil(STEP);
     let rows = picture.camera.height.div_ceil(STEP);
@@ -55,7 +93,12 @@ pub fn label(frames: &[PosedFrame], index: usize, near_part: &NearPart) -> Label
         .into_par_iter()
         .map(|i| {
             let (u, v) = ((i % columns) * STEP + STEP / 2, (i / columns) * STEP + STEP / 2);
-            label_point(frames, index, (u, v), near_part)
+            let moves = || picture.point_at(u, v).is_some_and(|p| strangers.hold(&p));
+            match label_point(frames, index, (u, v), near_part) {
+                None => Label::Nothing,
+                Some(0) if moves() => Label::Stranger,
+                Some(part) => Label::Part(part),
+            }
         })
         .collect();
     LabelGrid { columns, labels }
@@ -106,9 +149,10 @@ fn label_point(
     (best > 0.5 && best > rival + 0.2 && !undecided).then_some(part as u16)
 }
 
-/// A pixel or one beside it is about as bright.
-fn shows(frame: &RgbdFrame, pixel: &Point2<f64>, wanted: u8) -> bool {
+/// The pixel of a place, or one beside it, is about as bright.
+fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
     const BESIDE: i64 = 2;
+    let Some(pixel) = frame.camera.project(place) else { return false };
     let (u, v) = (pixel.x.round() as i64, pixel.y.round() as i64);
     (v - BESIDE..=v + BESIDE).flat_map(|y| (u - BESIDE..=u + BESIDE).map(move |x| (x, y))).any(
         |(x, y)| {
@@ -125,7 +169,8 @@ fn shows(frame: &RgbdFrame, pixel: &Point2<f64>, wanted: u8) -> bool {
 ///
 /// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the
 /// frame that the place was seen in, and its luma there: a surface that slides in its own plane
-/// agrees in depth with any claim, but shows another place of its pattern.
+/// agrees in depth with any claim, but shows another place of its pattern. Where the surface lies
+/// at the place of this claim alone, the luma may differ: a door that turns reflects more or less light.
 fn support(
     frames: &[PosedFrame],
     seen: Option<(usize, u8)>,
@@ -134,35 +179,156 @@ fn support(
     claims: &[(usize, Point3<f64>)],
 ) -> Option<f64> {
     let (mut agree, mut against, mut decisive) = (0.0, 0.0, 0.0);
+    let mut clearly_through = 0;
     for (i, other) in frames.iter().enumerate() {
         if seen.is_some_and(|(index, _)| i == index) {
             continue;
         }
         let Some(pose) = &other.camera_from_part[part] else { continue };
         let claimed = pose * at_rest;
-        let differs = claims.iter().filter(|(p, _)| *p != part).all(|(p, rest)| {
-            other.camera_from_part[*p]
-                .as_ref()
-                .is_some_and(|pose| (pose * rest - claimed).norm() > MIN_DIFFERENCE_M)
-        });
-        if !differs {
+        let rivals: Option<Vec<Point3<f64>>> = claims
+            .iter()
+            .filter(|(p, _)| *p != part)
+            .map(|(p, rest)| Some(other.camera_from_part[*p].as_ref()? * rest))
+            .collect();
+        let Some(rivals) = rivals else { continue };
+        if rivals.iter().any(|rival| (rival - claimed).norm() <= MIN_DIFFERENCE_M) {
+            clearly_through += usize::from(part == 0 && is_seen_through(other.frame, &claimed));
             continue;
         }
-        let Some(pixel) = other.frame.camera.project(&claimed) else { continue };
-        let Some(z) = other.frame.depth.at_nearest(pixel.x, pixel.y) else { continue };
-        let margin = 0.012 + 3.0 * coarse_sigma(claimed.z);
-        let difference = f64::from(z) - claimed.z;
-        if difference > margin {
-            against += 1.0;
-            decisive += 1.0;
-        } else if difference > -margin {
-            let looks_alike = seen.is_none_or(|(_, luma)| shows(other.frame, &pixel, luma));
-            agree += f64::from(u8::from(looks_alike));
-            decisive += 1.0;
+        let Some(verdict) = Verdict::at(other.frame, &claimed) else { continue };
+        match verdict {
+            Verdict::SeenThrough => {
+                clearly_through += usize::from(part == 0 && is_seen_through(other.frame, &claimed));
+                against += 1.0;
+                decisive += 1.0;
+            }
+            Verdict::There => {
+                let is_alone = || {
+                    !rivals.is_empty()
+                        && rivals.iter().all(|rival| {
+                            Verdict::at(other.frame, rival).is_some_and(|v| v != Verdict::There)
+                        })
+                };
+                let looks_alike =
+                    || seen.is_none_or(|(_, luma)| shows(other.frame, &claimed, luma));
+                agree += f64::from(u8::from(looks_alike() || is_alone()));
+                decisive += 1.0;
+            }
+            Verdict::Hidden => {}
         }
+    }
+    if clearly_through >= SEEN_THROUGH_FRAMES {
+        return Some(0.0);
     }
     if decisive < MIN_DECISIVE {
         return None;
     }
     Some(if against > MAX_CONTRADICTION * decisive { 0.0 } else { agree / decisive })
+}
+
+/// What a depth picture says of a place, in the camera frame.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    /// The surface lies there.
+    There,
+    /// The surface lies behind it.
+    SeenThrough,
+    /// Something stands before it.
+    Hidden,
+}
+
+impl Verdict {
+    /// `None` outside of the picture and where there is no depth.
+    fn at(frame: &RgbdFrame, place: &Point3<f64>) -> Option<Self> {
+        let pixel = frame.camera.project(place)?;
+        let z = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?);
+        let margin = 0.012 + 3.0 * coarse_sigma(place.z);
+        Some(match z - place.z {
+            difference if difference > margin => Self::SeenThrough,
+            difference if difference > -margin => Self::There,
+            _ => Self::Hidden,
+        })
+    }
+}
+
+/// All that is seen at a place and round it lies far behind: no error of its edge.
+fn is_seen_through(frame: &RgbdFrame, place: &Point3<f64>) -> bool {
+    let Some(pixel) = frame.camera.project(place) else { return false };
+    let beside =
+        [(0.0, 0.0), (-AROUND_PX, 0.0), (AROUND_PX, 0.0), (0.0, -AROUND_PX), (0.0, AROUND_PX)];
+    beside.iter().all(|(x, y)| {
+        let z = frame.depth.at_nearest(pixel.x + x, pixel.y + y);
+        z.is_some_and(|z| f64::from(z) > place.z + FAR_BEHIND_M)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{board, seen};
+    use linkage_driver::ColorImage;
+
+    const FRAMES: i64 = 20;
+    const MIDDLE: (usize, usize) = (160, 120);
+    const CORNER: (usize, usize) = (10, 10);
+
+    fn with_luma(mut frame: RgbdFrame, luma: u8) -> RgbdFrame {
+        let (width, height) = (frame.camera.width, frame.camera.height);
+        frame.color = ColorImage::new(width, height, vec![luma; width * height * 3]).unwrap();
+        frame
+    }
+
+    fn labelled(frames: &[(RgbdFrame, Vec<Option<Pose>>)], index: usize) -> LabelGrid {
+        let posed: Vec<PosedFrame> = frames
+            .iter()
+            .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
+            .collect();
+        let near_part = |_: usize, p: &Point3<f64>| p.x.abs() < 0.25 && p.y.abs() < 0.25;
+        label(&posed, index, &near_part, &StrangersInFrame::default())
+    }
+
+    #[test]
+    fn a_plain_drawer_is_the_parts_though_the_light_on_it_changes() {
+        let frame = |i: i64| {
+            let slid = 0.02 * i as f64;
+            let picture = with_luma(seen(i + 1, board(0.2, 1.5 - slid, 1.5)), 40 + 8 * i as u8);
+            let front = Pose::translation(0.0, 0.0, -slid);
+            (picture, vec![Some(Pose::identity()), Some(front)])
+        };
+        let frames: Vec<_> = (0..FRAMES).map(frame).collect();
+        for index in [0, 9, 19] {
+            assert_eq!(labelled(&frames, index).at(MIDDLE.0, MIDDLE.1), Some(1), "frame {index}");
+        }
+    }
+
+    /// Somebody stands before the wall in most of the frames.
+    fn standing(away: impl Fn(i64) -> bool) -> Vec<(RgbdFrame, Vec<Option<Pose>>)> {
+        let front = |i: i64| if away(i) { 2.0 } else { 1.5 };
+        let frame = |i: i64| (seen(i + 1, board(0.2, front(i), 2.0)), vec![Some(Pose::identity())]);
+        (0..FRAMES).map(frame).collect()
+    }
+
+    #[test]
+    fn who_bends_down_twice_is_not_the_bases() {
+        let grid = labelled(&standing(|i| i == 12 || i == 13), 0);
+        assert_eq!(grid.at(MIDDLE.0, MIDDLE.1), None);
+        assert_eq!(grid.at(CORNER.0, CORNER.1), Some(0));
+        let grid = labelled(&standing(|_| false), 0);
+        assert_eq!(grid.at(MIDDLE.0, MIDDLE.1), Some(0));
+    }
+
+    #[test]
+    fn whom_moving_features_show_is_not_the_bases() {
+        let frames = standing(|_| false);
+        let posed: Vec<PosedFrame> = frames
+            .iter()
+            .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
+            .collect();
+        let moving = (0..4).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 1.5)).collect();
+        let strangers = StrangersInFrame { moving, resting: Vec::new() };
+        let grid = label(&posed, 0, &|_, _| false, &strangers);
+        assert!(grid.is_stranger(MIDDLE.0, MIDDLE.1) && grid.at(MIDDLE.0, MIDDLE.1).is_none());
+        assert_eq!(grid.at(CORNER.0, CORNER.1), Some(0));
+    }
 }
