@@ -8,6 +8,7 @@ mod capture;
 mod command;
 mod heartbeat;
 mod learning;
+mod log_limit;
 mod losses;
 mod perception;
 mod publisher;

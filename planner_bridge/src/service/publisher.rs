@@ -1,6 +1,7 @@
 //! The thread that publishes: packets as they come, the status at least twice a second and at
 //! once when it changes.
 
+use super::log_limit::LogLimit;
 use crate::channel;
 use crate::messages::STATUS_MESSAGE_SCHEMA;
 use linkage_driver::live::{LatestReader, LatestWriter, Nothing, host_utime};
@@ -90,8 +91,8 @@ pub struct Publisher {
     answer: Answer,
     refused: u64,
     last_error: String,
-    /// When an error was logged last.
-    logged: Option<Instant>,
+    /// Which errors are logged.
+    log_limit: LogLimit,
     told: Option<Instant>,
     changed: bool,
 }
@@ -106,8 +107,6 @@ const POLL: Duration = Duration::from_millis(5);
 const STATUS_EVERY: Duration = Duration::from_millis(400);
 /// Shortest time between two statuses, however often things change.
 const STATUS_AT_MOST: Duration = Duration::from_millis(10);
-/// Shortest time between two errors in the log: a flood of refusals does not fill a disk.
-const LOG_AT_MOST: Duration = Duration::from_millis(200);
 /// Characters of a text of the status at most: a text may quote what somebody sent.
 const TEXT_LENGTH: usize = 400;
 
@@ -129,7 +128,7 @@ impl Publisher {
             answer: Answer::default(),
             refused: 0,
             last_error: String::new(),
-            logged: None,
+            log_limit: LogLimit::default(),
             told: None,
             changed: false,
         }
@@ -213,9 +212,10 @@ impl Publisher {
     fn error(&mut self, reason: String) {
         let reason = harmless(&reason);
         if self.last_error != reason {
-            if self.logged.is_none_or(|at| at.elapsed() >= LOG_AT_MOST) {
-                tracing::warn!("{reason}");
-                self.logged = Some(Instant::now());
+            match self.log_limit.admit(Instant::now()) {
+                Some(0) => tracing::warn!("{reason}"),
+                Some(left_out) => tracing::warn!(left_out, "{reason}"),
+                None => {}
             }
             self.last_error = reason;
             self.changed = true;
