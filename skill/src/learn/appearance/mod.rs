@@ -15,7 +15,7 @@ use crate::object::appearance::{Appearance, AppearanceConfig, ModelFeature, Surf
 use linkage_driver::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
 use occlusion_edges::edges;
-use paint::{SeenColour, paints};
+use paint::{Piece, SeenColour, paints};
 use part_labels::{LabelGrid, PosedFrame, STEP, belongs, label};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -36,6 +36,8 @@ const PART_REACH_M: f64 = 0.12;
 /// A place is a stray unless this many others lie this near, metres.
 const STRAY_M: f64 = 0.08;
 const STRAY_NEIGHBOURS: usize = 4;
+/// Side of a neighbourhood whose pieces of surface are compared in colour, metres.
+const NEIGHBOURHOOD_M: f64 = 0.1;
 /// Views of one point are merged within this distance, metres.
 const MERGE_M: f64 = 0.015;
 
@@ -559,8 +561,12 @@ fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
     solid.sort_by_key(|(key, _)| *key);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     solid.shuffle(&mut rng);
-    let faces = solid.iter().map(|((part, _, side), v)| ((*part, *side), v.colours.as_slice()));
-    let paints = paints(&faces.collect::<Vec<_>>());
+    let pieces = solid.iter().map(|((part, _, side), v)| Piece {
+        face: (*part, *side),
+        neighbourhood: cell(&Point3::from(v.point / v.count), NEIGHBOURHOOD_M),
+        seen: &v.colours,
+    });
+    let paints = paints(&pieces.collect::<Vec<_>>());
     let surfel = |(((part, _, _), v), paint): ((VoxelKey, Voxel), Vector3<f64>)| Surfel {
         part,
         point: (v.point / v.count).map(|x| x as f32).into(),
