@@ -81,8 +81,11 @@ pub fn complete(
     let is_hand = |j: &LearnedJoint| {
         is_meagre(j, config) && plain.iter().chain(&known).any(|part| is_held_by(j, part))
     };
+    let stays: Vec<bool> =
+        joints.iter().map(|j| !is_hand(j) && !is_double(j, &joints, config)).collect();
     if !is_chain {
-        joints.retain(|j| !is_hand(j));
+        let mut stays = stays.into_iter();
+        joints.retain(|_| stays.next().unwrap_or(true));
         number(&mut joints, 1);
     }
     number(&mut plain, joints.len() + 1);
@@ -112,6 +115,17 @@ fn number(joints: &mut [LearnedJoint], first: usize) {
 /// Few tracks show the joint.
 fn is_meagre(learned: &LearnedJoint, config: &PlanesConfig) -> bool {
     learned.joint.log_likelihood < config.meagre_gain
+}
+
+/// Few tracks show the hinge that many tracks of another joint show as well, and they turn together: they
+/// are on the same part, badly placed.
+fn is_double(learned: &LearnedJoint, all: &[LearnedJoint], config: &PlanesConfig) -> bool {
+    let is_of = |other: &LearnedJoint| {
+        !is_meagre(other, config)
+            && is_same_hinge(&learned.joint, &other.joint)
+            && moves_together(learned, other)
+    };
+    is_meagre(learned, config) && all.iter().any(is_of)
 }
 
 /// The configuration of one joint is a function of the other's.
@@ -278,5 +292,24 @@ mod tests {
         assert!(moves_together(&door, &learned(|t| 0.3 - 0.02 * t)), "a hand on the door");
         let later = learned(|t| if t < 15.0 { 0.0 } else { 0.4 * ((t - 15.0) * 1.5).sin() });
         assert!(!moves_together(&door, &later), "another door, opened later");
+    }
+
+    #[test]
+    fn a_few_tracks_of_a_lid_that_many_show_are_no_joint_of_their_own() {
+        let config = PlanesConfig::default();
+        let of_gain = |gain: f64, q: fn(f64) -> f64| {
+            let mut learned = learned(q);
+            learned.joint.log_likelihood = gain;
+            learned
+        };
+        let lid = of_gain(10.0 * config.meagre_gain, |t| 0.1 * t);
+        let double = of_gain(0.5 * config.meagre_gain, |t| 0.3 - 0.05 * t);
+        let seat =
+            of_gain(
+                0.5 * config.meagre_gain,
+                |t| if t < 15.0 { 0.0 } else { 0.4 * (t * 1.5).sin() },
+            );
+        let all = [lid, double, seat];
+        assert_eq!([0, 1, 2].map(|i| is_double(&all[i], &all, &config)), [false, true, false]);
     }
 }
