@@ -4,6 +4,7 @@
 use linkage_tests::{failure, linkage, simulated};
 use quick_xml::Reader;
 use quick_xml::events::Event;
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -167,6 +168,31 @@ fn what_was_refused_is_told_with_its_reason_and_limit() {
     assert!(first.contains(" tracks, ") && first.contains(" frames): "), "{first}");
     let reason = first.split_once("frames): ").expect("it has a reason").1;
     assert!(reason.chars().any(|c| c.is_ascii_digit()) && reason.ends_with('.'), "{reason}");
+}
+
+/// The most that a page with an animation may take.
+const MOST_BYTES: usize = 1_500_000;
+
+#[test]
+fn what_moves_is_shown_moving_and_as_a_still_on_paper_and_for_who_wants_no_motion() {
+    for name in ["learned.html", "predicted.html"] {
+        let page = pages().text(name);
+        assert!(page.len() < MOST_BYTES, "{name}: {} bytes", page.len());
+        let reel = page.split_once("class=\"reel\"").expect("there is an animation").1;
+        let reel = reel.split_once("</div>").expect("it ends").0;
+        let pictures: Vec<&str> = reel.split("<img").skip(1).collect();
+        assert!(pictures.len() >= 8, "{name}: {} pictures", pictures.len());
+        let different: BTreeSet<&str> =
+            pictures.iter().filter_map(|p| p.split_once("base64,")?.1.split('"').next()).collect();
+        assert!(different.len() * 2 > pictures.len(), "{name}: the pictures are the same");
+        assert_eq!(pictures.iter().filter(|p| p.contains("class=\"still\"")).count(), 1, "{name}");
+        for medium in ["(prefers-reduced-motion: reduce)", "print"] {
+            let rules = page.split_once(&format!("@media {medium} {{")).expect("it has rules").1;
+            let rules = rules.split_once("\n}").expect("they end").0;
+            assert!(rules.contains(".reel img { animation: none; }"), "{name}, {medium}");
+            assert!(rules.contains(".reel img.still { visibility: visible; }"), "{name}, {medium}");
+        }
+    }
 }
 
 #[test]
