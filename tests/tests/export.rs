@@ -5,7 +5,9 @@
 //! are at hand.
 
 use linkage_tests::{failure, linkage, python_with, shared_data, simulated};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -116,6 +118,172 @@ fn a_cabinet_of_which_one_door_was_hardly_seen_rests_and_falls_in_mujoco() {
     let Some(recording) = shared_data("demos/hingecab_demo1") else { return };
     let fallen = accepts("mujoco", "mujoco", &["mjcf", "urdf"], "cabinet", &recording);
     assert!(fallen > 0.1, "the doors are stuck");
+}
+
+/// Median distance of a mesh from the true surface, millimetres.
+const OFF_SURFACE_MM: f64 = 5.0;
+/// Through-holes of a part's mesh.
+const HOLES: f64 = 3.0;
+
+#[test]
+fn meshes_lie_on_the_true_surface_and_plain_faces_are_closed() {
+    for thing in ["drawer", "fridge", "laptop"] {
+        let dir = tempfile::tempdir().unwrap();
+        let recording = simulated(thing, false, 1);
+        let store = learned(&recording, thing, dir.path());
+        exported(&store, thing, "urdf", true);
+        let model = exported(&store, thing, "json", false);
+        let truth = TrueSurface::read(&recording.join("truth.json"));
+        for (part, origin) in origins(&model).into_iter().enumerate() {
+            let file = dir.path().join(format!("{thing}_meshes/part{part}.obj"));
+            let mesh = Mesh::read(&file, &origin);
+            let off_mm = 1e3 * truth.median_distance_m(&mesh);
+            let holes = mesh.holes();
+            println!("{thing}, part {part}: {off_mm:.1} mm off the surface, {holes} holes");
+            assert!(off_mm < OFF_SURFACE_MM, "{thing}, part {part}: {off_mm} mm");
+            assert!(holes <= HOLES, "{thing}, part {part}: {holes} holes");
+        }
+    }
+}
+
+/// Origin of each part's link, in the object frame: on the joint that moves it.
+fn origins(model: &Path) -> Vec<Point3<f64>> {
+    let model: Value = serde_json::from_slice(&std::fs::read(model).unwrap()).unwrap();
+    let joints = model["joints"].as_array().unwrap();
+    let parts = model["parts"].as_array().unwrap().len();
+    let moved_by = |part: usize| joints.iter().find(|j| j["child"] == part);
+    let origin = |part: usize| moved_by(part).map_or(Point3::origin(), |j| point(&j["origin"]));
+    (0..parts).map(origin).collect()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+}
+
+fn point(value: &Value) -> Point3<f64> {
+    Point3::from_slice(&numbers(value))
+}
+
+/// `[x, y, z, qx, qy, qz, qw]` as a pose.
+fn pose(value: &Value) -> Isometry3<f64> {
+    let n = numbers(value);
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(n[6], n[3], n[4], n[5]));
+    Isometry3::from_parts(Translation3::new(n[0], n[1], n[2]), turn)
+}
+
+/// A mesh in the object frame, which is the camera's of the first frame.
+struct Mesh {
+    places: Vec<Point3<f64>>,
+    triangles: Vec<[usize; 3]>,
+}
+
+impl Mesh {
+    /// Reads an OBJ file of a link whose origin is known.
+    fn read(file: &Path, origin: &Point3<f64>) -> Self {
+        let text = std::fs::read_to_string(file).unwrap();
+        // Its head tells the rotation from the object frame.
+        let told = text.split_once("qx qy qz qw: ").expect("a rotation").1;
+        let q: Vec<f64> = told
+            .split_whitespace()
+            .take(4)
+            .map(|x| x.trim_end_matches('.').parse().unwrap())
+            .collect();
+        let from_object = UnitQuaternion::from_quaternion(Quaternion::new(q[3], q[0], q[1], q[2]));
+        let rows = |kind: &'static str| {
+            text.lines().filter_map(move |l| l.strip_prefix(kind)).map(str::split_whitespace)
+        };
+        let places = rows("v ").map(|row| {
+            let at: Vec<f64> = row.take(3).map(|x| x.parse().unwrap()).collect();
+            origin + from_object.inverse() * Vector3::from_row_slice(&at)
+        });
+        let triangles = rows("f ").map(|row| {
+            let corner = |c: &str| c.split('/').next().unwrap().parse::<usize>().unwrap() - 1;
+            let corners: Vec<usize> = row.map(corner).collect();
+            [corners[0], corners[1], corners[2]]
+        });
+        Self { places: places.collect(), triangles: triangles.collect() }
+    }
+
+    /// Corners on the outer side: what is behind them is within the body, a thickness away.
+    fn outer_side(&self, truth: &TrueSurface) -> Vec<Point3<f64>> {
+        let mut normals = vec![Vector3::zeros(); self.places.len()];
+        for triangle in &self.triangles {
+            let [a, b, c] = triangle.map(|i| self.places[i]);
+            triangle.iter().for_each(|&i| normals[i] += (b - a).cross(&(c - a)));
+        }
+        let is_outer = |(at, normal): (&Point3<f64>, &Vector3<f64>)| {
+            let step = normal.try_normalize(1e-15)? * 0.004;
+            (truth.depth_m(&(at - step)) > truth.depth_m(&(at + step))).then_some(*at)
+        };
+        self.places.iter().zip(&normals).filter_map(is_outer).collect()
+    }
+
+    /// Holes that lead through the body: its handles, by Euler's formula.
+    fn holes(&self) -> f64 {
+        let mut edges = BTreeSet::new();
+        let mut piece: Vec<usize> = (0..self.places.len()).collect();
+        fn root(piece: &mut [usize], mut i: usize) -> usize {
+            while piece[i] != i {
+                piece[i] = piece[piece[i]];
+                i = piece[i];
+            }
+            i
+        }
+        for [a, b, c] in &self.triangles {
+            for (a, b) in [(a, b), (b, c), (c, a)] {
+                edges.insert((a.min(b), a.max(b)));
+                let (a, b) = (root(&mut piece, *a), root(&mut piece, *b));
+                piece[a] = b;
+            }
+        }
+        let corners: BTreeSet<usize> = self.triangles.iter().flatten().copied().collect();
+        let pieces: BTreeSet<usize> = corners.iter().map(|&i| root(&mut piece, i)).collect();
+        let (v, e, f) = (corners.len() as f64, edges.len() as f64, self.triangles.len() as f64);
+        (2.0 * pieces.len() as f64 - (v - e + f)) / 2.0
+    }
+}
+
+/// The solids that were rendered, in the first frame's camera.
+struct TrueSurface {
+    solids: Vec<(String, Vector3<f64>, Isometry3<f64>)>,
+}
+
+impl TrueSurface {
+    fn read(truth: &Path) -> Self {
+        let truth: Value = serde_json::from_slice(&std::fs::read(truth).unwrap()).unwrap();
+        let solids = truth["solids"].as_array().unwrap().iter().map(|solid| {
+            let form = solid["form"].as_str().unwrap().to_owned();
+            let half = Vector3::from_vec(numbers(&solid["half_m"]));
+            (form, half, pose(&solid["camera_from_solid"]))
+        });
+        Self { solids: solids.collect() }
+    }
+
+    /// How deep a place lies within the nearest solid, metres; below 0 outside.
+    fn depth_m(&self, at: &Point3<f64>) -> f64 {
+        let outside = |(form, half, pose): &(String, Vector3<f64>, Isometry3<f64>)| {
+            let p = pose.inverse_transform_point(at).coords;
+            let beyond = match form.as_str() {
+                "box" => p.abs() - half,
+                "drum" => Vector3::new(p.x.hypot(p.z) - half.x, p.y.abs() - half.y, -1e9),
+                _ => {
+                    let on_axis = Vector3::new(0.0, p.y.clamp(-half.y, half.y), 0.0);
+                    Vector3::new((p - on_axis).norm() - half.x, -1e9, -1e9)
+                }
+            };
+            beyond.map(|x| x.max(0.0)).norm() + beyond.max().min(0.0)
+        };
+        -self.solids.iter().map(outside).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Median distance of the outer side of a mesh.
+    fn median_distance_m(&self, mesh: &Mesh) -> f64 {
+        let outer = mesh.outer_side(self);
+        assert!(outer.len() > 100, "{} corners", outer.len());
+        let mut off: Vec<f64> = outer.iter().map(|p| self.depth_m(p).abs()).collect();
+        off.sort_by(f64::total_cmp);
+        off[off.len() / 2]
+    }
 }
 
 #[test]
