@@ -1,0 +1,71 @@
+//! A file that remembers the first fault of writing it: the library that writes the messages tells
+//! such faults to the log alone.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The first fault of a file, once there is one.
+#[derive(Debug, Clone, Default)]
+pub struct Fault(Arc<Mutex<Option<io::Error>>>);
+
+impl Fault {
+    /// Takes it out.
+    pub fn take(&self) -> Option<io::Error> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Keeps the first one; hands on what came.
+    fn keep<T>(&self, result: io::Result<T>) -> io::Result<T> {
+        if let Err(e) = &result {
+            let mut first = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert_with(|| io::Error::new(e.kind(), e.to_string()));
+        }
+        result
+    }
+}
+
+/// A buffered file.
+pub struct CheckedFile {
+    file: BufWriter<File>,
+    fault: Fault,
+}
+
+impl CheckedFile {
+    /// Writes to a file; what goes wrong is told to `fault` too.
+    pub fn new(file: File, fault: Fault) -> Self {
+        Self { file: BufWriter::new(file), fault }
+    }
+}
+
+impl Write for CheckedFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.fault.keep(self.file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.fault.keep(self.file.flush())
+    }
+}
+
+impl Seek for CheckedFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.fault.keep(self.file.seek(to))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_device_is_remembered() {
+        let fault = Fault::default();
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let mut file = CheckedFile::new(full, fault.clone());
+        let written = file.write_all(&[0; 100]).and_then(|()| file.flush());
+        assert!(written.is_err());
+        assert_eq!(fault.take().unwrap().kind(), io::ErrorKind::StorageFull);
+        assert!(fault.take().is_none());
+    }
+}
