@@ -5,9 +5,11 @@
 //! are at hand.
 
 use linkage_tests::{failure, linkage, python_with, shared_data, simulated};
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Matrix3, Point3, Quaternion, SymmetricEigen, Translation3, UnitQuaternion, Vector2,
+    Vector3,
+};
 use serde_json::Value;
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -122,26 +124,27 @@ fn a_cabinet_of_which_one_door_was_hardly_seen_rests_and_falls_in_mujoco() {
 
 /// Median distance of a mesh from the true surface, millimetres.
 const OFF_SURFACE_MM: f64 = 5.0;
-/// Through-holes of a part's mesh.
-const HOLES: f64 = 3.0;
+/// Side of a pixel of the picture that holes are sought in, metres.
+const PIXEL_M: f64 = 0.003;
 
 #[test]
 fn meshes_lie_on_the_true_surface_and_plain_faces_are_closed() {
-    for thing in ["drawer", "fridge", "laptop"] {
+    // A place of the laptop's lid, 5 cm wide, was not seen.
+    for (thing, most_holes) in [("drawer", 0.01), ("fridge", 0.02), ("laptop", 0.05)] {
         let dir = tempfile::tempdir().unwrap();
         let recording = simulated(thing, false, 1);
         let store = learned(&recording, thing, dir.path());
-        exported(&store, thing, "urdf", true);
+        let description = exported(&store, thing, "urdf", true);
         let model = exported(&store, thing, "json", false);
         let truth = TrueSurface::read(&recording.join("truth.json"));
         for (part, origin) in origins(&model).into_iter().enumerate() {
             let file = dir.path().join(format!("{thing}_meshes/part{part}.obj"));
-            let mesh = Mesh::read(&file, &origin);
+            let mesh = Mesh::read(&file, &description, &origin);
             let off_mm = 1e3 * truth.median_distance_m(&mesh);
-            let holes = mesh.holes();
-            println!("{thing}, part {part}: {off_mm:.1} mm off the surface, {holes} holes");
+            let holes = mesh.share_of_holes();
+            println!("{thing}, part {part}: {off_mm:.2} mm off the surface, {holes:.4} holes");
             assert!(off_mm < OFF_SURFACE_MM, "{thing}, part {part}: {off_mm} mm");
-            assert!(holes <= HOLES, "{thing}, part {part}: {holes} holes");
+            assert!(holes < most_holes, "{thing}, part {part}: {holes} of it are holes");
         }
     }
 }
@@ -178,11 +181,12 @@ struct Mesh {
 }
 
 impl Mesh {
-    /// Reads an OBJ file of a link whose origin is known.
-    fn read(file: &Path, origin: &Point3<f64>) -> Self {
+    /// Reads an OBJ file that a description names, of a link whose origin is known.
+    fn read(file: &Path, description: &Path, origin: &Point3<f64>) -> Self {
         let text = std::fs::read_to_string(file).unwrap();
-        // Its head tells the rotation from the object frame.
-        let told = text.split_once("qx qy qz qw: ").expect("a rotation").1;
+        // The head of the description tells the rotation from the object frame.
+        let head = std::fs::read_to_string(description).unwrap();
+        let told = head.split_once("qx qy qz qw: ").expect("a rotation").1;
         let q: Vec<f64> = told
             .split_whitespace()
             .take(4)
@@ -218,29 +222,65 @@ impl Mesh {
         self.places.iter().zip(&normals).filter_map(is_outer).collect()
     }
 
-    /// Holes that lead through the body: its handles, by Euler's formula.
-    fn holes(&self) -> f64 {
-        let mut edges = BTreeSet::new();
-        let mut piece: Vec<usize> = (0..self.places.len()).collect();
-        fn root(piece: &mut [usize], mut i: usize) -> usize {
-            while piece[i] != i {
-                piece[i] = piece[piece[i]];
-                i = piece[i];
-            }
-            i
-        }
-        for [a, b, c] in &self.triangles {
-            for (a, b) in [(a, b), (b, c), (c, a)] {
-                edges.insert((a.min(b), a.max(b)));
-                let (a, b) = (root(&mut piece, *a), root(&mut piece, *b));
-                piece[a] = b;
+    /// The share of what it covers, seen along its main direction, that is holes in it: places that
+    /// it does not cover and from which no way leads outside.
+    fn share_of_holes(&self) -> f64 {
+        let (flat, width, height) = self.seen_flat();
+        let mut covered = vec![false; width * height];
+        for triangle in &self.triangles {
+            let corners = triangle.map(|i| flat[i]);
+            let low = corners.iter().fold(corners[0], |a, b| a.inf(b)).map(f64::floor);
+            let high = corners.iter().fold(corners[0], |a, b| a.sup(b)).map(f64::ceil);
+            for y in low.y as usize..=high.y as usize {
+                for x in low.x as usize..=high.x as usize {
+                    let at = Vector2::new(x as f64, y as f64);
+                    covered[y * width + x] |= is_within(&at, &corners);
+                }
             }
         }
-        let corners: BTreeSet<usize> = self.triangles.iter().flatten().copied().collect();
-        let pieces: BTreeSet<usize> = corners.iter().map(|&i| root(&mut piece, i)).collect();
-        let (v, e, f) = (corners.len() as f64, edges.len() as f64, self.triangles.len() as f64);
-        (2.0 * pieces.len() as f64 - (v - e + f)) / 2.0
+        // The border of the picture is outside.
+        let (mut outside, mut front) = (vec![false; width * height], vec![0]);
+        while let Some(i) = front.pop() {
+            if covered[i] || std::mem::replace(&mut outside[i], true) {
+                continue;
+            }
+            let (x, y) = (i % width, i / width);
+            front.extend([(x > 0).then(|| i - 1), (x + 1 < width).then(|| i + 1)].iter().flatten());
+            front.extend(
+                [(y > 0).then(|| i - width), (y + 1 < height).then(|| i + width)].iter().flatten(),
+            );
+        }
+        let count =
+            |of: &dyn Fn(usize) -> bool| (0..width * height).filter(|i| of(*i)).count() as f64;
+        count(&|i| !covered[i] && !outside[i]) / count(&|i| covered[i])
     }
+
+    /// Its corners in a picture along its main direction, with the picture's columns and rows.
+    fn seen_flat(&self) -> (Vec<Vector2<f64>>, usize, usize) {
+        let mut spread = Matrix3::zeros();
+        for [a, b, c] in self.triangles.iter().map(|t| t.map(|i| self.places[i])) {
+            let normal = (b - a).cross(&(c - a));
+            spread += normal * normal.transpose() / normal.norm().max(1e-12);
+        }
+        let eigen = SymmetricEigen::new(spread);
+        let main = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+        let right = main.cross(&Vector3::ith(main.iamin(), 1.0)).normalize();
+        let down = main.cross(&right);
+        let flat =
+            |p: &Point3<f64>| Vector2::new(p.coords.dot(&right), p.coords.dot(&down)) / PIXEL_M;
+        let flat: Vec<Vector2<f64>> = self.places.iter().map(flat).collect();
+        let low = flat.iter().fold(flat[0], |a, b| a.inf(b)) - Vector2::repeat(2.0);
+        let high = flat.iter().fold(flat[0], |a, b| a.sup(b)) - low + Vector2::repeat(3.0);
+        let (width, height) = (high.x.ceil() as usize, high.y.ceil() as usize);
+        (flat.into_iter().map(|p| p - low).collect(), width, height)
+    }
+}
+
+/// True where a place lies in a triangle, whichever way that turns.
+fn is_within(at: &Vector2<f64>, [a, b, c]: &[Vector2<f64>; 3]) -> bool {
+    let side = |a: &Vector2<f64>, b: &Vector2<f64>| (b - a).perp(&(at - a));
+    let sides = [side(a, b), side(b, c), side(c, a)];
+    sides.iter().all(|s| *s >= 0.0) || sides.iter().all(|s| *s <= 0.0)
 }
 
 /// The solids that were rendered, in the first frame's camera.

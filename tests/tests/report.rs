@@ -214,6 +214,40 @@ fn a_prediction_tells_from_where_to_where_a_joint_goes() {
     assert!(page.contains("as planned") && page.contains("greatest speed"));
 }
 
+/// The most that a picture of the README may take.
+const MOST_PICTURE_BYTES: u64 = 300_000;
+
+#[test]
+fn the_demo_ends_with_one_page_of_the_whole_way_and_with_the_readmes_picture() {
+    let dir = tempfile::tempdir().expect("a scratch folder can be made");
+    run(&["demo", "--out", &text(dir.path())], 0);
+    let page = fs::read_to_string(dir.path().join("index.html")).expect("the page was written");
+    assert_eq!(fault(&page), None);
+    assert!(page.len() < MOST_BYTES, "{} bytes", page.len());
+    let chapters = ["1. A person moves it once", "2. It is met again", "3. How it will move"];
+    let places: Vec<usize> =
+        chapters.iter().map(|c| page.find(c).unwrap_or_else(|| panic!("no {c}"))).collect();
+    assert!(places.is_sorted(), "{places:?}");
+    for told in
+        ["A door, hinged ", "fridge is recognised: ", ", a hinge, goes from ", "axis off by "]
+    {
+        assert!(page.contains(told), "it does not tell {told:?}");
+    }
+    assert_eq!(page.matches("class=\"reel\"").count(), 2);
+    let mut links = 0;
+    for link in page.split("<a href=\"").skip(1) {
+        let file = link.split('"').next().unwrap_or_default();
+        assert!(dir.path().join(file).is_file(), "{file} is not there");
+        links += 1;
+    }
+    assert_eq!(links, 3);
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tools/demo.jpg");
+    for picture in [dir.path().join("demo.jpg"), kept] {
+        let bytes = fs::metadata(&picture).expect("the picture is there").len();
+        assert!((10_000..MOST_PICTURE_BYTES).contains(&bytes), "{}: {bytes}", picture.display());
+    }
+}
+
 /// What a browser says of a page as wide as a telephone.
 struct Shown {
     scroll_width_px: u32,

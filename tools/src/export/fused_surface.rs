@@ -27,9 +27,9 @@ const SPACING_NEIGHBOUR: usize = 6;
 const DENSE_PERCENT: usize = 85;
 /// How far the surface goes on beyond a piece, in such distances.
 const REACH: f64 = 0.8;
-/// How far from the middle of a gap pieces may lie, in such distances: pieces that are drawn by chance
+/// How far from a place in a gap pieces may lie, in such distances: pieces that are drawn by chance
 /// leave no wider ones.
-const GAP: f64 = 1.6;
+const GAP: f64 = 2.0;
 /// How far it goes on beyond all pieces, metres.
 const RIM_M: f64 = 0.004;
 /// Cosine between the normals of pieces of one side.

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use std::f64::consts::TAU;
 
 /// Widest angle round a place in a gap that holds no piece. Beside a straight edge it is half a turn.
-const OPEN_RAD: f64 = 2.4;
+const OPEN_RAD: f64 = 2.8;
 
 /// True where some of the ways to pieces, in the plane of `normal`, lead in all directions.
 pub fn is_surrounded(normal: &Vector3<f64>, ways: impl Iterator<Item = Vector3<f64>>) -> bool {
