@@ -17,6 +17,7 @@ use linkage_skill::object::appearance::Appearance;
 use linkage_skill::recognise::Recognised;
 use linkage_skill::store::StoredObject;
 use maud::{Markup, html};
+use nalgebra::Point3;
 use std::path::Path;
 
 /// Outlines drawn along the way of a part.
@@ -93,7 +94,7 @@ pub fn in_words_of(prediction: &Prediction) -> Markup {
     }
 }
 
-/// The motion as an animation: the learned surface of the parts on their way.
+/// The motion as an animation: the learned surface and the outlines of the parts on their way.
 pub fn animation(
     frame: &RgbdFrame,
     recognised: &Recognised,
@@ -102,19 +103,45 @@ pub fn animation(
 ) -> anyhow::Result<Markup> {
     let longest = prediction.parts.iter().map(|p| p.poses.len()).max().unwrap_or(0);
     let count = longest.min(reel::MOST_FRAMES);
+    let outlines = outlines(frame, &object.appearance, &poses_at(prediction, 0.0))?;
     let mut pictures = Vec::new();
     for i in 0..count {
         let share = i as f64 / (count.max(2) - 1) as f64;
         let mut canvas = Canvas::new(frame)?;
-        surface(&mut canvas, frame, &object.appearance, &poses_at(prediction, share))?;
+        let poses = poses_at(prediction, share);
+        surface(&mut canvas, frame, &object.appearance, &poses)?;
+        for (part, outline, start) in &outlines {
+            if let Some(pose) = poses[*part] {
+                let way = [Pose::identity(), pose * start.inverse()];
+                canvas.manifold(outline, &way, part_colour(*part))?;
+            }
+        }
         for (i, joint) in recognised.joints.iter().enumerate() {
             canvas.axis(&joint.geometry(), part_colour(i + 1))?;
         }
         canvas.shrink_to(reel::WIDTH)?;
         pictures.push(canvas.finish()?);
     }
-    let caption = "The motion as predicted: dots are the learned surface of the parts that move";
+    let caption = "The motion as predicted: dots are the learned surface, lines the outline of what is \
+                   seen of it";
     reel::reel(&pictures, pictures.len().saturating_sub(1), caption)
+}
+
+/// What is seen of parts at the start of their way: the number of each, its outline in the camera frame
+/// and its pose.
+fn outlines(
+    frame: &RgbdFrame,
+    appearance: &Appearance,
+    camera_from_part: &[Option<Pose>],
+) -> anyhow::Result<Vec<(usize, Vec<Point3<f64>>, Pose)>> {
+    let mut all = Vec::new();
+    for (part, pose) in camera_from_part.iter().enumerate() {
+        let Some(pose) = pose else { continue };
+        if let Some(outline) = outline_of(frame, appearance, part, pose)? {
+            all.push((part, outline, *pose));
+        }
+    }
+    Ok(all)
 }
 
 /// `camera_from_part` of the parts that move, at a share of their way.
