@@ -110,9 +110,9 @@ pub fn animation(
         let mut canvas = Canvas::new(frame)?;
         let poses = poses_at(prediction, share);
         surface(&mut canvas, frame, &object.appearance, &poses)?;
-        for (part, outline, start) in &outlines {
+        for Outlined { part, outline, camera_from_part } in &outlines {
             if let Some(pose) = poses[*part] {
-                let way = [Pose::identity(), pose * start.inverse()];
+                let way = [Pose::identity(), pose * camera_from_part.inverse()];
                 canvas.manifold(outline, &way, part_colour(*part))?;
             }
         }
@@ -127,18 +127,25 @@ pub fn animation(
     reel::reel(&pictures, pictures.len().saturating_sub(1), caption)
 }
 
-/// What is seen of parts at the start of their way: the number of each, its outline in the camera frame
-/// and its pose.
+/// What is seen of a part at the start of its way.
+struct Outlined {
+    part: usize,
+    /// Its outline in the camera frame, metres.
+    outline: Vec<Point3<f64>>,
+    camera_from_part: Pose,
+}
+
+/// What is seen of parts at the start of their way.
 fn outlines(
     frame: &RgbdFrame,
     appearance: &Appearance,
     camera_from_part: &[Option<Pose>],
-) -> anyhow::Result<Vec<(usize, Vec<Point3<f64>>, Pose)>> {
+) -> anyhow::Result<Vec<Outlined>> {
     let mut all = Vec::new();
     for (part, pose) in camera_from_part.iter().enumerate() {
         let Some(pose) = pose else { continue };
         if let Some(outline) = outline_of(frame, appearance, part, pose)? {
-            all.push((part, outline, *pose));
+            all.push(Outlined { part, outline, camera_from_part: *pose });
         }
     }
     Ok(all)
