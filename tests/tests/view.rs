@@ -116,7 +116,14 @@ mod with {
             assert_eq!(topics[topic]["count"], 1, "{topic}");
             assert_eq!(topics[topic]["first"], topics["/camera/color"]["first"], "{topic}");
         }
+        // A command that fails leaves none.
+        let failed = dir.path().join("failed.mcap");
+        let arguments = ["recognise", "/no/recording", "--store", &text(&store)];
+        let (status, _) =
+            failure(&linkage(&[&arguments[..], &["--mcap", &text(&failed)]].concat()));
+        assert_eq!((status, failed.exists()), (2, false));
         // A file that is there is not written over.
+        let arguments = ["recognise", &met, "--store", &text(&store), "--mcap", &text(&file)];
         let (status, refused) = failure(&linkage(&arguments));
         assert_eq!(status, 2);
         assert!(refused.contains("met.mcap: exists already"), "{refused}");

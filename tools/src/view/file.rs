@@ -3,6 +3,7 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The first fault of a file, once there is one.
@@ -22,6 +23,32 @@ impl Fault {
             first.get_or_insert_with(|| io::Error::new(e.kind(), e.to_string()));
         }
         result
+    }
+}
+
+/// A file that is removed where it is not finished: a command that fails leaves nothing half done.
+#[derive(Debug)]
+pub struct Unfinished(Option<PathBuf>);
+
+impl Unfinished {
+    /// A file that was just made.
+    pub fn new(path: &Path) -> Self {
+        Self(Some(path.to_owned()))
+    }
+
+    /// It stays.
+    pub fn finish(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        // What a fault of this program left is kept: it may tell why.
+        if let Some(path) = self.0.take().filter(|_| !std::thread::panicking()) {
+            let removed = std::fs::remove_file(&path);
+            removed.unwrap_or_else(|e| tracing::warn!("{}: stays half done: {e}", path.display()));
+        }
     }
 }
 
@@ -57,6 +84,22 @@ impl Seek for CheckedFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_stays_once_it_is_finished() {
+        let dir = tempfile::tempdir().unwrap();
+        for is_finished in [true, false] {
+            let path = dir.path().join("file");
+            std::fs::write(&path, "half").unwrap();
+            let unfinished = Unfinished::new(&path);
+            if is_finished {
+                unfinished.finish()
+            } else {
+                drop(unfinished)
+            }
+            assert_eq!(path.exists(), is_finished);
+        }
+    }
 
     #[test]
     fn a_full_device_is_remembered() {

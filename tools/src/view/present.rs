@@ -2,7 +2,7 @@
 
 use super::cloud::{Dot, cloud};
 use super::convert::{nanoseconds, pose, timestamp};
-use super::file::{CheckedFile, Fault};
+use super::file::{CheckedFile, Fault, Unfinished};
 use super::pictures::{self, CAMERA};
 use super::readings::{readings, states};
 use super::scene;
@@ -49,6 +49,7 @@ struct OpenFile {
     path: PathBuf,
     writer: McapWriterHandle<CheckedFile>,
     fault: Fault,
+    unfinished: Unfinished,
 }
 
 impl View {
@@ -141,8 +142,12 @@ impl View {
             // Viewers that are slow are not waited for.
             drop(server.stop());
         }
-        let Some(OpenFile { path, writer, fault }) = self.file else { return Ok(()) };
+        let Some(OpenFile { path, writer, fault, unfinished }) = self.file else {
+            return Ok(());
+        };
         let closed = writer.close().map(drop);
+        // A service that filled the disk leaves what it wrote.
+        unfinished.finish();
         if let Some(fault) = fault.take() {
             return Err(anyhow!("{}: cannot be written: {fault}", path.display()).into());
         }
@@ -261,10 +266,10 @@ fn create(context: &Arc<Context>, path: &Path) -> Outcome<OpenFile> {
         }
         _ => anyhow::Error::new(e).context(format!("{}: cannot be made", named())),
     })?;
-    let fault = Fault::default();
+    let (fault, unfinished) = (Fault::default(), Unfinished::new(path));
     let writer = context.mcap_writer().create(CheckedFile::new(file, fault.clone()));
     let writer = writer.with_context(|| format!("{}: cannot be written", named()))?;
-    Ok(OpenFile { path: path.to_owned(), writer, fault })
+    Ok(OpenFile { path: path.to_owned(), writer, fault, unfinished })
 }
 
 /// Waits for viewers.
