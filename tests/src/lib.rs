@@ -36,6 +36,9 @@ pub fn build() {
     if release {
         cargo.arg("--release");
     }
+    if cfg!(feature = "view") {
+        cargo.args(["--features", "view"]);
+    }
     let status = cargo.status().expect("cargo starts");
     assert!(status.success(), "the program must build");
 }

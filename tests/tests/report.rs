@@ -4,6 +4,7 @@
 use linkage_tests::{failure, linkage, simulated};
 use quick_xml::Reader;
 use quick_xml::events::Event;
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -169,6 +170,31 @@ fn what_was_refused_is_told_with_its_reason_and_limit() {
     assert!(reason.chars().any(|c| c.is_ascii_digit()) && reason.ends_with('.'), "{reason}");
 }
 
+/// The most that a page with an animation may take.
+const MOST_BYTES: usize = 1_500_000;
+
+#[test]
+fn what_moves_is_shown_moving_and_as_a_still_on_paper_and_for_who_wants_no_motion() {
+    for name in ["learned.html", "predicted.html"] {
+        let page = pages().text(name);
+        assert!(page.len() < MOST_BYTES, "{name}: {} bytes", page.len());
+        let reel = page.split_once("class=\"reel\"").expect("there is an animation").1;
+        let reel = reel.split_once("</div>").expect("it ends").0;
+        let pictures: Vec<&str> = reel.split("<img").skip(1).collect();
+        assert!(pictures.len() >= 8, "{name}: {} pictures", pictures.len());
+        let different: BTreeSet<&str> =
+            pictures.iter().filter_map(|p| p.split_once("base64,")?.1.split('"').next()).collect();
+        assert!(different.len() * 2 > pictures.len(), "{name}: the pictures are the same");
+        assert_eq!(pictures.iter().filter(|p| p.contains("class=\"still\"")).count(), 1, "{name}");
+        for medium in ["(prefers-reduced-motion: reduce)", "print"] {
+            let rules = page.split_once(&format!("@media {medium} {{")).expect("it has rules").1;
+            let rules = rules.split_once("\n}").expect("they end").0;
+            assert!(rules.contains(".reel img { animation: none; }"), "{name}, {medium}");
+            assert!(rules.contains(".reel img.still { visibility: visible; }"), "{name}, {medium}");
+        }
+    }
+}
+
 #[test]
 fn a_recognition_tells_its_joints_and_an_unknown_thing_how_near_it_came() {
     let page = pages().text("recognised.html");
@@ -186,6 +212,40 @@ fn a_prediction_tells_from_where_to_where_a_joint_goes() {
     let said = first_of_class(&page, "lead").expect("there is a first sentence");
     assert!(said.starts_with("joint1, a hinge, goes from ") && said.ends_with(" s."), "{said}");
     assert!(page.contains("as planned") && page.contains("greatest speed"));
+}
+
+/// The most that a picture of the README may take.
+const MOST_PICTURE_BYTES: u64 = 300_000;
+
+#[test]
+fn the_demo_ends_with_one_page_of_the_whole_way_and_with_the_readmes_picture() {
+    let dir = tempfile::tempdir().expect("a scratch folder can be made");
+    run(&["demo", "--out", &text(dir.path())], 0);
+    let page = fs::read_to_string(dir.path().join("index.html")).expect("the page was written");
+    assert_eq!(fault(&page), None);
+    assert!(page.len() < MOST_BYTES, "{} bytes", page.len());
+    let chapters = ["1. A person moves it once", "2. It is met again", "3. How it will move"];
+    let places: Vec<usize> =
+        chapters.iter().map(|c| page.find(c).unwrap_or_else(|| panic!("no {c}"))).collect();
+    assert!(places.is_sorted(), "{places:?}");
+    for told in
+        ["A door, hinged ", "fridge is recognised: ", ", a hinge, goes from ", "axis off by "]
+    {
+        assert!(page.contains(told), "it does not tell {told:?}");
+    }
+    assert_eq!(page.matches("class=\"reel\"").count(), 2);
+    let mut links = 0;
+    for link in page.split("<a href=\"").skip(1) {
+        let file = link.split('"').next().unwrap_or_default();
+        assert!(dir.path().join(file).is_file(), "{file} is not there");
+        links += 1;
+    }
+    assert_eq!(links, 3);
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tools/demo.jpg");
+    for picture in [dir.path().join("demo.jpg"), kept] {
+        let bytes = fs::metadata(&picture).expect("the picture is there").len();
+        assert!((10_000..MOST_PICTURE_BYTES).contains(&bytes), "{}: {bytes}", picture.display());
+    }
 }
 
 /// What a browser says of a page as wide as a telephone.

@@ -113,6 +113,10 @@ pub struct RecogniseArgs {
     /// Write linkage.recognition/1; - for standard output
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Write what is seen and found as MCAP, for Foxglove and rerun; a new file. (In a program that
+    /// was built with --features view.)
+    #[arg(long, value_name = "FILE")]
+    pub mcap: Option<PathBuf>,
     /// Write a page to look at: what is recognised, how far it is open, and why a joint is not told
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
@@ -175,6 +179,14 @@ pub struct ServeArgs {
     /// Play a recording again and again
     #[arg(long)]
     pub repeat: bool,
+    /// Write what is seen and found as MCAP, for Foxglove and rerun; a new file. (In a program that
+    /// was built with --features view.)
+    #[arg(long, value_name = "FILE")]
+    pub mcap: Option<PathBuf>,
+    /// Let Foxglove look on through a WebSocket. Anyone who reaches that address sees what the
+    /// camera sees. (In a program that was built with --features view.)
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    pub view: Option<String>,
 }
 
 #[derive(Debug, Args)]
@@ -463,6 +475,10 @@ pub struct LearnArgs {
     /// (TUM's format, which evo reads): base.txt, part1.txt, …, in the camera frame
     #[arg(long, value_name = "DIR")]
     pub tum: Option<PathBuf>,
+    /// Write the first demonstration and what was learned from it as MCAP, for Foxglove and rerun; a new file. (In a program that
+    /// was built with --features view.)
+    #[arg(long, value_name = "FILE")]
+    pub mcap: Option<PathBuf>,
     /// Write a page to look at: the joints in words, what was refused and why, the motion in
     /// pictures, the numbers
     #[arg(long, value_name = "FILE.html")]

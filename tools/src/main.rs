@@ -17,6 +17,7 @@ mod source;
 mod steps;
 mod tags;
 mod truth;
+mod view;
 
 use clap::Parser;
 use cli::{Cli, Command};

@@ -33,6 +33,33 @@ pub struct Truth {
     pub parts: Vec<TruePart>,
     /// Its joints that move, or could.
     pub joints: Vec<TrueJoint>,
+    /// All that stands there in the first frame, but for the person.
+    #[serde(default)]
+    pub solids: Vec<TrueSolid>,
+}
+
+/// A solid.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct TrueSolid {
+    /// Its form about its own centre.
+    pub form: TrueForm,
+    /// Half of its sides, metres; the radius, half of the height and the radius of a rod or a drum,
+    /// whose height is along y.
+    pub half_m: [f64; 3],
+    /// Its pose in the first frame.
+    pub camera_from_solid: PoseArray,
+}
+
+/// Form of a solid.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TrueForm {
+    /// A box.
+    Box,
+    /// A cylinder with half a ball on either end, which is not part of its height.
+    Rod,
+    /// A cylinder.
+    Drum,
 }
 
 /// A rigid part.

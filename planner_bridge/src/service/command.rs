@@ -327,6 +327,7 @@ impl Repeats {
 
 #[cfg(test)]
 mod tests {
+    use super::super::witness::Witness;
     use super::*;
     use crate::limits::Access;
     use crossbeam_channel::Receiver;
@@ -360,7 +361,7 @@ mod tests {
         let (packets, _unread) = latest(4);
         let (writer, notes) = latest(64);
         let authority = Authority::new(SESSION, 1.0, &Access::default()).unwrap();
-        let out = Outbox { packets, notes: writer };
+        let out = Outbox { packets, notes: writer, witness: Witness::default() };
         Bench { desk: Desk::new(authority, sender, out), commands, notes }
     }
 

@@ -4,7 +4,9 @@
 use crate::channel as on;
 use crate::messages;
 use crate::service::publisher::Outbox;
+use crate::service::witness::Found;
 use linkage_driver::live::host_utime;
+use linkage_skill::learn::tracking::Track;
 use linkage_skill::remember::{CombineError, add_demonstration};
 use linkage_skill::store::{Library, Provenance, Store, StoreError};
 use linkage_skill::{Demonstration, Learner, ObjectModel, SkillConfig};
@@ -112,6 +114,21 @@ impl LearningWorker {
         let utime = demonstration.frame_utimes.last().copied().unwrap_or_default();
         self.out.send(on::MODEL, &messages::model(model, utime));
         self.out.send(on::ARTICULATED_OBJECT, &messages::articulated_object(demonstration));
+        self.out.witness.found(utime, || shown(demonstration));
+    }
+}
+
+/// What was learned, as the newest frame of the demonstration shows it.
+fn shown(demonstration: &Demonstration) -> Found {
+    let newest = demonstration.frame_utimes.len().saturating_sub(1);
+    let tracks = demonstration.tracks.tracks.iter().zip(&demonstration.track_parts);
+    let place =
+        |(track, part): (&Track, &Option<usize>)| Some((*part, track.at(newest)?.point_in_camera?));
+    let poses = demonstration.camera_from_part.iter();
+    Found::Learned {
+        model: demonstration.model.clone(),
+        camera_from_part: poses.map(|p| p.get(newest).copied().flatten()).collect(),
+        places: tracks.filter_map(place).collect(),
     }
 }
 

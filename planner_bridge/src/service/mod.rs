@@ -15,11 +15,13 @@ mod publisher;
 mod reacquire;
 mod stream;
 pub mod watchdog;
+mod witness;
 
 pub use authority::{CommandKey, KeyError, Unauthorised};
 pub use command::{Action, Command, Fault, Refusal, SCHEMA as COMMAND_SCHEMA};
 pub use linkage_realtime::StreamReport;
 pub use stream::{Orders, Pulse, StreamError, StreamParts, Streamer};
+pub use witness::{Finding, Found, Sight, Sights, Witness, witness};
 
 use crate::limits::Rig;
 use authority::Authority;
@@ -127,9 +129,22 @@ const SELF_TEST: Duration = Duration::from_secs(2);
 /// [`ServiceError`] when the source, the network or the store cannot be used at the start. What
 /// fails later is told in the status, and the service goes on.
 pub fn serve(
+    open: Box<SourceOpener>,
+    config: &ServiceConfig,
+    stop: &Arc<AtomicBool>,
+) -> Result<ServiceReport, ServiceError> {
+    serve_before(open, config, stop, Witness::default())
+}
+
+/// The same, before a witness who is shown what the service sees and finds.
+///
+/// # Errors
+/// As [`serve`].
+pub fn serve_before(
     mut open: Box<SourceOpener>,
     config: &ServiceConfig,
     stop: &Arc<AtomicBool>,
+    witness: Witness,
 ) -> Result<ServiceReport, ServiceError> {
     let library = known(&config.store)?;
     let lcm = Lcm::new(&config.url)?;
@@ -141,7 +156,7 @@ pub fn serve(
     let (packet_writer, packets) = latest(WAITING_PACKETS);
     let (note_writer, notes) = latest(WAITING_PACKETS);
     let (command_writer, commands) = crossbeam_channel::bounded(WAITING_COMMANDS);
-    let out = publisher::Outbox { packets: packet_writer, notes: note_writer };
+    let out = publisher::Outbox { packets: packet_writer, notes: note_writer, witness };
 
     let capture = Capture::new(source, open, config.playback, frame_writer, out.clone());
     // The time at which it begins names this run.

@@ -2,6 +2,7 @@
 //! once when it changes.
 
 use super::log_limit::LogLimit;
+use super::witness::Witness;
 use crate::channel;
 use crate::messages::STATUS_MESSAGE_SCHEMA;
 use linkage_driver::live::{LatestReader, LatestWriter, Nothing, host_utime};
@@ -15,6 +16,7 @@ use std::time::{Duration, Instant};
 pub struct Outbox {
     pub packets: LatestWriter<Packet>,
     pub notes: LatestWriter<Note>,
+    pub witness: Witness,
 }
 
 /// An encoded message.
@@ -73,6 +75,11 @@ impl Outbox {
 
     /// Tells something for the status.
     pub fn note(&self, note: Note) {
+        match &note {
+            Note::Answer(answer) => self.witness.say(!answer.accepted, &answer.text),
+            Note::Error(reason) | Note::Refused { reason, .. } => self.witness.say(true, reason),
+            Note::Situation(_) | Note::Again(_) | Note::NotTaken(_) => {}
+        }
         self.notes.push(note);
     }
 }

@@ -19,6 +19,7 @@ pub mod tracking;
 
 use crate::config::{Method, SkillConfig};
 use crate::learn::demonstration::{Demonstration, assemble};
+use crate::math::rigid::Pose;
 use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use background_search::{BackgroundSearch, Snapshot, search_settings};
 use ego_motion::EgoMotionEstimator;
@@ -155,6 +156,11 @@ impl Learner {
     /// The tracker, for drawing what it follows.
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
+    }
+
+    /// Pose of the object frame, the first frame's camera, in the newest frame; `None` before it.
+    pub fn camera_from_object(&self) -> Option<Pose> {
+        self.base.camera_from_base().last().copied()
     }
 
     /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the

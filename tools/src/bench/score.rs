@@ -307,6 +307,7 @@ mod tests {
             frames: (0..FRAMES).map(|f| f as f64 / 30.0).collect(),
             world_from_camera: Vec::new(),
             parts: Vec::new(),
+            solids: Vec::new(),
             joints: vec![true_slide("upper", 0.30, 5), true_slide("lower", 0.28, 20)],
         };
         // The upper one's direction happens to be nearer to that of the lower one.

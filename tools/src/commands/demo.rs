@@ -1,31 +1,39 @@
 //! `linkage demo`: the whole way once, on recordings that it simulates itself. A fridge is
 //! opened by a hand, learned, met again from another viewpoint with its door ajar,
-//! recognised; its opening is predicted and published to a subscriber that decodes it.
+//! recognised; its opening is predicted and published to a subscriber that decodes it. One page tells
+//! it all.
 
 use super::predict::publish;
 use crate::cli::{Common, DemoArgs};
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
-use crate::report::{self, Asked};
+use crate::report::{self, Asked, Chapters, Story};
 use crate::simulate::Take;
 use crate::steps::{demonstrate, film, last_frame, recognise_frame, remember, skill_config};
 use crate::truth::Truth;
 use anyhow::{Context, anyhow};
+use linkage_driver::jpeg;
 use linkage_lcm::messages::{drake, linkage};
 use linkage_lcm::{Lcm, Message, Packet, decode};
 use linkage_planner_bridge::{Request, Rig, channel, predict};
 use linkage_skill::math::rigid::{distance_to_line, line_angle};
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::Recognised;
-use linkage_skill::store::Store;
+use linkage_skill::store::{Store, StoredObject};
+use linkage_skill::{Demonstration, SkillConfig};
 use nalgebra::{Point3, Vector3};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The object of the demonstration, and the rooms that it is seen in.
 const SCENE: &str = "fridge";
 const DEMONSTRATION_SEED: u64 = 1;
 const ENCOUNTER_SEED: u64 = 3;
+
+/// Its store, in the folder.
+const STORE: &str = "objects.linkage";
+/// Quality of the picture, of 100.
+const PICTURE_QUALITY: u8 = 88;
 
 pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
@@ -37,25 +45,11 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     film(SCENE, Take::Encounter, false, ENCOUNTER_SEED, &met, common.quiet)?;
 
     say(common, "2/5 learning from the demonstration");
-    let source = watched.display().to_string();
-    let demonstration = demonstrate(&source, SCENE, &config, common.quiet)?;
-    if demonstration.model.joints.is_empty() {
-        return Err(Failure::no_answer("no joint was learned"));
-    }
-    let stored = remember(None, &demonstration, &source, &config)?;
-    let store_path = out.join("objects.linkage");
-    let mut store = Store::open_or_create(&store_path)?;
-    store.put(&stored)?;
-    write_json(&out.join("model.json"), &demonstration.model)?;
-    write_text(
-        &out.join("report.html"),
-        &report::demonstration_page(&demonstration, Some(&stored.appearance))?,
-    )?;
-    report::save_demonstration_pictures(&demonstration, out)?;
+    let (demonstration, stored) = learn(&watched, out, &config, common.quiet)?;
 
     say(common, "3/5 recognising it from another viewpoint");
     let frame = last_frame(&met.display().to_string())?;
-    let library = store.load()?;
+    let library = Store::open(&out.join(STORE))?.load()?;
     let recognition = recognise_frame(&library, &frame, &met.display().to_string(), &config)?;
     write_json(&out.join("recognition.json"), &recognition)?;
     let (known, objects) = (library.len(), std::slice::from_ref(&stored));
@@ -83,13 +77,55 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     publish(&Lcm::new(&rig.lcm_url)?, &frame, &recognition, &plan, model)?;
     let received = Received::listen(&mut listener)?;
 
-    print!("{}", errors(&watched, &met, &demonstration.model.joints[0], best)?);
-    println!("{}", received.summary());
-    println!(
-        "look at {0}/report.html, {0}/recognition.html and {0}/prediction.html",
-        out.display()
-    );
+    let right = errors(&watched, &met, &demonstration.model.joints[0], best)?;
+    let proof: Vec<String> = right.lines().map(str::to_owned).chain([received.summary()]).collect();
+    proof.iter().for_each(|line| println!("{line}"));
+    let story = Story {
+        demonstration: &demonstration,
+        object: &stored,
+        frame: &frame,
+        recognised: best,
+        prediction: &plan.prediction,
+    };
+    let page = tell(&story, &proof, out)?;
+    println!("look at {}", page.display());
     Ok(())
+}
+
+/// Learns, stores what was learned, and tells it in pages and pictures.
+fn learn(
+    watched: &Path,
+    out: &Path,
+    config: &SkillConfig,
+    quiet: bool,
+) -> Outcome<(Demonstration, StoredObject)> {
+    let source = watched.display().to_string();
+    let demonstration = demonstrate(&source, SCENE, config, quiet)?;
+    if demonstration.model.joints.is_empty() {
+        return Err(Failure::no_answer("no joint was learned"));
+    }
+    let stored = remember(None, &demonstration, &source, config)?;
+    Store::open_or_create(&out.join(STORE))?.put(&stored)?;
+    write_json(&out.join("model.json"), &demonstration.model)?;
+    let page = report::demonstration_page(&demonstration, Some(&stored.appearance))?;
+    write_text(&out.join("report.html"), &page)?;
+    report::save_demonstration_pictures(&demonstration, out)?;
+    Ok((demonstration, stored))
+}
+
+/// Writes the page of the whole way, and the picture of it; where the page is.
+fn tell(story: &Story, proof: &[String], out: &Path) -> Outcome<PathBuf> {
+    let chapters = Chapters {
+        learned: "report.html",
+        recognised: "recognition.html",
+        predicted: "prediction.html",
+    };
+    let page = out.join("index.html");
+    write_text(&page, &story.page(&chapters, proof)?)?;
+    let picture = out.join("demo.jpg");
+    let bytes = jpeg::encode(&story.picture()?, PICTURE_QUALITY).map_err(anyhow::Error::msg)?;
+    std::fs::write(&picture, bytes).with_context(|| picture.display().to_string())?;
+    Ok(page)
 }
 
 fn say(common: &Common, text: &str) {

@@ -8,7 +8,8 @@ use crate::report::{self, summary};
 use crate::source;
 use crate::steps::{demonstrate_past, remember, skill_config};
 use crate::tags::TagLog;
-use linkage_driver::RgbdSource;
+use crate::view::{View, Wanted, Watched};
+use linkage_driver::{RgbdFrame, RgbdSource};
 use linkage_skill::math::rigid::pose_to_array;
 use linkage_skill::object::appearance::Appearance;
 use linkage_skill::store::StoredObject;
@@ -17,13 +18,18 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// A demonstration with the source that it was seen in.
-type Watched<'a> = (&'a str, Demonstration);
+type Seen<'a> = (&'a str, Demonstration);
 
 pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
     let destination = Destination::of(args)?;
-    let all = args.sources.iter().map(|source| watch(args, source, &config, common.quiet));
-    let all: Vec<Watched> = all.collect::<Outcome<_>>()?;
+    let view = View::open(&Wanted { mcap: args.mcap.clone(), address: None })?;
+    let mut all: Vec<Seen> = Vec::new();
+    for source in &args.sources {
+        // Times of several demonstrations may overlap: one of them is shown.
+        let view = view.as_ref().filter(|_| all.is_empty());
+        all.push(watch(args, source, &config, view, common.quiet)?);
+    }
     let Some((_, first)) = all.first() else { return Ok(()) };
     let known = destination.as_ref().and_then(Destination::known);
     let object = remember_all(known, &all, &config)?;
@@ -40,6 +46,11 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     if let Some(path) = &args.report {
         let looks = looks_of_first(known, object.as_ref(), &all, &config)?;
         write_text(path, &report::demonstration_page(first, looks.as_ref())?)?;
+    }
+    if let Some(view) = view {
+        let looks = looks_of_first(known, object.as_ref(), &all, &config)?;
+        view.demonstration(first, looks.as_ref());
+        view.close()?;
     }
     let Some(object) = object else {
         return Err(Failure::no_answer(format!(
@@ -66,10 +77,16 @@ fn watch<'a>(
     args: &LearnArgs,
     source: &'a str,
     config: &SkillConfig,
+    view: Option<&View>,
     quiet: bool,
-) -> Outcome<Watched<'a>> {
+) -> Outcome<Seen<'a>> {
     let mut tags = if args.tags { Some(TagLog::of(recording_of(source))?) } else { None };
-    let mut frames = source::open(source, &args.take)?;
+    let show = |frame: &RgbdFrame| {
+        if let Some(view) = view {
+            view.frame(frame);
+        }
+    };
+    let mut frames = Watched::new(source::open(source, &args.take)?, show);
     let demonstration = demonstrate_past(tags.as_mut(), &mut frames, &args.object, config, quiet)?;
     if let Some(losses) = source::losses(&frames.statistics()) {
         tracing::warn!(source, "not learned from: {losses}");
@@ -84,7 +101,7 @@ fn watch<'a>(
 /// nothing moves in any of them.
 fn remember_all(
     known: Option<&StoredObject>,
-    all: &[Watched],
+    all: &[Seen],
     config: &SkillConfig,
 ) -> Outcome<Option<StoredObject>> {
     let mut object: Option<StoredObject> = None;
@@ -102,7 +119,7 @@ fn remember_all(
 fn looks_of_first(
     known: Option<&StoredObject>,
     object: Option<&StoredObject>,
-    all: &[Watched],
+    all: &[Seen],
     config: &SkillConfig,
 ) -> Outcome<Option<Appearance>> {
     match (known, all) {

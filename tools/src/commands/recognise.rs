@@ -6,12 +6,14 @@ use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, describe};
 use crate::source;
 use crate::steps::{recognise_view, skill_config};
+use crate::view::{View, Wanted};
 use linkage_skill::recognise::Recognition;
 use linkage_skill::store::{Store, StoredObject};
 use std::collections::BTreeSet;
 
 pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
+    let view = View::open(&Wanted { mcap: args.mcap.clone(), address: None })?;
     let store = Store::open(&args.store)?;
     let library = store.load()?;
     let still = source::open(&args.source, &args.take)?.still_frames()?;
@@ -21,6 +23,14 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     }
     if let Some(path) = &args.json {
         write_json(path, &recognition)?;
+    }
+    if let Some(view) = view {
+        view.frame(&frame);
+        view.recognition(frame.utime, &recognition, &recognised_objects(&store, &recognition)?);
+        for m in &recognition.matches {
+            view.say(frame.utime, false, describe(m).trim_end());
+        }
+        view.close()?;
     }
     if let Some(path) = &args.report {
         let objects = recognised_objects(&store, &recognition)?;

@@ -5,11 +5,14 @@ use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::report::describe_stream;
 use crate::steps::skill_config;
+use crate::view::{View, Wanted};
 use anyhow::anyhow;
 use linkage_driver::live::LiveConfig;
 use linkage_driver::{PinholeCamera, SourceOptions, open_with};
 use linkage_planner_bridge::Rig;
-use linkage_planner_bridge::service::{Playback, ServiceConfig, ServiceReport, serve};
+use linkage_planner_bridge::service::{
+    Playback, ServiceConfig, ServiceReport, Witness, serve_before, witness,
+};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -21,6 +24,8 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
         Some(path) => Rig::read(path)?,
         None => Rig::default(),
     };
+    let wanted = Wanted { mcap: args.mcap.clone(), address: args.view.clone() };
+    let view = View::open(&wanted)?;
     let stop = interrupt::watch();
     let config = ServiceConfig {
         skill: skill_config(common)?,
@@ -40,7 +45,21 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
     if !common.quiet {
         eprintln!("serving {name} on {}; Ctrl-C ends it", config.url);
     }
-    let report = serve(Box::new(move || open_with(&name, &options)), &config, &stop)?;
+    let serve = move |witness| {
+        serve_before(Box::new(move || open_with(&name, &options)), &config, &stop, witness)
+    };
+    let report = match view {
+        None => serve(Witness::default())?,
+        Some(view) => {
+            let (witness, sights) = witness();
+            let report = std::thread::scope(|scope| {
+                scope.spawn(|| view.follow(&sights, &args.store));
+                serve(witness)
+            });
+            view.close()?;
+            report?
+        }
+    };
     if !common.quiet {
         eprint!("{}", summary(&report));
     }

@@ -1,11 +1,13 @@
 //! The surface of a part as an implicit function, fused from the pieces that were seen.
 //!
 //! Near a place the surface is the moving-least-squares plane through the pieces around it that face
-//! the same way. It ends a little beyond the last piece. As it is open, it is thickened inwards, so
+//! the same way. It ends a little beyond the last piece, but not in a gap between pieces (`gap.rs`). As
+//! it is open, it is thickened inwards, so
 //! that the outer side is where the surface was seen and the whole is a closed body.
 
 use super::colour::srgb;
 use super::cuboid::Cuboid;
+use super::gap::is_surrounded;
 use super::patch::Patch;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -25,6 +27,9 @@ const SPACING_NEIGHBOUR: usize = 6;
 const DENSE_PERCENT: usize = 85;
 /// How far the surface goes on beyond a piece, in such distances.
 const REACH: f64 = 0.8;
+/// How far from a place in a gap pieces may lie, in such distances: pieces that are drawn by chance
+/// leave no wider ones.
+const GAP: f64 = 2.0;
 /// How far it goes on beyond all pieces, metres.
 const RIM_M: f64 = 0.004;
 /// Cosine between the normals of pieces of one side.
@@ -126,9 +131,27 @@ impl FusedSurface {
                 aside = aside.min((way - patch.normal * above).norm());
             }
         }
+        let reach = REACH * self.spacing_m;
+        let edge = if aside > reach && self.is_in_gap(at, first, &near) {
+            -0.5 * self.step_m
+        } else {
+            aside - reach
+        };
         let half = 0.5 * self.thickness_m();
         let within = (sum / weights + half).abs() - half;
-        within.max(aside - REACH * self.spacing_m).max(beyond).min(outside)
+        within.max(edge).max(beyond).min(outside)
+    }
+
+    /// True where pieces that continue the nearest one lie all round a place.
+    fn is_in_gap(&self, at: &Vector3<f64>, nearest: &Patch, near: &[usize]) -> bool {
+        let ways = near.iter().map(|i| &self.patches[*i]).filter_map(|patch| {
+            let way = patch.place - at;
+            let along = way - nearest.normal * way.dot(&nearest.normal);
+            let level = (patch.place - nearest.place).dot(&nearest.normal).abs();
+            let continues = patch.normal.dot(&nearest.normal) > SAME_SIDE && level < self.spacing_m;
+            (continues && along.norm() < GAP * self.spacing_m).then_some(along)
+        });
+        is_surrounded(&nearest.normal, ways)
     }
 
     /// Colour of a place on it.

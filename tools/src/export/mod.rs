@@ -10,6 +10,7 @@ mod colour;
 mod cuboid;
 mod description;
 mod fused_surface;
+mod gap;
 mod joint;
 mod main_surface;
 mod mesh;

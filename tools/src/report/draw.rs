@@ -32,6 +32,8 @@ pub fn part_colour(part: usize) -> Rgb {
     if part == 0 { PART_COLOURS[0] } else { PART_COLOURS[1 + (part - 1) % moving] }
 }
 
+/// Gap between pictures, pixels.
+const GAP_PX: usize = 8;
 /// Half of a drawn axis, metres.
 const AXIS_HALF_M: f64 = 0.25;
 
@@ -44,12 +46,34 @@ pub struct Canvas {
 impl Canvas {
     /// Starts from a frame.
     pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
+        Ok(Self { camera: (*frame.camera).clone(), ..Self::of(&frame.color)? })
+    }
+
+    /// Starts from a picture of which no camera is known: places in space have no pixel of their own.
+    pub fn of(picture: &ColorImage) -> opencv::Result<Self> {
         let pixels: Vec<Vec3b> =
-            frame.color.as_rgb().chunks_exact(3).map(|p| Vec3b::from([p[0], p[1], p[2]])).collect();
-        let rows = frame.color.height() as i32;
-        let picture =
-            Mat::new_rows_cols_with_data(rows, frame.color.width() as i32, &pixels)?.try_clone()?;
-        Ok(Self { picture, camera: (*frame.camera).clone() })
+            picture.as_rgb().chunks_exact(3).map(|p| Vec3b::from([p[0], p[1], p[2]])).collect();
+        let (rows, columns) = (picture.height() as i32, picture.width() as i32);
+        let picture = Mat::new_rows_cols_with_data(rows, columns, &pixels)?.try_clone()?;
+        Ok(Self { picture, camera: PinholeCamera::kinect() })
+    }
+
+    /// A title in the upper left corner, in plain ASCII: the vision library has no other letters.
+    pub fn title(&mut self, text: &str) -> opencv::Result<()> {
+        for (thickness, colour) in [(6, [0, 0, 0]), (2, HALO)] {
+            imgproc::put_text(
+                &mut self.picture,
+                text,
+                Point::new(12, 34),
+                imgproc::FONT_HERSHEY_SIMPLEX,
+                0.9,
+                scalar(colour),
+                thickness,
+                imgproc::LINE_AA,
+                false,
+            )?;
+        }
+        Ok(())
     }
 
     /// A filled dot.
@@ -167,6 +191,24 @@ impl Canvas {
     }
 }
 
+/// Pictures beside each other with a white gap, as high as the highest.
+pub fn side_by_side(pictures: &[ColorImage]) -> anyhow::Result<ColorImage> {
+    let height = pictures.iter().map(ColorImage::height).max().unwrap_or(0);
+    let width: usize = pictures.iter().map(|p| p.width() + GAP_PX).sum();
+    let width = width.saturating_sub(GAP_PX);
+    let mut rgb = vec![255; 3 * width * height];
+    let mut left = 0;
+    for picture in pictures {
+        let row_bytes = 3 * picture.width();
+        for (v, row) in picture.as_rgb().chunks_exact(row_bytes.max(1)).enumerate() {
+            let start = 3 * (v * width + left);
+            rgb[start..start + row_bytes].copy_from_slice(row);
+        }
+        left += picture.width() + GAP_PX;
+    }
+    Ok(ColorImage::new(width, height, rgb)?)
+}
+
 fn point(p: &Point2<f64>) -> Point {
     let bound = |x: f64| x.clamp(-4000.0, 8000.0).round() as i32;
     Point::new(bound(p.x), bound(p.y))
@@ -179,6 +221,19 @@ fn scalar(c: Rgb) -> Scalar {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pictures_of_two_sizes_stand_beside_each_other() {
+        let picture = |width: usize, height: usize, shade: u8| {
+            ColorImage::new(width, height, vec![shade; 3 * width * height]).unwrap()
+        };
+        let joined = side_by_side(&[picture(4, 3, 10), picture(5, 2, 20)]).unwrap();
+        assert_eq!((joined.width(), joined.height()), (4 + GAP_PX + 5, 3));
+        let shades = [(3, 2), (4, 0), (4 + GAP_PX, 1), (4 + GAP_PX, 2)];
+        let shades = shades.map(|(u, v)| joined.at(u, v).map(|p| p[0]));
+        assert_eq!(shades, [Some(10), Some(255), Some(20), Some(255)]);
+        assert_eq!(side_by_side(&[]).unwrap().width(), 0);
+    }
 
     #[test]
     fn no_moving_part_has_the_colour_of_the_base() {

@@ -133,7 +133,7 @@ pub fn overlaid(
 }
 
 /// Where each part is; a joint that is not told is where the recognition assumed it.
-fn camera_from_part(model: &ObjectModel, m: &Recognised) -> Vec<Option<Pose>> {
+pub fn camera_from_part(model: &ObjectModel, m: &Recognised) -> Vec<Option<Pose>> {
     let Some(camera_from_object) = pose_from_array(&m.camera_from_object) else {
         return Vec::new();
     };

@@ -1,5 +1,5 @@
-//! A film strip: a few frames of the recording, evenly spread over the motion, with the axes and the
-//! surface points of the parts where they were learned to be in that frame.
+//! Frames of the recording, evenly spread over the motion, with the axes and the surface points of
+//! the parts where they were learned to be in that frame: a film strip, or an animation.
 
 use super::draw::{Canvas, part_colour};
 use super::overlay;
@@ -10,22 +10,29 @@ use linkage_skill::math::rigid::Pose;
 use linkage_skill::object::appearance::Appearance;
 use linkage_skill::object::model::{Joint, ObjectModel};
 
-/// Frames of a strip.
-const FRAMES: usize = 6;
-/// Width of a frame, pixels.
-const WIDTH: i32 = 320;
 /// Time by which a configuration may be away from a frame, microseconds.
 const AT_ONCE_US: f64 = 0.2e6;
 
-/// Small pictures with what they show.
+/// A small picture.
+pub struct StripFrame {
+    pub picture: ColorImage,
+    /// When it is, and how far each joint is.
+    pub caption: String,
+    /// How far the joints are together, as shares of their ranges from where they began.
+    pub opened: f64,
+}
+
+/// At most `count` pictures that are `width` pixels wide.
 pub fn film_strip(
     demonstration: &Demonstration,
     appearance: Option<&Appearance>,
-) -> anyhow::Result<Vec<(ColorImage, String)>> {
+    count: usize,
+    width: i32,
+) -> anyhow::Result<Vec<StripFrame>> {
     let frames: Vec<(usize, &RgbdFrame)> = demonstration.keyframes.iter().collect();
     let model = &demonstration.model;
     let utimes: Vec<i64> = frames.iter().map(|(_, frame)| frame.utime).collect();
-    let chosen = spread_over_motion(&way(model, &utimes), FRAMES);
+    let chosen = spread_over_motion(&way(model, &utimes), count);
     let start = demonstration.frame_utimes.first().copied().unwrap_or(0);
     chosen
         .into_iter()
@@ -38,8 +45,12 @@ pub fn film_strip(
                 overlay::surface(&mut canvas, frame, appearance, &poses)?;
             }
             axes(&mut canvas, model, &poses)?;
-            canvas.shrink_to(WIDTH)?;
-            Ok((canvas.finish()?, caption(model, frame.utime, start)))
+            canvas.shrink_to(width)?;
+            Ok(StripFrame {
+                picture: canvas.finish()?,
+                caption: caption(model, frame.utime, start),
+                opened: opened(model, frame.utime),
+            })
         })
         .collect()
 }
@@ -78,6 +89,16 @@ fn caption(model: &ObjectModel, utime: i64, start: i64) -> String {
         })
         .collect();
     format!("{seconds:.1} s: {}", joints.join(", "))
+}
+
+/// How far all joints together are from where they began, as shares of their ranges.
+fn opened(model: &ObjectModel, utime: i64) -> f64 {
+    let share = |joint: &Joint| {
+        let span = joint.range[1] - joint.range[0];
+        let q = configuration_at(joint, utime)?;
+        (span > 0.0).then(|| q.abs() / span)
+    };
+    model.joints.iter().filter_map(share).sum()
 }
 
 /// How far all joints together have moved up to each time, as shares of their ranges.

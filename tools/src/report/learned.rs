@@ -6,6 +6,7 @@ use super::draw::{Canvas, part_colour};
 use super::film_strip::{axes, configuration_at, film_strip};
 use super::layout::{self, facts, keys, part_style, vector};
 use super::overlay::lifted_outline;
+use super::reel;
 use super::spread;
 use super::tree::tree;
 use super::units::{angle, length, probability};
@@ -23,6 +24,9 @@ use std::path::{Path, PathBuf};
 
 /// Outlines drawn of a motion manifold.
 const MANIFOLD_STEPS: usize = 9;
+/// Frames of the film strip, and how wide they are in pixels.
+const STRIP_FRAMES: usize = 6;
+const STRIP_WIDTH: i32 = 320;
 /// Refused candidates that are listed.
 const MOST_REFUSED: usize = 40;
 
@@ -38,6 +42,7 @@ pub fn demonstration_page(
         (refused(demonstration))
         @if !model.joints.is_empty() {
             h2 { "How it moves" }
+            (animation(demonstration, appearance)?)
             (motion(demonstration)?)
             (strip(demonstration, appearance)?)
             h2 { "How its parts hang together" }
@@ -76,7 +81,7 @@ pub fn save_demonstration_pictures(
 }
 
 /// The sentences of each joint, with what its evidence is.
-fn in_words(demonstration: &Demonstration) -> Markup {
+pub fn in_words(demonstration: &Demonstration) -> Markup {
     let model = &demonstration.model;
     html! {
         @if model.joints.is_empty() {
@@ -179,9 +184,7 @@ fn motion(demonstration: &Demonstration) -> anyhow::Result<Markup> {
 /// Each joint's configuration over time, with how well the features agree on it.
 fn curves(demonstration: &Demonstration) -> Vec<Curve> {
     let of_joint = |joint: &Joint| {
-        let poses = &demonstration.camera_from_part[joint.child];
-        let by_frame =
-            spread::deviations(tracks_of(demonstration, joint.child), poses, &joint.geometry());
+        let by_frame = deviations_by_frame(demonstration, joint);
         let at = |t: f64| {
             let utime = (t * 1e6).round() as i64;
             let after = demonstration.frame_utimes.partition_point(|u| *u < utime - 1);
@@ -197,11 +200,29 @@ fn curves(demonstration: &Demonstration) -> Vec<Curve> {
     demonstration.model.joints.iter().map(of_joint).collect()
 }
 
+/// Standard deviation of a joint's configuration in each frame, where it is known.
+pub fn deviations_by_frame(demonstration: &Demonstration, joint: &Joint) -> Vec<Option<f64>> {
+    let poses = &demonstration.camera_from_part[joint.child];
+    spread::deviations(tracks_of(demonstration, joint.child), poses, &joint.geometry())
+}
+
+/// The motion as an animation.
+pub fn animation(
+    demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
+) -> anyhow::Result<Markup> {
+    let frames = film_strip(demonstration, appearance, reel::MOST_FRAMES, reel::WIDTH)?;
+    let opened = |i: &usize| frames[*i].opened;
+    let still = (0..frames.len()).max_by(|a, b| opened(a).total_cmp(&opened(b))).unwrap_or(0);
+    let pictures: Vec<ColorImage> = frames.into_iter().map(|f| f.picture).collect();
+    reel::reel(&pictures, still, "The motion as it was seen, with what was learned from it")
+}
+
 fn strip(demonstration: &Demonstration, appearance: Option<&Appearance>) -> anyhow::Result<Markup> {
-    let frames = film_strip(demonstration, appearance)?;
+    let frames = film_strip(demonstration, appearance, STRIP_FRAMES, STRIP_WIDTH)?;
     let frames: Vec<Markup> = frames
         .iter()
-        .map(|(frame, caption)| layout::picture(frame, caption))
+        .map(|frame| layout::picture(&frame.picture, &frame.caption))
         .collect::<anyhow::Result<_>>()?;
     Ok(html! {
         h3 { "The motion as it was seen" }

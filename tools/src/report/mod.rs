@@ -8,13 +8,24 @@ mod layout;
 mod learned;
 mod overlay;
 mod predicted;
+mod reel;
 mod spread;
+mod story;
 mod text;
 mod tree;
 mod units;
 mod words;
 
+#[cfg(feature = "view")]
+pub use draw::part_colour;
+#[cfg(feature = "view")]
+pub use encountered::camera_from_part;
 pub use encountered::{Asked, recognition_page};
+#[cfg(feature = "view")]
+pub use learned::deviations_by_frame;
 pub use learned::{demonstration_page, save_demonstration_pictures};
 pub use predicted::{prediction_page, save_prediction_picture};
+pub use story::{Chapters, Story};
 pub use text::{describe, describe_stream, summary};
+#[cfg(feature = "view")]
+pub use units::amount;

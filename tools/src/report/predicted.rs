@@ -5,7 +5,8 @@ use super::chart::{self, Curve, Ground};
 use super::draw::{Canvas, part_colour};
 use super::encountered::{in_words, numbers, overlaid};
 use super::layout::{self, facts};
-use super::overlay::outline_of;
+use super::overlay::{outline_of, surface};
+use super::reel;
 use super::units::{amount, length};
 use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
@@ -16,6 +17,7 @@ use linkage_skill::object::appearance::Appearance;
 use linkage_skill::recognise::Recognised;
 use linkage_skill::store::StoredObject;
 use maud::{Markup, html};
+use nalgebra::Point3;
 use std::path::Path;
 
 /// Outlines drawn along the way of a part.
@@ -77,11 +79,88 @@ fn motion(
         })
         .collect::<anyhow::Result<_>>()?;
     Ok(html! {
-        @if charts.is_empty() { p.lead { "Nothing is to move." } }
-        @for j in moving(prediction) { p.lead { (joint_in_words(j)) } }
+        (in_words_of(prediction))
+        (animation(frame, recognised, object, prediction)?)
         (layout::picture(&picture, "Where the parts go: outlines along the way, darkest first")?)
         @for chart in charts { (chart) }
     })
+}
+
+/// Where each joint goes.
+pub fn in_words_of(prediction: &Prediction) -> Markup {
+    html! {
+        @if moving(prediction).next().is_none() { p.lead { "Nothing is to move." } }
+        @for j in moving(prediction) { p.lead { (joint_in_words(j)) } }
+    }
+}
+
+/// The motion as an animation: the learned surface and the outlines of the parts on their way.
+pub fn animation(
+    frame: &RgbdFrame,
+    recognised: &Recognised,
+    object: &StoredObject,
+    prediction: &Prediction,
+) -> anyhow::Result<Markup> {
+    let longest = prediction.parts.iter().map(|p| p.poses.len()).max().unwrap_or(0);
+    let count = longest.min(reel::MOST_FRAMES);
+    let outlines = outlines(frame, &object.appearance, &poses_at(prediction, 0.0))?;
+    let mut pictures = Vec::new();
+    for i in 0..count {
+        let share = i as f64 / (count.max(2) - 1) as f64;
+        let mut canvas = Canvas::new(frame)?;
+        let poses = poses_at(prediction, share);
+        surface(&mut canvas, frame, &object.appearance, &poses)?;
+        for Outlined { part, outline, camera_from_part } in &outlines {
+            if let Some(pose) = poses[*part] {
+                let way = [Pose::identity(), pose * camera_from_part.inverse()];
+                canvas.manifold(outline, &way, part_colour(*part))?;
+            }
+        }
+        for (i, joint) in recognised.joints.iter().enumerate() {
+            canvas.axis(&joint.geometry(), part_colour(i + 1))?;
+        }
+        canvas.shrink_to(reel::WIDTH)?;
+        pictures.push(canvas.finish()?);
+    }
+    let caption = "The motion as predicted: dots are the learned surface, lines the outline of what is \
+                   seen of it";
+    reel::reel(&pictures, pictures.len().saturating_sub(1), caption)
+}
+
+/// What is seen of a part at the start of its way.
+struct Outlined {
+    part: usize,
+    /// Its outline in the camera frame, metres.
+    outline: Vec<Point3<f64>>,
+    camera_from_part: Pose,
+}
+
+/// What is seen of parts at the start of their way.
+fn outlines(
+    frame: &RgbdFrame,
+    appearance: &Appearance,
+    camera_from_part: &[Option<Pose>],
+) -> anyhow::Result<Vec<Outlined>> {
+    let mut all = Vec::new();
+    for (part, pose) in camera_from_part.iter().enumerate() {
+        let Some(pose) = pose else { continue };
+        if let Some(outline) = outline_of(frame, appearance, part, pose)? {
+            all.push(Outlined { part, outline, camera_from_part: *pose });
+        }
+    }
+    Ok(all)
+}
+
+/// `camera_from_part` of the parts that move, at a share of their way.
+fn poses_at(prediction: &Prediction, share: f64) -> Vec<Option<Pose>> {
+    let parts = prediction.parts.iter().map(|p| p.part + 1).max().unwrap_or(0);
+    let mut poses = vec![None; parts];
+    for part in &prediction.parts {
+        let last = part.poses.len().saturating_sub(1) as f64;
+        let pose = part.poses.get((share * last).round() as usize);
+        poses[part.part] = pose.and_then(|[_, pose @ ..]| pose_from_array(pose));
+    }
+    poses
 }
 
 fn moving(prediction: &Prediction) -> impl Iterator<Item = &PlannedJoint> {
@@ -129,7 +208,7 @@ fn rows(j: &PlannedJoint) -> Vec<(&'static str, String)> {
 }
 
 /// The frame with the axes, and the outline of each part that moves along its way.
-fn way_picture(
+pub fn way_picture(
     frame: &RgbdFrame,
     recognised: &Recognised,
     prediction: &Prediction,

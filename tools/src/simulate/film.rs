@@ -8,7 +8,7 @@ use super::person::Person;
 use super::render::Light;
 use super::texture::Richness;
 use super::world::{Scene, Solid};
-use crate::truth::{TrueJoint, TruePart, Truth};
+use crate::truth::{TrueJoint, TruePart, TrueSolid, Truth};
 use linkage_driver::PinholeCamera;
 use linkage_skill::math::rigid::{Pose, pose_to_array};
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
@@ -252,7 +252,20 @@ impl<'s> Film<'s> {
                 .collect(),
             parts,
             joints,
+            solids: self.true_solids(),
         }
+    }
+
+    /// All solids in the first frame, but for the person.
+    fn true_solids(&self) -> Vec<TrueSolid> {
+        let camera_from_world = self.camera_from_world(0.0);
+        let solids = self.solids_at(0.0, &[]);
+        let in_camera = solids.into_iter().map(|(solid, world_from_body)| {
+            let (form, half_m) = solid.form.truth();
+            let pose = camera_from_world * world_from_body * solid.body_from_solid;
+            TrueSolid { form, half_m, camera_from_solid: pose_to_array(&pose) }
+        });
+        in_camera.collect()
     }
 
     /// The truth about one joint over all frames.

@@ -1,6 +1,7 @@
 //! Solids, the bodies that they make up, and joints between them.
 
 use super::texture::Texture;
+use crate::truth::TrueForm;
 use linkage_skill::math::rigid::Pose;
 use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -32,6 +33,19 @@ pub enum Form {
     Drum(Cylinder),
     /// Paper across its own z, printed from its middle.
     Plate(Cuboid),
+}
+
+impl Form {
+    /// As `truth.json` tells it: the form, and half of its sides.
+    pub fn truth(&self) -> (TrueForm, [f64; 3]) {
+        match self {
+            Self::Box(b) | Self::Plate(b) => {
+                (TrueForm::Box, b.half_extents.to_array().map(f64::from))
+            }
+            Self::Rod(c) => (TrueForm::Rod, [c.radius, c.half_height(), c.radius].map(f64::from)),
+            Self::Drum(c) => (TrueForm::Drum, [c.radius, c.half_height, c.radius].map(f64::from)),
+        }
+    }
 }
 
 /// A solid in the frame of its body.

@@ -1,0 +1,39 @@
+//! What the skill sees and thinks, for Foxglove and rerun: an MCAP file, or a WebSocket server for a
+//! viewer that looks on.
+//!
+//! It is built with `--features view`; without it, who asks for it is told so. Messages are Foxglove's
+//! own schemas, in metres and radians, and bear the time stamps of the frames that they are about.
+
+mod wanted;
+mod watched;
+
+#[cfg(not(feature = "view"))]
+mod absent;
+
+#[cfg(feature = "view")]
+mod cloud;
+#[cfg(feature = "view")]
+mod convert;
+#[cfg(feature = "view")]
+mod file;
+#[cfg(feature = "view")]
+mod live;
+#[cfg(feature = "view")]
+mod pictures;
+#[cfg(feature = "view")]
+mod present;
+#[cfg(feature = "view")]
+mod readings;
+#[cfg(feature = "view")]
+mod scene;
+#[cfg(feature = "view")]
+mod shown;
+#[cfg(feature = "view")]
+mod topics;
+
+#[cfg(not(feature = "view"))]
+pub use absent::View;
+#[cfg(feature = "view")]
+pub use present::View;
+pub use wanted::Wanted;
+pub use watched::Watched;

@@ -1,0 +1,106 @@
+//! An object as it is shown in one frame, whether it is being learned, recognised or predicted.
+
+use crate::report::camera_from_part;
+use linkage_skill::ObjectModel;
+use linkage_skill::math::rigid::Pose;
+use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::joint_geometry::JointGeometry;
+use linkage_skill::object::model::Joint;
+use linkage_skill::recognise::Recognised;
+use nalgebra::{Point3, Vector3};
+
+/// How far beside its axis a joint's way is drawn where its part's surface is not known, metres.
+const BESIDE_M: f64 = 0.2;
+
+/// An object in one frame.
+pub struct Shown<'s> {
+    pub object: &'s str,
+    /// Where each part is, where that is known; the base's is that of the object frame.
+    pub camera_from_part: Vec<Option<Pose>>,
+    pub joints: Vec<ShownJoint>,
+    /// How far each joint is, where that is known.
+    pub configurations: Vec<Option<Configuration>>,
+}
+
+/// A joint of one.
+pub struct ShownJoint {
+    pub name: String,
+    pub parent: usize,
+    pub child: usize,
+    /// In the object frame at configuration 0, as the parent carries it.
+    pub line: JointGeometry,
+    pub range: [f64; 2],
+    /// A place of the part that it moves, in the object frame at configuration 0.
+    pub anchor: Point3<f64>,
+}
+
+/// How far a joint is.
+pub struct Configuration {
+    pub q: f64,
+    /// Standard deviation.
+    pub deviation: Option<f64>,
+}
+
+impl<'s> Shown<'s> {
+    /// A model whose parts are where they were tracked; no configuration is known yet.
+    pub fn learned(
+        model: &'s ObjectModel,
+        camera_from_part: Vec<Option<Pose>>,
+        appearance: Option<&Appearance>,
+    ) -> Self {
+        Self {
+            object: &model.object,
+            camera_from_part,
+            joints: model.joints.iter().map(|j| ShownJoint::new(j, model, appearance)).collect(),
+            configurations: model.joints.iter().map(|_| None).collect(),
+        }
+    }
+
+    /// An object as it was recognised.
+    pub fn recognised(
+        model: &'s ObjectModel,
+        found: &Recognised,
+        appearance: Option<&Appearance>,
+    ) -> Self {
+        let known = |name: &str| {
+            let state = found.joints.iter().find(|j| j.name == name)?;
+            Some(Configuration { q: state.configuration?, deviation: state.deviation })
+        };
+        Self {
+            configurations: model.joints.iter().map(|j| known(&j.name)).collect(),
+            ..Self::learned(model, camera_from_part(model, found), appearance)
+        }
+    }
+
+    /// The name of a part's frame; that of the base is the object's.
+    pub fn frame_of(&self, part: usize) -> String {
+        if part == 0 { self.object.to_owned() } else { format!("{}/part{part}", self.object) }
+    }
+}
+
+impl ShownJoint {
+    fn new(joint: &Joint, model: &ObjectModel, appearance: Option<&Appearance>) -> Self {
+        let line = joint.geometry();
+        let grasp = model.parts.get(joint.child).and_then(|p| p.grasp).map(Point3::from);
+        let anchor =
+            grasp.or_else(|| middle_of(appearance?, joint.child)).unwrap_or_else(|| beside(&line));
+        let Joint { name, parent, child, range, .. } = joint;
+        let (name, parent, child, range) = (name.clone(), *parent, *child, *range);
+        Self { name, parent, child, line, range, anchor }
+    }
+}
+
+/// The middle of a part's surface, object frame.
+fn middle_of(appearance: &Appearance, part: usize) -> Option<Point3<f64>> {
+    let own = appearance.surfels.iter().filter(|s| usize::from(s.part) == part);
+    let (count, sum) = own.fold((0_usize, Vector3::zeros()), |(n, sum), s| {
+        (n + 1, sum + Vector3::from(s.point.map(f64::from)))
+    });
+    (count > 0).then(|| Point3::from(sum / count as f64))
+}
+
+/// A place beside a line.
+fn beside(line: &JointGeometry) -> Point3<f64> {
+    let (across, _) = linkage_skill::math::rigid::orthonormal_basis(&line.axis);
+    line.origin + across * BESIDE_M
+}
