@@ -4,6 +4,7 @@
 
 pub mod articulation;
 pub mod config;
+mod explained_config;
 pub mod features;
 pub mod image;
 pub mod learn;

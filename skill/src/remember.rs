@@ -63,11 +63,10 @@ const SAME_PART: f64 = 0.3;
 pub fn to_stored(
     demonstration: &Demonstration,
     provenance: Provenance,
-    config: &SkillConfig,
 ) -> opencv::Result<StoredObject> {
     Ok(StoredObject {
         model: demonstration.model.clone(),
-        appearance: build(demonstration, &config.appearance)?,
+        appearance: build(demonstration)?,
         provenance: vec![provenance],
     })
 }
@@ -83,7 +82,7 @@ pub fn add_demonstration(
     config: &SkillConfig,
 ) -> Result<StoredObject, CombineError> {
     match known {
-        None => Ok(to_stored(demonstration, provenance, config)?),
+        None => Ok(to_stored(demonstration, provenance)?),
         Some(known) => register(known, demonstration, provenance, config),
     }
 }
@@ -101,7 +100,7 @@ pub fn register(
     config: &SkillConfig,
 ) -> Result<StoredObject, CombineError> {
     let found = recognised_at_start(known, newer, config)?;
-    let appearance = build(newer, &config.appearance)?;
+    let appearance = build(newer)?;
     let motions = known.model.part_motions(&found.configurations);
     let mut stored = known.clone();
     stored.model.demonstrations += 1;

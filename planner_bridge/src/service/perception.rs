@@ -404,8 +404,7 @@ impl<'q> Perception<'q> {
         self.out.send(channel::RECOGNITION, &message);
         let Some(best) = believed.matches.into_iter().next() else { return };
         let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
-        let follow = self.config.skill.follow.clone();
-        if let Some(follower) = Follower::new(Arc::clone(object), &best, follow) {
+        if let Some(follower) = Follower::new(Arc::clone(object), &best) {
             if let Some(orders) = &mut self.orders {
                 orders.frame_seen(&best, frame.utime, *at);
             }

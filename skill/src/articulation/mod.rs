@@ -6,7 +6,6 @@
 
 mod circle;
 mod columns;
-mod config;
 mod consensus;
 mod fit;
 mod lost_poses;
@@ -17,7 +16,7 @@ mod spanning_tree;
 mod table;
 
 pub use columns::{Columns, KNOWN_NAMES, TimeColumn};
-pub use config::ArticulateConfig;
+pub(crate) use fit::POSITION_SIGMA_M;
 pub use fit::{FitError, FittedJoint, fit_models, type_probabilities};
 pub use pose_log::{LostLine, PoseLog, PoseLogError, parse_pose_log, read_pose_log};
 pub use pose_sample::PoseSample;

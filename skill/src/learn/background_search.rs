@@ -60,7 +60,7 @@ struct Running {
 
 /// What the joint search needs of the configuration.
 pub fn search_settings(config: &SkillConfig) -> SearchSettings<'_> {
-    SearchSettings { joints: &config.joints, ego_motion: &config.base, seed: config.seed }
+    SearchSettings { joints: &config.joints, seed: config.seed }
 }
 
 impl BackgroundSearch {
@@ -149,7 +149,7 @@ fn search(
     report: Option<&Mutex<Vec<Joint>>>,
 ) -> Found {
     let Snapshot { tracks, camera_from_base, keyframes } = snapshot;
-    let ego_motion = earlier.ego_motion.extended(&tracks, camera_from_base, &config.base);
+    let ego_motion = earlier.ego_motion.extended(&tracks, camera_from_base);
     let recording = Recording { tracks, ego_motion, keyframes };
     let settings = search_settings(config);
     let (warm_start, joints) =

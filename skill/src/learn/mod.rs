@@ -26,7 +26,6 @@ use joint_search::WarmStart;
 use keyframes::Keyframes;
 use learned_joint::LearnedJoints;
 use linkage_driver::RgbdFrame;
-use paper::config::PaperSettings;
 use recording::Recording;
 use stage_times::StageTimes;
 use tracking::{Tracker, informative_frames};
@@ -62,6 +61,10 @@ pub enum LearnError {
     Vision(#[from] opencv::Error),
 }
 
+/// Whole frames kept for appearance and free-space tests: bounds memory.
+const KEYFRAMES: usize = 48;
+/// Frames between searches for joints while frames arrive, and so how old a live guess may be.
+const SEARCH_EVERY: usize = 15;
 /// Fewest frames of a demonstration.
 const MIN_FRAMES: usize = 10;
 
@@ -91,13 +94,13 @@ impl Learner {
 
     fn with_progress(config: &SkillConfig, reports_progress: bool) -> Self {
         let every = match config.learn.way {
-            Method::DirectJoints => config.learn.search_every,
+            Method::DirectJoints => SEARCH_EVERY,
             Method::Paper | Method::Katz => 0,
         };
         Self {
             tracker: Tracker::new(config.track.clone()),
-            base: EgoMotionEstimator::new(&config.base, config.seed),
-            keyframes: Keyframes::new(config.learn.keyframes),
+            base: EgoMotionEstimator::new(config.seed),
+            keyframes: Keyframes::new(KEYFRAMES),
             background: BackgroundSearch::new(every, reports_progress),
             config: config.clone(),
             first_utime: 0,
@@ -192,8 +195,7 @@ impl Learner {
         }
         let earlier = background.settle();
         let poses = base.camera_from_base().to_vec();
-        let ego_motion =
-            times.measure("base", || earlier.ego_motion.extended(&tracks, poses, &config.base));
+        let ego_motion = times.measure("base", || earlier.ego_motion.extended(&tracks, poses));
         let recording = Recording { tracks, ego_motion, keyframes };
         let learned = learn_joints(&recording, &earlier.warm_start, &config, &mut times);
         Ok(assemble(object, &config, recording, learned, times))
@@ -208,8 +210,8 @@ fn learn_joints(
     times: &mut StageTimes,
 ) -> LearnedJoints {
     match config.learn.way {
-        Method::Paper => paper::learn(recording, &paper_settings(config), times),
-        Method::Katz => times.measure("katz", || katz::learn(recording, &config.katz)),
+        Method::Paper => paper::learn(recording, config.seed, times),
+        Method::Katz => times.measure("katz", || katz::learn(recording)),
         Method::DirectJoints => {
             let settings = search_settings(config);
             let found =
@@ -218,20 +220,8 @@ fn learn_joints(
                 return found;
             }
             let LearnedJoints { joints, rejections } = found;
-            let joints = times
-                .measure("planes", || plane_hinges::complete(joints, recording, &config.planes));
+            let joints = times.measure("planes", || plane_hinges::complete(joints, recording));
             LearnedJoints { joints, rejections }
         }
-    }
-}
-
-/// What the stages of the paper's method need of the configuration.
-fn paper_settings(config: &SkillConfig) -> PaperSettings<'_> {
-    PaperSettings {
-        segment: &config.segment,
-        pose: &config.pose,
-        articulate: &config.articulate,
-        structure: &config.structure,
-        seed: config.seed,
     }
 }

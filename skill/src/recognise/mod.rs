@@ -41,7 +41,7 @@ mod verdict;
 mod verify;
 
 pub use config::RecogniseConfig;
-pub use follow::{Asked, FollowConfig, Followed, Follower, Lost};
+pub use follow::{Asked, Followed, Follower, Lost};
 pub use known_object::KnownObject;
 pub use result::{JointState, RECOGNITION_SCHEMA, Recognised, Recognition, is_yes, yes};
 pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};

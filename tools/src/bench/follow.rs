@@ -106,7 +106,7 @@ fn follow(recording: &Path, truth: &Truth, config: &SkillConfig) -> Outcome<Opti
     let object = Arc::new(KnownObject::new(stored.model, &stored.appearance));
     let frames = frames_of(recording)?;
     let Some(found) = first_sight(&frames, &object, config)? else { return Ok(None) };
-    let Some(mut follower) = Follower::new(object, &found, config.follow.clone()) else {
+    let Some(mut follower) = Follower::new(object, &found) else {
         return Ok(None);
     };
     let (mut answers, mut times, mut lost_at) = (Vec::new(), Vec::new(), None);

@@ -78,7 +78,8 @@ fn trackers(common: &Common) -> Outcome<Vec<(String, TrackConfig)>> {
         trackers.push((profile.to_owned(), load(profile).context("a profile")?.track));
     }
     for (name, descriptor) in [("SIFT", DescriptorKind::Sift), ("SURF", DescriptorKind::Surf)] {
-        let track = TrackConfig { descriptor, ..load("default").context("a profile")?.track };
+        let mut track = load("default").context("a profile")?.track;
+        track.descriptor = descriptor;
         trackers.push((format!("default, {name} verifies"), track));
     }
     Ok(trackers)

@@ -64,7 +64,7 @@ fn summary(fitted: &Fitted) -> String {
 
 fn fit(path: &Path, args: &FitArgs, config: &SkillConfig) -> Result<Fitted, PoseLogError> {
     let log = read_pose_log(path, args.columns.as_ref())?;
-    let fits = fit_models(&log.samples, &config.articulate).map_err(|source| {
+    let fits = fit_models(&log.samples).map_err(|source| {
         let lost = log.describe_lost();
         PoseLogError::Fit { path: path.display().to_string(), source, lost }
     })?;

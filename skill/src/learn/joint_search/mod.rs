@@ -51,6 +51,9 @@ use std::sync::atomic::AtomicBool;
 use tracks_in_part_frame::TracksInFrame;
 pub use warm_start::WarmStart;
 
+/// Most rounds of choosing a joint and searching the tracks that it does not explain.
+const ROUNDS: usize = 4;
+
 /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
 pub fn learn(
     recording: &Recording,
@@ -95,7 +98,7 @@ fn find_joints(search: &mut SearchState) {
     let mut unexplained: Vec<usize> = (0..search.base_view.len()).collect();
     // Candidates of one round need not be grown again in the next.
     let mut candidates = reuse::reuse_joints(search, &mut unexplained);
-    for round in 0..search.config().rounds {
+    for round in 0..ROUNDS {
         if search.is_cancelled() {
             return;
         }
@@ -121,7 +124,6 @@ fn find_joints(search: &mut SearchState) {
 mod tests {
     use super::test_data::seen_along;
     use super::*;
-    use crate::learn::ego_motion::EgoMotionConfig;
     use crate::learn::keyframes::Keyframes;
     use crate::learn::tracking::{Track, TrackSet};
     use crate::object::joint_geometry::JointKind;
@@ -153,8 +155,8 @@ mod tests {
     }
 
     fn learned(recording: &Recording, earlier: &WarmStart) -> LearnedJoints {
-        let (joints, ego_motion) = (JointSearchConfig::default(), EgoMotionConfig::default());
-        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        let joints = JointSearchConfig::default();
+        let settings = SearchSettings { joints: &joints, seed: 1 };
         learn(recording, earlier, &settings)
     }
 
@@ -181,8 +183,7 @@ mod tests {
     #[test]
     fn a_search_ahead_tells_its_joints_unless_it_was_cancelled() {
         let joints = JointSearchConfig::default();
-        let ego_motion = EgoMotionConfig::default();
-        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        let settings = SearchSettings { joints: &joints, seed: 1 };
         let go_on = AtomicBool::new(false);
         let through = recording(|_| 2.4);
         let nothing = WarmStart::default();

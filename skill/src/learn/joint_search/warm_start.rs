@@ -2,7 +2,6 @@
 //! that little is left to do after the last frame. Tracks are numbered as in the track set, since the
 //! next search has other tracks in other rows.
 
-use super::config::JointSearchConfig;
 use super::decision::max_segment_cost;
 use super::estimate::JointEstimate;
 use super::evidence::Evidence;
@@ -51,17 +50,12 @@ pub struct RejectedHypothesis {
 
 impl RejectedHypothesis {
     /// A hypothesis and what it grew to, which is not accepted.
-    pub fn new(
-        h: &Hypothesis,
-        grown: Option<&JointEstimate>,
-        view: &TracksInFrame,
-        config: &JointSearchConfig,
-    ) -> Self {
+    pub fn new(h: &Hypothesis, grown: Option<&JointEstimate>, view: &TracksInFrame) -> Self {
         let known = grown.map(JointEstimate::known_frames).unwrap_or_default();
         let first = known.first().map_or(h.from, |f| h.from.min(*f));
         let last = known.last().map_or(h.to, |f| h.to.max(*f));
         let is_lost = last + MAX_LOST < view.frames;
-        let is_poor = grown.is_some_and(|j| j.cost > max_segment_cost(config));
+        let is_poor = grown.is_some_and(|j| j.cost > max_segment_cost());
         let tracks = h.tracks.clone();
         Self { tracks, first, last, frames: view.frames, for_good: is_lost || is_poor }
     }
@@ -133,12 +127,11 @@ impl WarmStart {
         joints: &[JointEstimate],
         rejected: impl Iterator<Item = &'d RejectedHypothesis>,
         best_rank: f64,
-        config: &JointSearchConfig,
     ) -> Self {
         let view = view_from(None);
         let id = |row: usize| Some(set.tracks[view.track_ids[row]].id);
         let cached = |j: &JointEstimate| {
-            let probabilities = type_selection::type_probabilities(j, &view_from(j.parent), config);
+            let probabilities = type_selection::type_probabilities(j, &view_from(j.parent));
             CachedJoint::new(j, probabilities.values().any(|p| *p >= CERTAIN), &view, set)
         };
         Self {
@@ -249,9 +242,7 @@ mod tests {
         door.members = vec![1, 4, 6];
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
-        let config = JointSearchConfig::default();
-        let warm_start =
-            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
+        let warm_start = WarmStart::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0);
         let joints = warm_start.joints_of(None, &view(30), &tracks());
         let (door, _) = &joints[0];
         assert_eq!(door.members, [1, 4, 6]);
@@ -265,8 +256,7 @@ mod tests {
         let early = view(20);
         let still = JointEstimate::new(HINGE, &early, 0);
         let of = |joints: &[JointEstimate]| {
-            let config = JointSearchConfig::default();
-            WarmStart::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
+            WarmStart::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0)
         };
         assert_eq!(of(&[still]).since(None), 0);
         assert_eq!(of(&[]).since(None), 20);
@@ -279,10 +269,9 @@ mod tests {
         let mut hand = JointEstimate::new(HINGE, &early, 0);
         hand.known = (0..40).map(|f| (5..=last).contains(&f)).collect();
         hand.cost = 3.0;
-        let config = JointSearchConfig::default();
-        let rejected = RejectedHypothesis::new(&hypothesis(6, 12), Some(&hand), &early, &config);
+        let rejected = RejectedHypothesis::new(&hypothesis(6, 12), Some(&hand), &early);
         let of_early =
-            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[], [rejected].iter(), 7.0, &config);
+            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[], [rejected].iter(), 7.0);
         of_early.rejected_in(now, &tracks())
     }
 

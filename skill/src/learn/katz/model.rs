@@ -1,10 +1,14 @@
 //! A slide first; a hinge when the slide leaves too much; else no joint.
 
-use super::config::KatzConfig;
-use super::rigid_body::Body;
+use super::rigid_body::{Body, MIN_COMMON_FRAMES};
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitVector3, Vector3};
+
+/// Residual of a slide, root mean square over features, from which a hinge is fitted, metres.
+const MAX_SLIDE_RESIDUAL_M: f64 = 0.01;
+/// Residual of a hinge from which two bodies are not connected, metres.
+const MAX_HINGE_RESIDUAL_M: f64 = 0.02;
 
 /// A joint between two bodies.
 pub struct Fit {
@@ -21,7 +25,7 @@ pub struct Fit {
 }
 
 /// Fits the motion of a body in the base (`None`) or in another body.
-pub fn fit(child: &Body, parent: Option<&Body>, config: &KatzConfig) -> Option<Fit> {
+pub fn fit(child: &Body, parent: Option<&Body>) -> Option<Fit> {
     let (frames, motions): (Vec<usize>, Vec<Pose>) = child
         .base_from_body
         .iter()
@@ -34,7 +38,7 @@ pub fn fit(child: &Body, parent: Option<&Body>, config: &KatzConfig) -> Option<F
             Some((f, relative(pose.as_ref()?, parent)))
         })
         .unzip();
-    if frames.len() < config.min_common_frames {
+    if frames.len() < MIN_COMMON_FRAMES {
         return None;
     }
     let rest = motions[0];
@@ -44,11 +48,11 @@ pub fn fit(child: &Body, parent: Option<&Body>, config: &KatzConfig) -> Option<F
         Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64);
     let slide = slide(&motions, centre)
         .map(|(geometry, q)| judged(geometry, &frames, q, &motions, &points))
-        .filter(|fit| fit.residual < config.max_slide_residual_m);
+        .filter(|fit| fit.residual < MAX_SLIDE_RESIDUAL_M);
     slide.or_else(|| {
         let (geometry, q) = hinge(&motions, centre)?;
         let fit = judged(geometry, &frames, q, &motions, &points);
-        (fit.residual < config.max_hinge_residual_m).then_some(fit)
+        (fit.residual < MAX_HINGE_RESIDUAL_M).then_some(fit)
     })
 }
 

@@ -1,6 +1,5 @@
 //! A moving part with the joint that explains its motion relative to the base.
 
-use super::config::PaperSettings;
 use super::pose_optimisation::PartMotion;
 use crate::articulation::{FittedJoint, PoseSample, fit_models};
 use crate::learn::learned_joint::{RejectedCandidate, span_of};
@@ -25,14 +24,14 @@ impl Candidate {
 }
 
 /// Fits the joint models to the motion of a part in the base frame; `None` where no model fits.
-pub(super) fn fit_to_base(motion: PartMotion, settings: &PaperSettings) -> Option<Candidate> {
+pub(super) fn fit_to_base(motion: PartMotion) -> Option<Candidate> {
     let (frames, samples): (Vec<usize>, Vec<PoseSample>) = motion
         .base_from_part
         .iter()
         .enumerate()
         .filter_map(|(t, pose)| Some((t, PoseSample::from_pose(t as f64, pose.as_ref()?))))
         .unzip();
-    let fit = fit_models(&samples, settings.articulate).ok()?.into_iter().next()?;
+    let fit = fit_models(&samples).ok()?.into_iter().next()?;
     tracing::debug!(
         tracks = motion.tracks.len(),
         kind = fit.geometry.kind.name(),

@@ -7,6 +7,8 @@ use opencv::core::{Mat, Point, Point2f, Scalar, Size, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
 
+/// Free radius round a feature, in pixels: the detection mask.
+const SPACING_PX: f64 = 6.0;
 /// Side of a cell of [`TrackConfig::max_per_cell`], pixels.
 const CELL_PX: usize = 32;
 /// Pixels at the border in which no feature starts.
@@ -23,7 +25,7 @@ pub fn corners(
     let mut mask = empty_mask(gray.width(), gray.height(), 255.0)?;
     let mut cells = CellCount::new(gray, config.max_per_cell);
     for p in occupied {
-        block(&mut mask, p, config.spacing_px)?;
+        block(&mut mask, p, SPACING_PX)?;
         cells.take(p);
     }
     let mut found = Vec::new();
@@ -44,7 +46,7 @@ pub fn corners(
                 && corner.x <= gray.width() as f32 - 1.0 - BORDER_PX
                 && corner.y <= gray.height() as f32 - 1.0 - BORDER_PX;
             if inside && is_free(&mask, &corner) && cells.take(&corner) {
-                block(&mut mask, &corner, config.spacing_px)?;
+                block(&mut mask, &corner, SPACING_PX)?;
                 found.push(corner);
             }
         }
@@ -68,7 +70,7 @@ fn level_corners(
         // Cells may refuse some: ask for more than are wanted.
         (wanted * 2) as i32,
         config.quality,
-        (config.spacing_px / f64::from(factor)).max(2.0),
+        (SPACING_PX / f64::from(factor)).max(2.0),
         &level_mask,
         5,
         false,
