@@ -3,7 +3,8 @@
 //! header, before memory is taken for its pixels.
 
 use crate::camera::MAX_PIXELS;
-use crate::frame::{ColorImage, FrameError, PictureFault, same_size};
+use crate::error::{FrameError, PictureFault};
+use crate::frame::{ColorImage, same_size};
 use crate::{jpeg, text_table};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek};

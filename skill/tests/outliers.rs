@@ -2,7 +2,7 @@
 //! 30 %, each elsewhere or all at one place.
 
 use linkage_skill::articulation::{FittedJoint, PoseSample, fit_models};
-use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
+use linkage_skill::object::{JointGeometry, JointKind};
 use nalgebra::{Point3, Quaternion, UnitQuaternion, UnitVector3, Vector3};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;

@@ -2,7 +2,7 @@
 //! right joint type in every log whose type is known.
 
 use linkage_skill::articulation::{fit_models, read_pose_log};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use std::path::{Path, PathBuf};
 
 fn pose_logs() -> Option<PathBuf> {

@@ -1,8 +1,9 @@
 //! AprilTags on the parts: a second opinion on poses, and nothing is learned from them.
 
 use linkage_skill::articulation::{PoseSample, fit_models};
-use linkage_skill::math::rigid::{Pose, line_angle, pose_from_array};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::internals::line_angle;
+use linkage_skill::object::JointKind;
+use linkage_skill::{Pose, pose_from_array};
 use linkage_tests::{failure, linkage, tiny_recording};
 use nalgebra::Vector3;
 use serde_json::Value;

@@ -2,8 +2,9 @@
 //! subscriber that nobody here wrote, and recorded by LCM's own logger.
 
 use linkage_skill::SkillConfig;
-use linkage_skill::math::rigid::{distance_to_line, line_angle};
-use linkage_skill::recognise::{Follower, RecogniseConfig, Recognition, Scene};
+use linkage_skill::config::RecogniseConfig;
+use linkage_skill::internals::{distance_to_line, line_angle};
+use linkage_skill::recognise::{Follower, Recognition, Scene};
 use linkage_skill::store::{Library, Store};
 use linkage_tests::{failure, linkage, program, python_with_lcm, shared_data, simulated};
 use nalgebra::{Point3, Vector3};

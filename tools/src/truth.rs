@@ -1,7 +1,7 @@
 //! `truth.json` beside a recording: written by the simulator, read by the benchmark.
 
 use anyhow::Context;
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

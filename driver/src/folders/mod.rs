@@ -13,6 +13,7 @@ pub use associations::open_associations;
 pub use intrinsics::{parse_info, parse_matrix, parse_open3d};
 
 use crate::camera::PinholeCamera;
+use crate::camera_file::read_camera_file;
 use crate::depth::{Registration, ScaleWatch};
 use crate::error::{PictureFault, SourceError};
 use crate::frame::{DepthImage, RgbdFrame};
@@ -127,7 +128,7 @@ fn camera_and_view(
     let toml = dir.join("camera.toml");
     let described = match given {
         Some(camera) => Some(camera.clone()),
-        None if toml.is_file() => Some(PinholeCamera::read_or_explain(&toml)?),
+        None if toml.is_file() => Some(read_camera_file(&toml)?),
         None => None,
     };
     let coarse = if color_size == depth_size {

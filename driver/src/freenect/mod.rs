@@ -8,6 +8,7 @@
 mod sys;
 
 use crate::camera::PinholeCamera;
+use crate::camera_file::read_camera_file;
 use crate::error::SourceError;
 use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::kinect;
@@ -43,7 +44,7 @@ impl FreenectCamera {
         let device = sys::Device::open(index)
             .map_err(|reason| SourceError::Device { name: format!("freenect:{index}"), reason })?;
         let dump = dump_camera().filter(|_| device.is_playback());
-        let described = dump.map(|path| PinholeCamera::read_or_explain(&path)).transpose()?;
+        let described = dump.map(|path| read_camera_file(&path)).transpose()?;
         let registered = described.is_some() || !device.is_playback();
         let camera = camera.or(described).unwrap_or_else(PinholeCamera::kinect);
         Ok(Self {

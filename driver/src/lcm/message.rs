@@ -6,7 +6,8 @@
 
 use crate::camera::PinholeCamera;
 use crate::depth::Registration;
-use crate::frame::{ColorImage, DepthImage, FrameError, RgbdFrame, same_size};
+use crate::error::FrameError;
+use crate::frame::{ColorImage, DepthImage, RgbdFrame, same_size};
 use crate::jpeg;
 use crate::kinect;
 use flate2::Compression;

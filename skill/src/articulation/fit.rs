@@ -33,6 +33,7 @@ const EM_ITERATIONS: usize = 12;
 
 /// A log that no joint can be fitted to.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum FitError {
     /// Too few samples.
     #[error("{found} samples, at least {needed} are needed")]

@@ -7,7 +7,7 @@ use super::values::{LearnConfig, PlanesConfig, SkillConfig};
 use crate::explained_config::Explanation;
 use crate::learn::joint_search::config::JointSearchConfig;
 use crate::learn::tracking::TrackConfig;
-use crate::recognise::RecogniseConfig;
+use crate::recognise::config::RecogniseConfig;
 use std::fmt::Write as _;
 use toml::{Table, Value};
 

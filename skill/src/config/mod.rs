@@ -2,9 +2,14 @@
 //! what differs from the profile that they extend.
 
 mod keys;
+pub(crate) mod merge;
 mod values;
 
+pub use crate::learn::joint_search::config::JointSearchConfig;
+pub use crate::learn::tracking::{DepthLift, DescriptorKind, FlowMethod, TrackConfig};
+pub use crate::recognise::config::RecogniseConfig;
 use keys::{check_keys, explained};
+use merge::merge;
 use serde::Deserialize;
 use std::path::Path;
 pub use values::{LearnConfig, Method, PlanesConfig, SkillConfig};
@@ -14,7 +19,7 @@ pub use values::{LearnConfig, Method, PlanesConfig, SkillConfig};
 #[non_exhaustive]
 pub enum ConfigError {
     /// No profile goes by that name.
-    #[error("no profile \"{name}\"; known: default, paper, katz")]
+    #[error("no profile \"{name}\"; known: {}", known_profiles())]
     Profile {
         /// As asked.
         name: String,
@@ -37,7 +42,9 @@ impl SkillConfig {
     pub fn load(profile: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
         let text = match profile {
             "default" => include_str!("../../../config/default.toml"),
+            #[cfg(feature = "paper")]
             "paper" => include_str!("../../../config/paper.toml"),
+            #[cfg(feature = "paper")]
             "katz" => include_str!("../../../config/katz.toml"),
             _ => return Err(ConfigError::Profile { name: profile.to_owned() }),
         };
@@ -64,23 +71,16 @@ impl SkillConfig {
     }
 }
 
+/// Names of the profiles that this build has.
+fn known_profiles() -> &'static str {
+    if cfg!(feature = "paper") { "default, paper, katz" } else { "default" }
+}
+
 fn parse(path: &str, text: &str) -> Result<toml::Table, ConfigError> {
     text.parse::<toml::Table>().map_err(|e| ConfigError::File {
         path: path.to_owned(),
         reason: in_one_line(&e.to_string()),
     })
-}
-
-/// Sets what `over` sets, table by table.
-pub fn merge(table: &mut toml::Table, over: toml::Table) {
-    for (key, value) in over {
-        match (table.get_mut(&key), value) {
-            (Some(toml::Value::Table(inner)), toml::Value::Table(over)) => merge(inner, over),
-            (_, value) => {
-                table.insert(key, value);
-            }
-        }
-    }
 }
 
 fn in_one_line(text: &str) -> String {
@@ -90,13 +90,13 @@ fn in_one_line(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::tracking::DescriptorKind;
 
     #[test]
     fn the_default_profile_is_the_default() {
         assert_eq!(SkillConfig::load("default", None).unwrap(), SkillConfig::default());
     }
 
+    #[cfg(feature = "paper")]
     #[test]
     fn the_paper_profile_holds_the_papers_values() {
         let paper = SkillConfig::load("paper", None).unwrap();
@@ -140,6 +140,7 @@ mod tests {
         assert!(refusal("track = 3\n").contains("invalid type"));
     }
 
+    #[cfg(feature = "paper")]
     #[test]
     fn what_is_printed_is_read_as_the_same_configuration() {
         for profile in ["default", "paper", "katz"] {

@@ -4,7 +4,7 @@
 use crate::explained_config::explained_config;
 use crate::learn::joint_search::config::JointSearchConfig;
 use crate::learn::tracking::TrackConfig;
-use crate::recognise::RecogniseConfig;
+use crate::recognise::config::RecogniseConfig;
 use serde::{Deserialize, Serialize};
 
 /// Which method learns.
@@ -12,12 +12,14 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum Method {
     /// The paper's: cluster tracks, then poses, then models.
+    #[cfg(feature = "paper")]
     #[serde(rename = "clusters")]
     Paper,
     /// Ours: joints with a shared configuration fitted directly to the tracks.
     #[serde(rename = "joints")]
     DirectJoints,
     /// The paper's baseline: Katz et al. 2013.
+    #[cfg(feature = "paper")]
     Katz,
 }
 

@@ -1,8 +1,8 @@
 //! The narrow bridge to OpenCV: pictures in, pictures out.
 
-use linkage_driver::ColorImage;
+use linkage_frames::ColorImage;
 use nalgebra::Matrix3;
-use opencv::core::{self, CV_8U, DataType, Mat, Size, Vec2f, Vector};
+use opencv::core::{self, CV_8U, Mat, Size};
 use opencv::imgproc;
 use opencv::prelude::*;
 
@@ -82,20 +82,4 @@ impl Gray {
 /// A mask of zeros.
 pub fn empty_mask(width: usize, height: usize, value: f64) -> opencv::Result<Mat> {
     Mat::new_rows_cols_with_default(height as i32, width as i32, CV_8U, core::Scalar::all(value))
-}
-
-/// 5x5 median of each flow component (Wang et al. 2011, as the paper cites it).
-pub fn median_blur_flow(flow: &Mat) -> opencv::Result<Mat> {
-    let mut components: Vector<Mat> = Vector::new();
-    core::split(flow, &mut components)?;
-    let mut smoothed: Vector<Mat> = Vector::new();
-    for component in &components {
-        let mut out = Mat::default();
-        imgproc::median_blur(&component, &mut out, 5)?;
-        smoothed.push(out);
-    }
-    let mut merged = Mat::default();
-    core::merge(&smoothed, &mut merged)?;
-    debug_assert_eq!(merged.typ(), Vec2f::opencv_type());
-    Ok(merged)
 }

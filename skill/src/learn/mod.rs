@@ -1,37 +1,44 @@
 //! Learning from a demonstration: the paper's training phase (its Fig. 3), as one type that
 //! takes frames as they come and one function that finishes.
 
-pub mod appearance;
+pub(crate) mod appearance;
 mod background_search;
-pub mod demonstration;
-pub mod ego_motion;
-pub mod free_space;
-pub mod grasp_point;
-pub mod joint_search;
-pub mod katz;
-pub mod keyframes;
-pub mod learned_joint;
-pub mod paper;
-pub mod plane_hinges;
-pub mod recording;
-pub mod stage_times;
-pub mod tracking;
+pub(crate) mod demonstration;
+pub(crate) mod ego_motion;
+pub(crate) mod free_space;
+pub(crate) mod grasp_point;
+pub(crate) mod joint_search;
+#[cfg(feature = "paper")]
+pub(crate) mod katz;
+pub(crate) mod keyframes;
+pub(crate) mod learned_joint;
+#[cfg(feature = "paper")]
+pub(crate) mod paper;
+pub(crate) mod plane_hinges;
+pub(crate) mod recording;
+pub(crate) mod stage_times;
+pub(crate) mod tracking;
 
 use crate::config::{Method, SkillConfig};
-use crate::learn::demonstration::{Demonstration, assemble};
 use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use crate::vision_error::VisionError;
 use background_search::{BackgroundSearch, Snapshot, search_settings};
+use demonstration::assemble;
 use ego_motion::EgoMotionEstimator;
 use joint_search::WarmStart;
-use keyframes::Keyframes;
+pub use keyframes::Keyframes;
 use learned_joint::LearnedJoints;
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use recording::Recording;
-use stage_times::StageTimes;
+pub use stage_times::StageTimes;
 use tracking::{Tracker, informative_frames};
+
+pub use demonstration::Demonstration;
+pub use learned_joint::RejectedCandidate;
 
 /// A demonstration that nothing can be learned from.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LearnError {
     /// Too few frames.
     #[error("the demonstration has {found} frames, at least {needed} are needed")]
@@ -58,7 +65,7 @@ pub enum LearnError {
     NoDepth,
     /// The vision library failed.
     #[error("vision: {0}")]
-    Vision(#[from] opencv::Error),
+    Vision(#[from] VisionError),
 }
 
 /// Whole frames kept for appearance and free-space tests: bounds memory.
@@ -95,6 +102,7 @@ impl Learner {
     fn with_progress(config: &SkillConfig, reports_progress: bool) -> Self {
         let every = match config.learn.way {
             Method::DirectJoints => SEARCH_EVERY,
+            #[cfg(feature = "paper")]
             Method::Paper | Method::Katz => 0,
         };
         Self {
@@ -125,7 +133,7 @@ impl Learner {
             self.first_utime = frame.utime;
         }
         self.last_utime = Some(frame.utime);
-        self.times.measure("track", || self.tracker.push(frame))?;
+        self.times.measure("track", || self.tracker.push(frame)).map_err(VisionError::new)?;
         self.times.measure("camera", || self.base.push(&self.tracker.lifted()));
         self.keyframes.offer(index, frame);
         let Self { tracker, base, keyframes, config, background, times, .. } = self;
@@ -155,6 +163,7 @@ impl Learner {
         tracing::debug!(of = marks.len(), kept = self.tracker.frames(), "frames forgotten");
     }
 
+    #[doc(hidden)]
     /// The tracker, for drawing what it follows.
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
@@ -210,7 +219,9 @@ fn learn_joints(
     times: &mut StageTimes,
 ) -> LearnedJoints {
     match config.learn.way {
+        #[cfg(feature = "paper")]
         Method::Paper => paper::learn(recording, config.seed, times),
+        #[cfg(feature = "paper")]
         Method::Katz => times.measure("katz", || katz::learn(recording)),
         Method::DirectJoints => {
             let settings = search_settings(config);

@@ -42,6 +42,7 @@ impl std::str::FromStr for Target {
 
 /// A prediction that cannot be made.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum PredictError {
     /// No joint goes by that name.
     #[error("{object} has no joint \"{joint}\"; it has: {known}")]

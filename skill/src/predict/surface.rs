@@ -4,8 +4,9 @@
 //!
 //! In: a frame, and the pixels of the part's features. Out: a convex polygon, pixels.
 
-use linkage_driver::RgbdFrame;
-use linkage_driver::depth::NormalMap;
+use crate::vision_error::VisionError;
+use linkage_frames::RgbdFrame;
+use linkage_frames::depth::NormalMap;
 use nalgebra::{Point2, Vector3};
 use opencv::core::{CV_8U, Mat, Point, Rect, Scalar, Vector};
 use opencv::features2d::MSER;
@@ -22,14 +23,22 @@ const MAX_AREA_PX: i32 = 320 * 240;
 /// that hull where no region does.
 ///
 /// # Errors
-/// Whatever the vision library says.
+/// [`VisionError`] if the vision library fails.
 pub fn moved_surface(
     frame: &RgbdFrame,
     features: &[Point2<f64>],
-) -> opencv::Result<Option<Vec<Point2<f64>>>> {
+) -> Result<Option<Vec<Point2<f64>>>, VisionError> {
     if features.len() < 3 {
         return Ok(None);
     }
+    outline(frame, features).map_err(VisionError::new)
+}
+
+/// [`moved_surface`] of enough features.
+fn outline(
+    frame: &RgbdFrame,
+    features: &[Point2<f64>],
+) -> opencv::Result<Option<Vec<Point2<f64>>>> {
     let towards = mean_normal(frame, features);
     let picture = facing_picture(frame, &towards)?;
     let mut mser = MSER::create(5, MIN_AREA_PX, MAX_AREA_PX, 0.25, 0.2, 200, 1.01, 0.003, 5)?;

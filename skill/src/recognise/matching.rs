@@ -286,7 +286,7 @@ fn highest(products: &[f32]) -> f32 {
 
 /// Tolerance of a matched place at depth `z`, metres.
 pub fn tolerance(z: f64) -> f64 {
-    0.008 + 3.0 * linkage_driver::depth::depth_sigma(z)
+    0.008 + 3.0 * linkage_frames::depth::depth_sigma(z)
 }
 
 #[cfg(test)]

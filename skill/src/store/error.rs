@@ -5,6 +5,7 @@ use std::path::Path;
 
 /// A store that cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum StoreError {
     /// It is not there.
     #[error("{path}: no such store; learn an object with --store first")]

@@ -15,9 +15,8 @@ mod inverted_index;
 mod library;
 #[cfg(test)]
 mod listing;
-mod record;
-mod schema;
-mod stored_object;
+pub(crate) mod record;
+pub(crate) mod schema;
 #[cfg(test)]
 mod test_data;
 mod transaction;
@@ -25,6 +24,3 @@ mod transaction;
 pub use database::{Revision, Store};
 pub use error::StoreError;
 pub use library::Library;
-pub use record::Record;
-pub use schema::SCHEMA_VERSION;
-pub use stored_object::{Provenance, StoredObject};

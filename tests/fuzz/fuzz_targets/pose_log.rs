@@ -2,7 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linkage_skill::articulation::{fit_models, parse_pose_log};
+use linkage_skill::articulation::fit_models;
+use linkage_skill::internals::parse_pose_log;
 
 /// Samples beyond which a fit takes too long for a fuzzer.
 const MAX_SAMPLES: usize = 40;

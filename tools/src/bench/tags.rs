@@ -5,8 +5,9 @@ use crate::steps::demonstrate_past;
 use crate::tags::TagLog;
 use crate::truth::{PoseArray, TrueJoint, Truth};
 use linkage_skill::articulation::{PoseSample, fit_models};
-use linkage_skill::math::rigid::{Pose, pose_from_array, pose_to_array, rotation_nearest};
+use linkage_skill::internals::rotation_nearest;
 use linkage_skill::{Demonstration, SkillConfig};
+use linkage_skill::{Pose, pose_from_array, pose_to_array};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
 
@@ -156,8 +157,8 @@ fn is_near(a: &Pose, b: &Pose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::math::rigid::{distance_to_line, line_angle, rotation_about};
-    use linkage_skill::object::joint_geometry::JointKind;
+    use linkage_skill::internals::{distance_to_line, line_angle, rotation_about};
+    use linkage_skill::object::JointKind;
     use nalgebra::UnitVector3;
 
     /// A turn by some degrees about some direction, another one each frame.

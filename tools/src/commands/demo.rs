@@ -14,7 +14,7 @@ use anyhow::{Context, anyhow};
 use linkage_lcm::messages::{drake, linkage};
 use linkage_lcm::{Lcm, Message, Packet, decode};
 use linkage_planner_bridge::{Request, Rig, channel, predict};
-use linkage_skill::math::rigid::{distance_to_line, line_angle};
+use linkage_skill::internals::{distance_to_line, line_angle};
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::Recognised;
 use linkage_skill::store::Store;

@@ -2,9 +2,9 @@
 
 use anyhow::bail;
 use linkage_planner_bridge::Rig;
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
-use linkage_skill::object::model::Joint;
+use linkage_skill::Pose;
+use linkage_skill::object::Joint;
+use linkage_skill::object::{JointGeometry, JointKind};
 
 /// Damping where nothing is known: newton metre seconds a radian, newton seconds a metre.
 const DAMPING: [f64; 2] = [0.1, 1.0];

@@ -12,7 +12,7 @@ use crate::image::cielab::CielabImage;
 use crate::math::rigid::plane_through;
 use crate::math::robust::without_strays;
 use crate::object::appearance::{Appearance, ModelFeature, Surfel};
-use linkage_driver::depth::{NormalMap, depth_sigma};
+use linkage_frames::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
 use occlusion_edges::edges;
 use paint::{Piece, SeenColour, paints};

@@ -4,7 +4,7 @@
 
 use crate::learn::demonstration::Demonstration;
 use crate::learn::tracking::{Track, Trajectory};
-use linkage_driver::PinholeCamera;
+use linkage_frames::PinholeCamera;
 use nalgebra::Point3;
 
 /// A feature that leaves its place on the base by this much moves, radians: 4 pixels of a Kinect.

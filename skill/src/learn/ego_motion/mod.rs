@@ -15,7 +15,9 @@ use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
 pub use depth_noise::coarse_sigma;
 use nalgebra::Point3;
-pub use observation::{BaseObservation, Information};
+pub use observation::BaseObservation;
+#[cfg(test)]
+pub use observation::Information;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -57,6 +59,7 @@ impl TrackInBase {
     }
 
     /// Observations with their frames.
+    #[cfg(feature = "paper")]
     pub fn seen(&self) -> impl Iterator<Item = (usize, &BaseObservation)> {
         let first = self.first_frame;
         self.points.iter().enumerate().filter_map(move |(i, p)| Some((first + i, p.as_ref()?)))

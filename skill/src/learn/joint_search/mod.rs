@@ -44,7 +44,7 @@ mod window_fit;
 use super::learned_joint::LearnedJoints;
 use super::recording::Recording;
 use crate::object::model::Joint;
-pub use config::{JointSearchConfig, SearchSettings};
+pub use config::SearchSettings;
 use search_state::SearchState;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -124,6 +124,7 @@ fn find_joints(search: &mut SearchState) {
 mod tests {
     use super::test_data::seen_along;
     use super::*;
+    use crate::learn::joint_search::config::JointSearchConfig;
     use crate::learn::keyframes::Keyframes;
     use crate::learn::tracking::{Track, TrackSet};
     use crate::object::joint_geometry::JointKind;

@@ -124,7 +124,7 @@ mod tests {
     use crate::learn::recording::Recording;
     use crate::learn::tracking::{Track, TrackSet};
     use crate::test_data::seen;
-    use linkage_driver::RgbdFrame;
+    use linkage_frames::RgbdFrame;
     use nalgebra::{Point3, Vector3};
     use std::sync::Arc;
 

@@ -6,9 +6,9 @@ mod candidate;
 mod merge;
 mod part_evidence;
 mod part_motions;
-pub mod pose_optimisation;
+pub(crate) mod pose_optimisation;
 mod rejection;
-pub mod segmentation;
+pub(crate) mod segmentation;
 mod tree;
 
 use super::learned_joint::{LearnedJoints, RejectedCandidate};

@@ -150,7 +150,7 @@ mod tests {
     fn joints_of_drawer(change: impl Fn(&mut Candidate)) -> Vec<LearnedJoint> {
         let pose = |f: usize| Some(Pose::translation(0.0, 0.0, 1.5 - 0.008 * f as f64));
         let base_from_part = (0..FRAMES).map(pose).collect();
-        let motion = PartMotion { base_from_part, reference_frame: 0, tracks: vec![3, 4] };
+        let motion = PartMotion { base_from_part, tracks: vec![3, 4] };
         let mut drawer = fit_to_base(motion).unwrap();
         change(&mut drawer);
         let recording = Recording {

@@ -171,7 +171,7 @@ mod tests {
     use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
     use crate::test_data::seen;
-    use linkage_driver::RgbdFrame;
+    use linkage_frames::RgbdFrame;
     use nalgebra::{Point3, UnitVector3, Vector3};
 
     fn hinge(direction: [f64; 3], origin: [f64; 3]) -> JointGeometry {

@@ -1,8 +1,8 @@
 //! From a place in the picture to a place in space.
 
 use super::track::Observation;
-use linkage_driver::depth::{BilateralConfig, SurfacePatch, depth_sigma, smooth};
-use linkage_driver::{DepthImage, RgbdFrame};
+use linkage_frames::depth::{BilateralConfig, SurfacePatch, depth_sigma, smooth};
+use linkage_frames::{DepthImage, RgbdFrame};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;

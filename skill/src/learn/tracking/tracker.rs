@@ -4,10 +4,11 @@ use super::config::TrackConfig;
 use super::corners;
 use super::depth_lift::Lifter;
 use super::descriptor::{Descriptors, describe, distance};
-use super::flow::{Picture, Prediction};
+use super::flow::Picture;
+use super::prediction::Prediction;
 use super::track::{Track, TrackSet};
 use crate::image::gray::Gray;
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use nalgebra::{Point2, Point3};
 use std::collections::HashSet;
 

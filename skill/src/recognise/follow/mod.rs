@@ -31,9 +31,10 @@ use super::stillness::EdgeView;
 use super::verdict::Verdict;
 use super::verify::verify;
 use crate::object::joint_geometry::JointKind;
+use crate::vision_error::VisionError;
 use align::Aligner;
 use answer::{Answer, state_of, told_by};
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use std::sync::Arc;
 
 /// Where the object is in a frame.
@@ -47,6 +48,7 @@ pub struct Followed {
 
 /// Why following ends.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Lost {
     /// The object has not been seen for too long.
     #[error("{object} has not been seen for {frames} frames; recognise it again")]
@@ -58,7 +60,7 @@ pub enum Lost {
     },
     /// The vision library failed.
     #[error("vision: {0}")]
-    Vision(#[from] opencv::Error),
+    Vision(#[from] VisionError),
 }
 
 /// Follows one object.
@@ -323,7 +325,7 @@ mod tests {
     use crate::recognise::matching::FeatureTable;
     use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use crate::test_data::seen;
-    use linkage_driver::ColorImage;
+    use linkage_frames::ColorImage;
     use nalgebra::{Point3, Vector3};
 
     /// Grey of horizontal stripes, 0 to 1.

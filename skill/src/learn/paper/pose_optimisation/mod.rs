@@ -19,8 +19,6 @@ use nalgebra::{Point3, Translation3};
 pub struct PartMotion {
     /// Maps part coordinates into the base frame, where the part was seen.
     pub base_from_part: Trajectory,
-    /// The frame in which part and base axes agree.
-    pub reference_frame: usize,
     /// Tracks that lie on the part.
     pub tracks: Vec<usize>,
 }
@@ -38,7 +36,7 @@ pub fn estimate(base: &EgoMotion, cluster: &Cluster, seed: u64) -> Option<PartMo
         // `pose` is the motion about the centroid since the reference frame.
         base_from_part[frame] = Some(shift * pose);
     }
-    Some(PartMotion { base_from_part, reference_frame, tracks: cluster.tracks.clone() })
+    Some(PartMotion { base_from_part, tracks: cluster.tracks.clone() })
 }
 
 /// The tracks that keep to a motion: in most of the frames in which both are known they are
