@@ -6,7 +6,9 @@ pub use crate::features::quantised::{Descriptor, quantise};
 pub use crate::features::{DescribedFeature, FeatureDensity, FeatureKind, Keypoints};
 pub use crate::image::gray::Gray;
 pub use crate::learn::learned_joint::{orient, range_of};
-pub use crate::learn::tracking::{Observation, Picture, Track, TrackSet, Tracker, Trajectory};
+pub use crate::learn::tracking::{
+    Observation, Picture, Track, TrackId, TrackSet, Tracker, Trajectory,
+};
 pub use crate::math::rigid::{
     distance_to_line, line_angle, nearest_on_line, orthonormal_basis, plane_through, rigid_fit,
     rotation_about, rotation_nearest,

@@ -22,8 +22,6 @@ pub use sys::device_count;
 
 /// The device counts at 60 MHz.
 const TICKS_PER_US: f64 = 60.0;
-/// Columns and rows of both cameras' pictures.
-const SIZE: (usize, usize) = (640, 480);
 const MM_PER_METRE: f64 = 1000.0;
 
 /// An open Kinect.
@@ -57,7 +55,7 @@ impl FreenectCamera {
     }
 
     fn assemble(&self, pair: Paired<Vec<u8>, Vec<u16>>) -> Result<RgbdFrame, CameraFault> {
-        let (width, height) = SIZE;
+        let (width, height) = sys::SIZE;
         let depth = if self.device.is_playback() {
             let metres = pair.depth.iter().map(|&d| kinect::metres_of(d)).collect();
             DepthImage::from_metres(width, height, metres)

@@ -14,7 +14,7 @@ use crate::gate::{Gate, Timeline};
 use crate::rgbd_source::{Awaited, RgbdSource};
 use crate::statistics::SourceStatistics;
 use queue::{FrameReader, FrameWriter, frame_queue};
-pub use queue::{LatestReader, LatestWriter, Nothing, latest};
+pub use queue::{LatestReader, LatestWriter, RecvError, latest};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;

@@ -55,22 +55,22 @@ pub struct LatestReader<T> {
 
 /// Why a reader was given nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Nothing {
+pub enum RecvError {
     /// None came in time.
-    Yet,
+    Timeout,
     /// None will come any more.
-    Ever,
+    Closed,
 }
 
 impl<T> LatestReader<T> {
     /// The oldest, as soon as there is one.
     ///
     /// # Errors
-    /// [`Nothing`] came in time, or ever will.
-    pub fn pop(&self, timeout: Duration) -> Result<T, Nothing> {
+    /// [`RecvError`]: none came in time, or none will any more.
+    pub fn pop(&self, timeout: Duration) -> Result<T, RecvError> {
         self.receiver.recv_timeout(timeout).map_err(|e| match e {
-            RecvTimeoutError::Timeout => Nothing::Yet,
-            RecvTimeoutError::Disconnected => Nothing::Ever,
+            RecvTimeoutError::Timeout => RecvError::Timeout,
+            RecvTimeoutError::Disconnected => RecvError::Closed,
         })
     }
 
@@ -142,8 +142,10 @@ impl FrameReader {
                 self.delivered += 1;
                 Ok(Awaited::Frame(frame))
             }
-            Err(Nothing::Yet) => Ok(Awaited::Nothing),
-            Err(Nothing::Ever) => self.told.failure.get().cloned().map_or(Ok(Awaited::End), Err),
+            Err(RecvError::Timeout) => Ok(Awaited::Nothing),
+            Err(RecvError::Closed) => {
+                self.told.failure.get().cloned().map_or(Ok(Awaited::End), Err)
+            }
         }
     }
 

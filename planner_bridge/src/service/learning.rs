@@ -60,10 +60,10 @@ impl LearningWorker {
         let cancelled = Arc::new(AtomicBool::new(false));
         let learning =
             Learning { object: object.clone(), result, cancelled: Arc::clone(&cancelled) };
-        let teacher = self.clone();
+        let worker = self.clone();
         std::thread::Builder::new().name("learn".to_owned()).spawn(move || {
             // Nobody waits for a demonstration that was cancelled.
-            let learned = teacher.learned(learner, &object, &cancelled);
+            let learned = worker.learned(learner, &object, &cancelled);
             let _ = sender.send(with_losses(learned, lost));
         })?;
         Ok(learning)

@@ -1,7 +1,7 @@
 //! The skill itself: a store, a demonstration that runs, recognition and prediction.
 
 use crate::answers::{linkage_prediction, linkage_recognition};
-use crate::border::{Failure, call, free, given, linkage_result, optional_text, place, text};
+use crate::boundary::{Failure, call, free, given, linkage_result, optional_text, place, text};
 use crate::frame::{linkage_frame, taken};
 use linkage_planner_bridge::{PlanError, Request, Rig, predict};
 use linkage_skill::internals::check_name;

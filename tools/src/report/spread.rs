@@ -51,7 +51,7 @@ pub fn deviations<'t>(
 mod tests {
     use super::*;
     use linkage_skill::Pose;
-    use linkage_skill::internals::Observation;
+    use linkage_skill::internals::{Observation, TrackId};
     use nalgebra::Point2;
 
     /// A feature 1 m from the hinge that departs from its place along its way.
@@ -61,7 +61,11 @@ mod tests {
             point_in_camera: Some(Point3::new(x, 0.0, *d)),
             normal_in_camera: None,
         };
-        Track { id: 0, first_frame: 0, observations: departures_m.iter().map(seen).collect() }
+        Track {
+            id: TrackId(0),
+            first_frame: 0,
+            observations: departures_m.iter().map(seen).collect(),
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@
 mod depth_noise;
 mod observation;
 
-use super::tracking::{Track, TrackSet};
+use super::tracking::{Track, TrackId, TrackSet};
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
@@ -37,8 +37,8 @@ pub const MIN_EXTENT_SIGMAS: f64 = 4.0;
 /// A track as seen from the base.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrackInBase {
-    /// Number of the track; stays when other tracks are dropped.
-    pub id: usize,
+    /// Which track it is.
+    pub id: TrackId,
     /// First frame of `points`.
     pub first_frame: usize,
     /// Place in the base frame, a frame each; `None` without depth.
@@ -158,7 +158,7 @@ impl EgoMotion {
     /// The same motion with what was seen since: `set` holds these tracks, or some of them, and later
     /// ones. Poses that are known already stay.
     pub fn extended(&self, set: &TrackSet, camera_from_base: Vec<Pose>) -> Self {
-        let before: HashMap<usize, &Arc<TrackInBase>> =
+        let before: HashMap<TrackId, &Arc<TrackInBase>> =
             self.tracks.iter().map(|t| (t.id, t)).collect();
         let tracks: Vec<Arc<TrackInBase>> = set
             .tracks
@@ -278,7 +278,11 @@ mod tests {
                 point_in_camera: Some(pose(f) * at(f)),
                 normal_in_camera: None,
             };
-            Track { id, first_frame: 0, observations: (0..end.min(until)).map(seen).collect() }
+            Track {
+                id: TrackId(id),
+                first_frame: 0,
+                observations: (0..end.min(until)).map(seen).collect(),
+            }
         };
         TrackSet {
             frame_utimes: (0..until as i64).collect(),

@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use crate::learn::joint_search::config::JointSearchConfig;
     use crate::learn::keyframes::Keyframes;
-    use crate::learn::tracking::{Track, TrackSet};
+    use crate::learn::tracking::{Track, TrackId, TrackSet};
     use crate::object::joint_geometry::JointKind;
     use crate::test_data::{board, seen};
     use nalgebra::Point3;
@@ -149,7 +149,7 @@ mod tests {
         for f in (0..FRAMES).step_by(3) {
             keyframes.offer(f, &seen(f as i64, board(0.2, board_at(f), 2.5)));
         }
-        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
         let tracks = (0..paths.len()).map(track).collect();
         let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
         Recording { tracks, ego_motion: seen_along(&paths), keyframes }

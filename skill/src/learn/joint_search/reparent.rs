@@ -122,7 +122,7 @@ mod tests {
     use crate::learn::joint_search::warm_start::WarmStart;
     use crate::learn::keyframes::Keyframes;
     use crate::learn::recording::Recording;
-    use crate::learn::tracking::{Track, TrackSet};
+    use crate::learn::tracking::{Track, TrackId, TrackSet};
     use crate::test_data::seen;
     use linkage_frames::RgbdFrame;
     use nalgebra::{Point3, Vector3};
@@ -231,7 +231,7 @@ mod tests {
                     .for_each(|(_, p)| *p = None);
             }
         }
-        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
         let tracks = (0..paths.len()).map(track).collect();
         let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
         let recording = Recording { tracks, ego_motion: base, keyframes };

@@ -41,7 +41,7 @@ pub fn learned_joints(search: &SearchState) -> Vec<LearnedJoint> {
                     ..joint_in_object(search, i)
                 },
                 base_from_part: trajectory(search, i),
-                tracks: members.map(|&t| search.base_view.track_ids[t]).collect(),
+                tracks: members.map(|&t| search.base_view.track_numbers[t]).collect(),
                 plain_surface: Vec::new(),
             }
         })

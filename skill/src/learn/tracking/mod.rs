@@ -23,5 +23,5 @@ pub use depth_lift::DepthLift;
 pub use descriptor::DescriptorKind;
 pub use flow::{FlowMethod, Picture};
 pub use thin::informative_frames;
-pub use track::{Observation, Track, TrackSet, Trajectory};
+pub use track::{Observation, Track, TrackId, TrackSet, Trajectory};
 pub use tracker::Tracker;

@@ -15,11 +15,16 @@ pub struct Observation {
     pub normal_in_camera: Option<Vector3<f64>>,
 }
 
+/// Identity of a track: its number in order of birth. It stays when other tracks are dropped, unlike
+/// the track's index in a [`TrackSet`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TrackId(pub usize);
+
 /// A feature followed through consecutive frames.
 #[derive(Debug, Clone)]
 pub struct Track {
-    /// Number in order of birth; stays when other tracks are dropped.
-    pub id: usize,
+    /// Which track it is.
+    pub id: TrackId,
     /// Index of its first frame.
     pub first_frame: usize,
     /// One observation a frame from there on.

@@ -6,7 +6,7 @@ use super::depth_lift::Lifter;
 use super::descriptor::{Descriptors, describe, distance};
 use super::flow::Picture;
 use super::prediction::Prediction;
-use super::track::{Track, TrackSet};
+use super::track::{Track, TrackId, TrackSet};
 use crate::image::gray::Gray;
 use linkage_frames::RgbdFrame;
 use nalgebra::{Point2, Point3};
@@ -195,7 +195,7 @@ impl Tracker {
             let number = self.set.tracks.len();
             let description = descriptions.get(i).to_vec();
             self.live.push(Feature { track: number, pixel, description });
-            let track = Track { id: self.born, first_frame, observations: Vec::new() };
+            let track = Track { id: TrackId(self.born), first_frame, observations: Vec::new() };
             self.set.tracks.push(track);
             self.born += 1;
         }
