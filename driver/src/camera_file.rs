@@ -1,7 +1,7 @@
 //! Reads the `camera.toml` of a source.
 
-use crate::camera::PinholeCamera;
 use crate::error::SourceError;
+use linkage_frames::camera::PinholeCamera;
 use std::path::Path;
 
 /// Reads `camera.toml`, with the keys that it may hold in the error.

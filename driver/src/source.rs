@@ -2,7 +2,6 @@
 
 use crate::bag::reader::BagReader;
 use crate::bag::{BagOptions, BagRecording};
-use crate::camera::PinholeCamera;
 use crate::camera_file::read_camera_file;
 use crate::error::SourceError;
 use crate::folders::{self, Layout};
@@ -17,6 +16,7 @@ use crate::rosbag1::Rosbag1Reader;
 use crate::rosbag2::{Rosbag2Reader, SqliteReader};
 use crate::tum::TumRecording;
 use crate::v4l::V4lCamera;
+use linkage_frames::camera::PinholeCamera;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

@@ -7,13 +7,13 @@
 #[allow(unsafe_code)]
 mod sys;
 
-use crate::camera::PinholeCamera;
 use crate::camera_file::read_camera_file;
 use crate::error::SourceError;
-use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,10 +1,10 @@
 //! Bounded queues without locks whose writer never waits, and the one between the capture thread
 //! and whoever takes the frames.
 
-use crate::frame::RgbdFrame;
 use crate::rgbd_source::Awaited;
 use crate::statistics::SourceStatistics;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use linkage_frames::frame::RgbdFrame;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
