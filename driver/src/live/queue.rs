@@ -155,3 +155,41 @@ impl FrameReader {
         SourceStatistics { delivered: self.delivered, dropped: self.frames.dropped(), ..source }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHORT: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn the_oldest_gives_way_when_there_is_no_room() {
+        let (writer, reader) = latest(2);
+        (1..=4).for_each(|n| writer.push(n));
+        assert_eq!((reader.pop(SHORT), reader.pop(SHORT)), (Ok(3), Ok(4)));
+        assert_eq!(reader.dropped(), 2);
+    }
+
+    #[test]
+    fn an_empty_queue_is_told_from_a_closed_one() {
+        let (writer, reader) = latest::<u8>(0);
+        assert_eq!(reader.pop(SHORT), Err(RecvError::Timeout));
+        let another = writer.clone();
+        drop(writer);
+        assert_eq!(reader.pop(SHORT), Err(RecvError::Timeout), "one writer is left");
+        another.push(7);
+        drop(another);
+        assert_eq!(reader.pop(SHORT), Ok(7), "what waits can still be taken");
+        assert_eq!(reader.pop(SHORT), Err(RecvError::Closed));
+    }
+
+    #[test]
+    fn a_failure_is_told_once_the_frames_are_taken() {
+        let (writer, mut reader) = frame_queue(1);
+        writer.close(Some("the cable was pulled".to_owned()));
+        assert_eq!(reader.pop(SHORT).err().as_deref(), Some("the cable was pulled"));
+        let (writer, mut reader) = frame_queue(1);
+        writer.close(None);
+        assert!(matches!(reader.pop(SHORT), Ok(Awaited::End)));
+    }
+}

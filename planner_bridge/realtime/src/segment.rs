@@ -181,3 +181,54 @@ impl Segment {
             .try_for_each(|t| bounds.check(&self.after(*t)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOUNDS: Bounds = Bounds {
+        limits: Limits { velocity: 1.0, acceleration: 2.0, jerk: 8.0 },
+        range: [-1.0, 1.0],
+    };
+
+    #[test]
+    fn a_piece_is_the_integral_of_its_jerk() {
+        let from = Sample { position: 0.1, velocity: 0.2, acceleration: -0.3 };
+        let piece = Segment::from(5.0, from, 1.2);
+        let (t, h) = (0.7, 1e-4);
+        let (before, now, after) = (piece.after(t - h), piece.after(t), piece.after(t + h));
+        assert_eq!(piece.after(0.0), from);
+        assert!(((after.position - before.position) / (2.0 * h) - now.velocity).abs() < 1e-7);
+        assert!(((after.velocity - before.velocity) / (2.0 * h) - now.acceleration).abs() < 1e-7);
+        assert!(((after.acceleration - before.acceleration) / (2.0 * h) - 1.2).abs() < 1e-7);
+    }
+
+    #[test]
+    fn a_piece_that_leaves_its_bounds_between_its_ends_is_refused() {
+        // Thrown up from 0.9 with a velocity that is gone after 0.5 s, and back again.
+        let up = Sample { position: 0.9, velocity: 0.5, acceleration: -1.0 };
+        let piece = Segment::from(0.0, up, 0.0);
+        assert!(piece.after(1.0).position <= 0.9);
+        assert_eq!(piece.check(1.0, &BOUNDS), Err(MotionError::Range));
+        assert_eq!(Segment { position: 0.8, ..piece }.check(1.0, &BOUNDS), Ok(()));
+    }
+
+    #[test]
+    fn each_limit_is_told_by_its_name() {
+        let with = |velocity, acceleration, jerk| {
+            let sample = Sample { position: 0.0, velocity, acceleration };
+            Segment::from(0.0, sample, jerk).check(0.01, &BOUNDS)
+        };
+        assert_eq!(with(0.5, 0.0, 0.0), Ok(()));
+        assert_eq!(with(1.1, 0.0, 0.0), Err(MotionError::Velocity));
+        assert_eq!(with(0.0, 2.1, 0.0), Err(MotionError::Acceleration));
+        assert_eq!(with(0.0, 0.0, 8.1), Err(MotionError::Jerk));
+    }
+
+    #[test]
+    fn bounds_must_be_numbers_above_zero() {
+        let limits = |jerk| Bounds { limits: Limits { jerk, ..BOUNDS.limits }, ..BOUNDS };
+        assert!(BOUNDS.are_sound() && !limits(0.0).are_sound() && !limits(f64::NAN).are_sound());
+        assert!(!Bounds { range: [f64::NEG_INFINITY, 0.0], ..BOUNDS }.are_sound());
+    }
+}

@@ -105,3 +105,47 @@ fn facing_picture(frame: &RgbdFrame, towards: &Vector3<f64>) -> opencv::Result<M
     imgproc::median_blur(&rows, &mut picture, 5)?;
     Ok(picture)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::seen;
+
+    /// A board that faces the camera before a wall that slants away; 80 pixels to each side.
+    fn slanted_room() -> RgbdFrame {
+        seen(0, |x, y| {
+            let (board, wall) = (1.0, 2.0 / (1.0 - 0.9 * x));
+            if x.abs() < 80.0 / 260.0 && y.abs() < 80.0 / 260.0 { board } else { wall }
+        })
+    }
+
+    fn pixels(reach: f64) -> Vec<Point2<f64>> {
+        let at = |i: usize| {
+            let (x, y) = ((i % 5) as f64 - 2.0, (i / 5) as f64 - 2.0);
+            Point2::new(160.0 + reach * x / 2.0, 120.0 + reach * y / 2.0)
+        };
+        (0..25).map(at).collect()
+    }
+
+    fn reach_of(outline: &[Point2<f64>]) -> f64 {
+        outline.iter().map(|p| (p.x - 160.0).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn the_outline_is_that_of_the_surface_that_carries_the_features() {
+        let outline = moved_surface(&slanted_room(), &pixels(66.0)).unwrap().unwrap();
+        let reach = reach_of(&outline);
+        assert!((70.0..90.0).contains(&reach), "the board reaches 80 pixels, the outline {reach}");
+    }
+
+    #[test]
+    fn where_no_region_fits_it_is_the_hull_of_the_features() {
+        let outline = moved_surface(&slanted_room(), &pixels(20.0)).unwrap().unwrap();
+        assert!((reach_of(&outline) - 20.0).abs() < 1.5, "{outline:?}");
+    }
+
+    #[test]
+    fn two_features_have_no_outline() {
+        assert_eq!(moved_surface(&slanted_room(), &pixels(10.0)[..2]).unwrap(), None);
+    }
+}

@@ -22,5 +22,5 @@ mod test_data;
 mod transaction;
 
 pub use database::{Revision, Store};
-pub use error::StoreError;
+pub use error::{DatabaseError, StoreError};
 pub use library::Library;

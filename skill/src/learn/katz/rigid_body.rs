@@ -113,3 +113,67 @@ impl Body {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::ego_motion::{BaseObservation, Information};
+    use nalgebra::Vector3;
+    use std::sync::Arc;
+
+    const FRAMES: usize = 30;
+
+    /// So many features in a row, each where `place` says in each frame.
+    fn features(
+        count: usize,
+        place: impl Fn(usize, usize) -> Point3<f64>,
+    ) -> Vec<Arc<TrackInBase>> {
+        let information = Information::new(&Vector3::z(), 0.001, 0.001);
+        let seen = |p| Some(BaseObservation::new(p, information, 0.001));
+        let track = |i: usize| {
+            let points = (0..FRAMES).map(|f| seen(place(i, f))).collect();
+            Arc::new(TrackInBase { points, moves: true, ..TrackInBase::default() })
+        };
+        (0..count).map(track).collect()
+    }
+
+    fn motion(tracks: Vec<Arc<TrackInBase>>) -> EgoMotion {
+        EgoMotion { camera_from_base: vec![Pose::identity(); FRAMES], tracks, static_count: 0 }
+    }
+
+    fn row(i: usize) -> f64 {
+        0.02 * i as f64
+    }
+
+    #[test]
+    fn features_that_keep_their_distance_are_a_body() {
+        let right = |i, f| Point3::new(row(i) + 0.01 * f as f64, 0.0, 1.0);
+        let up = |i, f| Point3::new(row(i), 0.5 + 0.01 * f as f64, 1.0);
+        let all = [features(14, right), features(12, up)].concat();
+        let bodies = cluster(&motion(all));
+        assert_eq!(bodies, [(0..14).collect::<Vec<_>>(), (14..26).collect::<Vec<_>>()]);
+    }
+
+    #[test]
+    fn few_features_and_what_stays_are_no_body() {
+        let moves = |i, f| Point3::new(row(i) + 0.01 * f as f64, 0.0, 1.0);
+        let stays = |i, _| Point3::new(row(i), 0.7, 1.0);
+        let all = [features(MIN_FEATURES - 1, moves), features(20, stays)].concat();
+        assert!(cluster(&motion(all)).is_empty());
+    }
+
+    #[test]
+    fn a_body_is_followed_by_the_motion_of_its_features() {
+        let hinge = Pose::new(Vector3::new(0.002, 0.0, 0.0), Vector3::y() * 0.01);
+        let place = |i: usize, f: usize| {
+            let start = Point3::new(row(i), 0.03 * (i % 3) as f64, 1.0);
+            (0..f).fold(start, |p, _| hinge * p)
+        };
+        let base = motion(features(12, place));
+        let body = Body::follow(&base, (0..12).collect()).unwrap();
+        let last = body.base_from_body[FRAMES - 1].unwrap();
+        let expected = (1..FRAMES).fold(Pose::identity(), |pose, _| hinge * pose);
+        assert!((last.inverse() * expected).translation.vector.norm() < 1e-9);
+        assert_eq!(body.points.len(), 12);
+    }
+}

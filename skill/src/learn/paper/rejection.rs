@@ -71,3 +71,66 @@ pub(super) fn doubt(
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::candidate::fit_to_base;
+    use super::super::pose_optimisation::PartMotion;
+    use super::*;
+    use crate::learn::ego_motion::{BaseObservation, EgoMotion, Information, TrackInBase};
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::TrackSet;
+    use crate::math::rigid::Pose;
+    use nalgebra::{Point3, Vector3};
+    use std::sync::Arc;
+
+    const FRAMES: usize = 60;
+
+    /// Why a part that slides by `way` metres between two rests, or without any, is refused.
+    fn doubt_about(way: f64, rests: bool, believed: bool) -> Option<String> {
+        let z = |f: usize| {
+            let moved = if rests { f.clamp(20, 40) - 20 } else { f / 3 };
+            1.5 - way * moved as f64 / 20.0
+        };
+        let information = Information::new(&Vector3::z(), 0.001, 0.001);
+        let seen = |f| Some(BaseObservation::new(Point3::new(0.0, 0.0, z(f)), information, 0.001));
+        let points = (0..FRAMES).map(seen).collect();
+        let track = Arc::new(TrackInBase { points, moves: true, ..TrackInBase::default() });
+        let recording = Recording {
+            tracks: TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks: Vec::new() },
+            ego_motion: EgoMotion {
+                camera_from_base: vec![Pose::identity(); FRAMES],
+                tracks: vec![track],
+                static_count: 0,
+            },
+            keyframes: Keyframes::new(2),
+        };
+        let pose = |f| Some(Pose::translation(0.0, 0.0, z(f)));
+        let motion =
+            PartMotion { base_from_part: (0..FRAMES).map(pose).collect(), tracks: vec![0] };
+        let candidate = fit_to_base(motion).unwrap();
+        let others = if believed { vec![candidate.clone()] } else { Vec::new() };
+        doubt(&recording, &candidate, &others)
+    }
+
+    #[test]
+    fn a_drawer_that_is_pulled_and_rests_is_believed() {
+        assert_eq!(doubt_about(0.3, true, false), None);
+    }
+
+    #[test]
+    fn what_hardly_moves_is_refused() {
+        let reason = doubt_about(0.04, true, false).unwrap();
+        assert!(reason.contains("moves by") || reason.contains("does not move"), "{reason}");
+    }
+
+    #[test]
+    fn what_never_rests_is_a_hand() {
+        assert_eq!(doubt_about(0.3, false, false).unwrap(), "only 0 % of it ever rests");
+    }
+
+    #[test]
+    fn what_moves_as_a_believed_part_does_is_a_consequence_of_it() {
+        assert!(doubt_about(0.3, true, true).unwrap().starts_with("it moves as a part does"));
+    }
+}

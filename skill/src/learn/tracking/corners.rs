@@ -110,3 +110,49 @@ impl CellCount {
         self.limit == 0 || *count <= self.limit
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chequerboard with squares of 16 pixels.
+    fn chequerboard() -> Gray {
+        let at =
+            |i: usize| if ((i % 160) / 16 + (i / 160) / 16).is_multiple_of(2) { 200 } else { 50 };
+        Gray::new(160, 128, &(0..160 * 128).map(at).collect::<Vec<u8>>()).unwrap()
+    }
+
+    fn config() -> TrackConfig {
+        TrackConfig { max_per_cell: 0, ..TrackConfig::default() }
+    }
+
+    #[test]
+    fn corners_are_where_four_squares_meet() {
+        let found = corners(&chequerboard(), &[], 20, &config()).unwrap();
+        assert_eq!(found.len(), 20);
+        for corner in &found {
+            let off = |x: f32| (x - 15.5 - 16.0 * ((x - 15.5) / 16.0).round()).abs();
+            assert!(off(corner.x) < 1.5 && off(corner.y) < 1.5, "{corner}");
+        }
+    }
+
+    #[test]
+    fn none_are_found_beside_those_that_are_there() {
+        let first = corners(&chequerboard(), &[], 10, &config()).unwrap();
+        let more = corners(&chequerboard(), &first, 10, &config()).unwrap();
+        let near = |a: &Point2<f32>| first.iter().any(|b| (a - b).norm() < SPACING_PX as f32);
+        assert!(!more.is_empty() && !more.iter().any(near));
+    }
+
+    #[test]
+    fn a_cell_holds_no_more_than_it_may() {
+        let few = TrackConfig { max_per_cell: 1, ..config() };
+        let found = corners(&chequerboard(), &[], 1000, &few).unwrap();
+        let mut cells: Vec<(usize, usize)> =
+            found.iter().map(|p| (p.x as usize / CELL_PX, p.y as usize / CELL_PX)).collect();
+        let all = cells.len();
+        cells.sort_unstable();
+        cells.dedup();
+        assert!(all > 10 && cells.len() == all, "{all} corners in {} cells", cells.len());
+    }
+}
