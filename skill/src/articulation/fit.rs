@@ -137,6 +137,7 @@ pub fn fit_models(samples: &[PoseSample]) -> Result<Vec<FittedJoint>, FitError> 
 }
 
 /// Probability of each kind given the samples, from the BIC of its fit (Kass & Raftery 1995).
+#[must_use]
 pub fn type_probabilities(fits: &[FittedJoint]) -> BTreeMap<JointKind, f64> {
     let least = fits.iter().map(|f| f.bic).fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> = fits.iter().map(|f| (-0.5 * (f.bic - least)).exp()).collect();

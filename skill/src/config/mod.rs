@@ -66,6 +66,7 @@ impl SkillConfig {
     }
 
     /// All values as TOML, each below comment lines that explain it.
+    #[must_use]
     pub fn to_explained_toml(&self) -> String {
         explained(&self.to_table())
     }

@@ -171,6 +171,7 @@ impl Learner {
 
     /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
     /// demonstration believes in. How long that part is depends on how fast this machine is.
+    #[must_use]
     pub fn current_estimate(&self, object: &str) -> ObjectModel {
         let joints = self.background.current_estimate();
         let part = |(i, _): (usize, &Joint)| Part::new(i + 1, format!("part{}", i + 1), 0);

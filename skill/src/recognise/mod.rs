@@ -55,6 +55,7 @@ use std::sync::Arc;
 ///
 /// Where distinct matches lead to no object at all, all matches are tried, of each. That costs as
 /// much again, and more: where something is known to be seen it is not asked for.
+#[must_use]
 pub fn recognise(
     scene: &Scene,
     objects: &[Arc<KnownObject>],
@@ -77,6 +78,7 @@ pub fn recognise(
 
 /// The best explanation of the scene by one object, whatever its score; `None` when too few
 /// matches agree in space.
+#[must_use]
 pub fn find(
     scene: &Scene,
     object: &KnownObject,

@@ -111,6 +111,7 @@ impl Follower {
     pub const PATIENCE: usize = 15;
 
     /// Starts where an object was recognised; `None` if its pose is none.
+    #[must_use]
     pub fn new(object: Arc<KnownObject>, found: &Recognised) -> Option<Self> {
         let articulated = Articulated::new(&object.model);
         let state = state_of(found, &articulated)?;
