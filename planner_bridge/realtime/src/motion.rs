@@ -201,6 +201,7 @@ impl Motion {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::segment::Limits;
     use proptest::prelude::*;
 
     pub const BOUNDS: Bounds = Bounds {

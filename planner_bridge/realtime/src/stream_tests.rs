@@ -1,9 +1,11 @@
 //! A stream under orders: both ends of the queue, with a clock and a network of their own.
 
 use crate::datagram::DATAGRAM_CAPACITY;
-use crate::motion::JointMotion;
 use crate::motion::tests::there;
+use crate::motion::{JointMotion, Motion};
 use crate::orders::{Notice, Orders};
+use crate::reason::{Reason, Refusal};
+use crate::shared::Shared;
 use crate::stream::*;
 
 const CHANNEL: &str = "LINKAGE_SETPOINT";
