@@ -175,7 +175,7 @@ mod tests {
         let index = Index::new([Words::of(&object.appearance)]);
         index.rank(&scene.features, 1);
         let known = Arc::new(KnownObject::new(object.model, &object.appearance));
-        recognise(scene, &[known], &RecogniseConfig::default(), 1);
+        let _ = recognise(scene, &[known], &RecogniseConfig::default(), 1);
     }
 
     #[test]

@@ -43,7 +43,7 @@ fn believed(
     motions: Vec<PartMotion>,
     seed: u64,
 ) -> (Vec<Candidate>, Vec<RejectedCandidate>) {
-    let mut fitted: Vec<Candidate> = motions.into_iter().filter_map(|m| fit_to_base(m)).collect();
+    let mut fitted: Vec<Candidate> = motions.into_iter().filter_map(fit_to_base).collect();
     merge_rigid(&recording.ego_motion, &mut fitted, seed);
     merge_segments(&mut fitted);
     fitted.sort_by_key(|c| std::cmp::Reverse(c.motion.tracks.len()));
