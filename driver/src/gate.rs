@@ -3,8 +3,8 @@
 //! A stamp is judged by the frames before it and by when its frame arrived. One wrong stamp
 //! must not block the frames after it, and a clock that begins again must not end a source.
 
-use crate::frame::RgbdFrame;
 use crate::statistics::SourceStatistics;
+use linkage_frames::frame::RgbdFrame;
 
 /// What becomes of time once the sender's clock has begun again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -197,8 +197,8 @@ impl Last {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::PinholeCamera;
-    use crate::frame::{ColorImage, DepthImage};
+    use linkage_frames::camera::PinholeCamera;
+    use linkage_frames::frame::{ColorImage, DepthImage};
     use proptest::prelude::*;
     use std::sync::Arc;
 

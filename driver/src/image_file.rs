@@ -2,9 +2,11 @@
 //! picture whose lower half is grey. A picture of another size than expected is refused by its
 //! header, before memory is taken for its pixels.
 
-use crate::camera::MAX_PIXELS;
-use crate::frame::{ColorImage, FrameError, PictureFault, same_size};
-use crate::{jpeg, text_table};
+use crate::error::{FrameError, PictureFault};
+use crate::jpeg;
+use linkage_frames::camera::MAX_PIXELS;
+use linkage_frames::frame::{ColorImage, same_size};
+use linkage_frames::text_table;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek};
 use std::path::Path;

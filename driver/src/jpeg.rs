@@ -1,6 +1,7 @@
 //! JPEG in memory, strictly: a truncated picture is an error.
 
-use crate::frame::{ColorImage, PictureFault, same_size};
+use crate::error::PictureFault;
+use linkage_frames::frame::{ColorImage, same_size};
 use zune_jpeg::zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
 /// Decodes a picture of so many columns and rows to RGB. One of another size is refused by its

@@ -8,11 +8,9 @@
 //! Camera frame: x right, y down, z forward; metres.
 
 pub mod bag;
-pub mod camera;
-pub mod depth;
+mod camera_file;
 pub mod error;
 pub mod folders;
-pub mod frame;
 pub mod freenect;
 pub mod gate;
 pub mod image_file;
@@ -29,15 +27,16 @@ pub mod rosbag1;
 pub mod rosbag2;
 pub mod source;
 pub mod statistics;
-pub mod text_table;
 pub mod tum;
 pub mod v4l;
 mod yuv;
 
-pub use camera::{CameraError, PinholeCamera};
+pub use camera_file::read_camera_file;
 pub use error::{FrameError, PictureFault, SourceError};
-pub use frame::{ColorImage, DepthImage, RgbdFrame};
 pub use gate::{Gate, Timeline};
+pub use linkage_frames::{
+    CameraError, ColorImage, DepthImage, PinholeCamera, RgbdFrame, camera, depth, frame, text_table,
+};
 pub use rgbd_source::{Awaited, RgbdSource};
 pub use source::{SourceOptions, open, open_with};
 pub use statistics::SourceStatistics;

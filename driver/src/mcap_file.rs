@@ -6,7 +6,7 @@
 use crate::bag::reader::{BagMessage, BagReader, MAX_MESSAGE_BYTES, MAX_TOPICS, Topic};
 use crate::bag::wire::WireFormat;
 use crate::error::SourceError;
-use crate::text_table;
+use linkage_frames::text_table;
 use mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use mcap::{Channel, McapError};
 use std::collections::BTreeMap;

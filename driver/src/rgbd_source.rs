@@ -1,8 +1,8 @@
 //! What every source of frames offers.
 
 use crate::error::SourceError;
-use crate::frame::RgbdFrame;
 use crate::statistics::SourceStatistics;
+use linkage_frames::frame::RgbdFrame;
 use std::time::Duration;
 
 /// What waiting for a frame gave.

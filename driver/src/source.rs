@@ -2,7 +2,7 @@
 
 use crate::bag::reader::BagReader;
 use crate::bag::{BagOptions, BagRecording};
-use crate::camera::PinholeCamera;
+use crate::camera_file::read_camera_file;
 use crate::error::SourceError;
 use crate::folders::{self, Layout};
 use crate::freenect::FreenectCamera;
@@ -16,6 +16,7 @@ use crate::rosbag1::Rosbag1Reader;
 use crate::rosbag2::{Rosbag2Reader, SqliteReader};
 use crate::tum::TumRecording;
 use crate::v4l::V4lCamera;
+use linkage_frames::camera::PinholeCamera;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -190,7 +191,7 @@ fn camera_beside(file: &Path) -> Result<PinholeCamera, SourceError> {
     let candidates: [PathBuf; 2] =
         [file.with_extension("camera.toml"), file.with_file_name("camera.toml")];
     match candidates.iter().find(|path| path.is_file()) {
-        Some(path) => PinholeCamera::read_or_explain(path),
+        Some(path) => read_camera_file(path),
         None => {
             let camera = PinholeCamera {
                 depth_units_per_metre: LCM_UNITS_PER_METRE,

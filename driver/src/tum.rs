@@ -4,14 +4,16 @@
 //! the nearest time stamp. Pictures are decoded one frame ahead on a thread of their own, so
 //! that reading a recording costs the learner little.
 
-use crate::camera::PinholeCamera;
-use crate::depth::{ScaleDoubt, ScaleWatch};
+use crate::camera_file::read_camera_file;
+use crate::error::PictureFault;
 use crate::error::SourceError;
-use crate::frame::{DepthImage, PictureFault, RgbdFrame};
 use crate::image_file;
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
-use crate::text_table;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::{ScaleDoubt, ScaleWatch};
+use linkage_frames::frame::{DepthImage, RgbdFrame};
+use linkage_frames::text_table;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, mpsc};
 
@@ -221,7 +223,7 @@ pub fn read_camera(dir: &Path) -> Result<Option<PinholeCamera>, SourceError> {
         PinholeCamera::kinect().warn_assumed(&dir.display().to_string(), &remedy);
         return Ok(None);
     }
-    PinholeCamera::read_or_explain(&path).map(Some)
+    read_camera_file(&path).map(Some)
 }
 
 fn read_list(dir: &Path, file: &str) -> Result<Vec<(i64, PathBuf)>, SourceError> {

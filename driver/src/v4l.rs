@@ -4,13 +4,13 @@
 //! camera is given (`--camera`), or Kinect defaults with depth in millimetres, which the first
 //! frames must bear out.
 
-use crate::camera::PinholeCamera;
-use crate::depth::{ScaleDoubt, ScaleWatch};
 use crate::error::SourceError;
-use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::jpeg;
 use crate::live::{Camera, CameraFault, Paired, Pairing};
 use crate::yuv::yuv_to_rgb;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::{ScaleDoubt, ScaleWatch};
+use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;

@@ -2,8 +2,8 @@
 //! the covariance of (axis, origin). They are `None` where nothing is known, which is not the same as
 //! nothing deviating.
 
-use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::Joint;
+use linkage_skill::object::Joint;
+use linkage_skill::object::JointKind;
 use nalgebra::{Matrix3, Vector3};
 
 /// Lesser of two variances as a share of the greater, below which it is none.
@@ -42,7 +42,7 @@ fn deviation_across(joint: &Joint, from: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::joint_geometry::JointGeometry;
+    use linkage_skill::object::JointGeometry;
     use nalgebra::Point3;
 
     fn of(line: &JointGeometry, variances: [f64; 6]) -> Joint {

@@ -1,7 +1,7 @@
 //! A rig's file: network and motion limits.
 
-use linkage_skill::config::merge;
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::internals::merge;
+use linkage_skill::object::JointKind;
 use serde::{Deserialize, Serialize};
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};

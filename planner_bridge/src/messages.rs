@@ -5,11 +5,11 @@ use crate::plan::{Plan, PlannedJoint, PlannedPart, Prediction};
 use crate::trajectory::{Knot, knots};
 use linkage_lcm::messages::{articulation, drake, linkage};
 use linkage_realtime::JointMotion;
-use linkage_skill::learn::demonstration::Demonstration;
-use linkage_skill::learn::tracking::Trajectory;
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::{Joint, ObjectModel};
+use linkage_skill::Pose;
+use linkage_skill::internals::Trajectory;
+use linkage_skill::learn::Demonstration;
+use linkage_skill::object::JointKind;
+use linkage_skill::object::{Joint, ObjectModel};
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 
 /// Version of `linkage.model_t`: 2 has joints with a deviation and a reason.

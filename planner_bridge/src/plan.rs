@@ -5,11 +5,12 @@ use crate::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
 use crate::limits::{Rig, Safety};
 use crate::trajectory::{Knot, Task, TrajectoryError, knots, together};
 use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
-use linkage_skill::math::rigid::{Pose, pose_to_array};
-use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::{Joint, ObjectModel};
+use linkage_skill::internals;
+use linkage_skill::object::JointKind;
+use linkage_skill::object::{Joint, ObjectModel};
 use linkage_skill::predict::{PredictError, PredictionContext, Target};
-use linkage_skill::recognise::{self, JointState, Recognised};
+use linkage_skill::recognise::{JointState, Recognised};
+use linkage_skill::{Pose, pose_to_array};
 use nalgebra::{Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
@@ -123,7 +124,7 @@ pub struct Prediction {
     /// Pose of the object frame.
     pub camera_from_object: [f64; 7],
     /// As in [`Recognised`].
-    #[serde(default = "recognise::yes", skip_serializing_if = "recognise::is_yes")]
+    #[serde(default = "internals::yes", skip_serializing_if = "internals::is_yes")]
     pub base_known: bool,
     /// Its joints.
     pub joints: Vec<PlannedJoint>,
@@ -360,10 +361,9 @@ impl<'e> Ways<'e> {
 pub(crate) mod tests {
     use super::*;
     use crate::limits::Synchronisation;
-    use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
-    use linkage_skill::object::model::{
-        Joint, MODEL_SCHEMA, Part, ReferenceFrame, covariance_rows,
-    };
+    use linkage_skill::internals::covariance_rows;
+    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
+    use linkage_skill::object::{JointGeometry, JointKind};
     use nalgebra::{Matrix6, Vector3};
 
     pub fn fridge() -> (ObjectModel, Recognised) {

@@ -4,7 +4,7 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use linkage_skill::articulation::{ArticulateConfig, PoseSample, fit_models, read_pose_log};
+use linkage_skill::articulation::{PoseSample, fit_models, read_pose_log};
 use nalgebra::Point3;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -44,10 +44,9 @@ fn logs_of_known_type() -> Vec<(String, Vec<PoseSample>)> {
 }
 
 fn fit(c: &mut Criterion) {
-    let config = ArticulateConfig::default();
     let door = synthetic_door();
     c.bench_function("fit/synthetic door, 300 samples", |b| {
-        b.iter(|| fit_models(black_box(&door), &config));
+        b.iter(|| fit_models(black_box(&door)));
     });
     let logs = logs_of_known_type();
     let mut medians: Vec<(f64, &str)> = logs
@@ -56,7 +55,7 @@ fn fit(c: &mut Criterion) {
             let mut times: Vec<f64> = (0..9)
                 .map(|_| {
                     let start = std::time::Instant::now();
-                    let _ = black_box(fit_models(black_box(samples), &config));
+                    let _ = black_box(fit_models(black_box(samples)));
                     start.elapsed().as_secs_f64() * 1e3
                 })
                 .collect();

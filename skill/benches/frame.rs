@@ -5,11 +5,12 @@
 #![allow(missing_docs)]
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
-use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
+use linkage_frames::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
-use linkage_skill::features::{FeatureDensity, Keypoints};
-use linkage_skill::image::gray::Gray;
-use linkage_skill::learn::tracking::{FlowMethod, Picture, Tracker};
+use linkage_skill::config::FlowMethod;
+use linkage_skill::internals::Gray;
+use linkage_skill::internals::{FeatureDensity, Keypoints};
+use linkage_skill::internals::{Picture, Tracker};
 use linkage_skill::recognise::Scene;
 use nalgebra::Point2;
 use opencv::core::{KeyPoint, Mat, Point2f, Size, TermCriteria, Vector, no_array};

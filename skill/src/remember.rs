@@ -13,12 +13,14 @@ use crate::math::rigid::{Pose, distance_to_line, line_angle, pose_from_array};
 use crate::object::appearance::Appearance;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::{Joint, ObjectModel, covariance_rows};
+use crate::object::stored_object::{Provenance, StoredObject};
 use crate::recognise::{KnownObject, Scene, find};
-use crate::store::{Provenance, StoredObject};
+use crate::vision_error::VisionError;
 use nalgebra::{Matrix6, Point3, UnitVector3, Vector3, Vector6};
 
 /// Two demonstrations of one object that do not go together.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CombineError {
     /// The object is not found in the new demonstration.
     #[error(
@@ -42,7 +44,7 @@ pub enum CombineError {
     },
     /// The vision library failed.
     #[error("vision: {0}")]
-    Vision(#[from] opencv::Error),
+    Vision(#[from] VisionError),
 }
 
 /// Largest angle between axes of one joint in two demonstrations, radians.
@@ -59,15 +61,14 @@ const SAME_PART: f64 = 0.3;
 /// A demonstration as an object of the store.
 ///
 /// # Errors
-/// Whatever the vision library says.
+/// [`VisionError`] if the vision library fails.
 pub fn to_stored(
     demonstration: &Demonstration,
     provenance: Provenance,
-    config: &SkillConfig,
-) -> opencv::Result<StoredObject> {
+) -> Result<StoredObject, VisionError> {
     Ok(StoredObject {
         model: demonstration.model.clone(),
-        appearance: build(demonstration, &config.appearance)?,
+        appearance: build(demonstration).map_err(VisionError::new)?,
         provenance: vec![provenance],
     })
 }
@@ -75,7 +76,8 @@ pub fn to_stored(
 /// A demonstration as an object, registered into what is known of it already, if anything is.
 ///
 /// # Errors
-/// As [`register`].
+/// [`CombineError::NotRecognised`] when the known object is not in the demonstration's first
+/// keyframe; [`CombineError::Contradiction`] when one part moves in two ways.
 pub fn add_demonstration(
     known: Option<&StoredObject>,
     demonstration: &Demonstration,
@@ -83,7 +85,7 @@ pub fn add_demonstration(
     config: &SkillConfig,
 ) -> Result<StoredObject, CombineError> {
     match known {
-        None => Ok(to_stored(demonstration, provenance, config)?),
+        None => Ok(to_stored(demonstration, provenance)?),
         Some(known) => register(known, demonstration, provenance, config),
     }
 }
@@ -94,14 +96,14 @@ pub fn add_demonstration(
 /// # Errors
 /// [`CombineError::NotRecognised`] when the known object is not in the demonstration's first
 /// keyframe; [`CombineError::Contradiction`] when one part moves in two ways.
-pub fn register(
+fn register(
     known: &StoredObject,
     newer: &Demonstration,
     provenance: Provenance,
     config: &SkillConfig,
 ) -> Result<StoredObject, CombineError> {
     let found = recognised_at_start(known, newer, config)?;
-    let appearance = build(newer, &config.appearance)?;
+    let appearance = build(newer).map_err(VisionError::new)?;
     let motions = known.model.part_motions(&found.configurations);
     let mut stored = known.clone();
     stored.model.demonstrations += 1;

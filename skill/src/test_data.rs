@@ -3,7 +3,7 @@
 use crate::features::quantised::quantise;
 use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};
 use crate::object::appearance::{Appearance, ModelFeature};
-use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
+use linkage_frames::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,8 +1,8 @@
 //! Poses that a tracker lost do not change what is fitted: however far away, however many up to
 //! 30 %, each elsewhere or all at one place.
 
-use linkage_skill::articulation::{ArticulateConfig, FittedJoint, PoseSample, fit_models};
-use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
+use linkage_skill::articulation::{FittedJoint, PoseSample, fit_models};
+use linkage_skill::object::{JointGeometry, JointKind};
 use nalgebra::{Point3, Quaternion, UnitQuaternion, UnitVector3, Vector3};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
@@ -151,9 +151,8 @@ fn assert_alike(log: &Log) -> Result<(), TestCaseError> {
     let is_outlier = spoil(log, &mut samples, &mut random);
     let mut outliers = is_outlier.iter();
     without.retain(|_| !*outliers.next().unwrap());
-    let config = ArticulateConfig::default();
-    let expected = fit_models(&without, &config).unwrap().swap_remove(0);
-    let found = fit_models(&samples, &config).unwrap().swap_remove(0);
+    let expected = fit_models(&without).unwrap().swap_remove(0);
+    let found = fit_models(&samples).unwrap().swap_remove(0);
     prop_assert_eq!(expected.geometry.kind, log.kind);
     prop_assert_eq!(found.geometry.kind, log.kind);
     let expected_inlier: Vec<bool> = is_outlier.iter().map(|is| !is).collect();

@@ -1,8 +1,8 @@
 //! Real pose logs of doors, drawers, dishwashers, cabinets (`$LINKAGE_DATA/pose_logs`): the
 //! right joint type in every log whose type is known.
 
-use linkage_skill::articulation::{ArticulateConfig, fit_models, read_pose_log};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::articulation::{fit_models, read_pose_log};
+use linkage_skill::object::JointKind;
 use std::path::{Path, PathBuf};
 
 fn pose_logs() -> Option<PathBuf> {
@@ -33,7 +33,7 @@ fn every_log_of_known_type_is_told_right() {
         };
         typed += 1;
         let samples = read_pose_log(&logs.join(file), None).unwrap().samples;
-        let fitted = fit_models(&samples, &ArticulateConfig::default()).unwrap();
+        let fitted = fit_models(&samples).unwrap();
         for f in &fitted {
             eprintln!(
                 "{file} {:?} {:?} bic {:.1} n {:.1} rmse {:.2} mm r {:.2} out {:.2}",

@@ -330,13 +330,14 @@ fn an_unknown_profile_and_an_unknown_key() {
     assert_says(&failure(&output), 2, &["\"fast\"", "paper"]);
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mine.toml");
-    std::fs::write(&file, "[track]\nmax_feature = 5\n").unwrap();
-    let output = linkage(&["config", "dump", "--config", &file.display().to_string()]);
-    assert_says(
-        &failure(&output),
-        2,
-        &["mine.toml", "max_feature", "did you mean \"max_features\""],
-    );
+    let refused = |text: &str| {
+        std::fs::write(&file, text).unwrap();
+        failure(&linkage(&["config", "dump", "--config", &file.display().to_string()]))
+    };
+    let unknown = refused("[track]\nmax_feature = 5\n");
+    assert_says(&unknown, 2, &["mine.toml", "did you mean \"track.max_features\""]);
+    let former = refused("[joints]\nmax_cost = 3.0\n");
+    assert_says(&former, 2, &["mine.toml", "\"joints.max_cost\" is a constant"]);
 }
 
 #[test]

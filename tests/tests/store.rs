@@ -1,7 +1,8 @@
 //! A store never lies: nothing is put in it that was cut short, nothing that was acknowledged goes
 //! from it, it is read where it cannot be written, and what it cannot be is refused with words.
 
-use linkage_skill::store::{Store, StoredObject};
+use linkage_skill::object::StoredObject;
+use linkage_skill::store::Store;
 use linkage_tests::service::Service;
 use linkage_tests::{build, failure, linkage, program, simulated};
 use std::os::unix::process::CommandExt;

@@ -1,9 +1,9 @@
 //! AprilTags on the parts: a second opinion on poses, and nothing is learned from them.
 
 use linkage_skill::articulation::{PoseSample, fit_models};
-use linkage_skill::config::SkillConfig;
-use linkage_skill::math::rigid::{Pose, line_angle, pose_from_array};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::internals::line_angle;
+use linkage_skill::object::JointKind;
+use linkage_skill::{Pose, pose_from_array};
 use linkage_tests::{failure, linkage, tiny_recording};
 use nalgebra::Vector3;
 use serde_json::Value;
@@ -66,7 +66,7 @@ fn a_drawer_with_tags_is_learned_without_them_and_both_agree() {
     assert!(drawer.len() > 60, "the drawer's tag was seen in {} frames", drawer.len());
     let samples: Vec<PoseSample> =
         drawer.iter().map(|(t, pose)| PoseSample::from_pose(*t, pose)).collect();
-    let by_tag = &fit_models(&samples, &SkillConfig::default().articulate).unwrap()[0];
+    let by_tag = &fit_models(&samples).unwrap()[0];
     assert_eq!(by_tag.geometry.kind, JointKind::Prismatic);
     let model = json(&dir.path().join("model.json"));
     let truth = json(&dir.path().join("film/truth.json"));

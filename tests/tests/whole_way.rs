@@ -2,8 +2,9 @@
 //! subscriber that nobody here wrote, and recorded by LCM's own logger.
 
 use linkage_skill::SkillConfig;
-use linkage_skill::math::rigid::{distance_to_line, line_angle};
-use linkage_skill::recognise::{Follower, RecogniseConfig, Recognition, Scene};
+use linkage_skill::config::RecogniseConfig;
+use linkage_skill::internals::{distance_to_line, line_angle};
+use linkage_skill::recognise::{Follower, Recognition, Scene};
 use linkage_skill::store::{Library, Store};
 use linkage_tests::{failure, linkage, program, python_with_lcm, shared_data, simulated};
 use nalgebra::{Point3, Vector3};
@@ -215,7 +216,8 @@ fn of_what_is_not_believed_the_best_score_is_told() {
     let library = Store::open(&dir.path().join("objects.linkage")).unwrap().load().unwrap();
     let mut frames = linkage_driver::open(&text(recording)).unwrap();
     let scene = Scene::new(&frames.next_frame().unwrap().unwrap()).unwrap();
-    let doubtful = RecogniseConfig { min_score: 1.0, ..RecogniseConfig::default() };
+    let mut doubtful = RecogniseConfig::default();
+    doubtful.min_score = 1.0;
     let found = library.recognise(&scene, &doubtful, 1).unwrap();
     assert!(found.matches.is_empty());
     assert!(found.best_refused > 0.5, "{}", found.best_refused);
@@ -229,7 +231,8 @@ fn what_is_not_in_the_first_shortlist_is_found_in_the_next() {
     decoy.model.object = "decoy".into();
     decoy.appearance.surfels.iter_mut().for_each(|s| s.point[0] += 1.0);
     let library = Library::new(vec![decoy, drawer]);
-    let config = RecogniseConfig { shortlist: 1, shortlists: 2, ..RecogniseConfig::default() };
+    let mut config = RecogniseConfig::default();
+    (config.shortlist, config.shortlists) = (1, 2);
     let mut frames = linkage_driver::open(&text(recording)).unwrap();
     let scene = Scene::new(&frames.next_frame().unwrap().unwrap()).unwrap();
     let names = |found: Recognition| -> Vec<String> {
@@ -287,7 +290,7 @@ fn it_is_followed_while_it_moves_and_its_loss_is_said() {
         .matches
         .remove(0);
     let object = library.object(0).unwrap();
-    let mut follower = Follower::new(object, &found, config.follow.clone()).unwrap();
+    let mut follower = Follower::new(object, &found).unwrap();
     let truth = json(&recording.join("truth.json"));
     let truly = truth["joints"][0]["configuration"].as_array().unwrap();
     let (mut at, mut worst) = (1, 0.0_f64);
@@ -303,7 +306,7 @@ fn it_is_followed_while_it_moves_and_its_loss_is_said() {
     let elsewhere = simulated("hand_only", false, 1);
     let mut frames = linkage_driver::open(&text(&elsewhere)).unwrap();
     let lost = std::iter::from_fn(|| frames.next_frame().unwrap())
-        .take(config.follow.patience + 1)
+        .take(Follower::PATIENCE + 1)
         .find_map(|frame| follower.follow(&frame).err());
     assert!(lost.unwrap().to_string().contains("drawer has not been seen"));
 }

@@ -2,6 +2,7 @@
 //! (DESIGN 4.3).
 
 use anyhow::anyhow;
+use linkage_skill::VisionError;
 
 /// A command that failed, with its exit status (DESIGN 4.3).
 pub struct Failure {
@@ -21,7 +22,7 @@ pub const INTERNAL: u8 = 3;
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         let cause = error.into();
-        let internal = cause.chain().any(|e| e.is::<opencv::Error>());
+        let internal = cause.chain().any(|e| e.is::<opencv::Error>() || e.is::<VisionError>());
         Self { status: if internal { INTERNAL } else { BAD_INPUT }, cause }
     }
 }

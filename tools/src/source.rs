@@ -5,8 +5,7 @@ use crate::interrupt;
 use crate::outcome::{Failure, Outcome};
 use linkage_driver::live::host_utime;
 use linkage_driver::{
-    Awaited, Gate, PinholeCamera, RgbdFrame, RgbdSource, SourceError, SourceOptions,
-    SourceStatistics, Timeline,
+    Awaited, Gate, RgbdFrame, RgbdSource, SourceError, SourceOptions, SourceStatistics, Timeline,
 };
 use linkage_skill::recognise::StillFrames;
 use std::sync::Arc;
@@ -24,7 +23,7 @@ const POLL: Duration = Duration::from_millis(100);
 /// Opens a source. A signal ends it, as if it were a recording that is over; what that means is
 /// told by [`interrupt::stopped`].
 pub fn open(name: &str, take: &SourceArgs) -> Outcome<Taken> {
-    let camera = take.camera.as_deref().map(PinholeCamera::read_or_explain).transpose()?;
+    let camera = take.camera.as_deref().map(linkage_driver::read_camera_file).transpose()?;
     if take.seconds.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(anyhow::anyhow!("--seconds must be above 0").into());
     }

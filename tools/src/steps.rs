@@ -14,9 +14,10 @@ use crate::tags::TagLog;
 use anyhow::{Context, anyhow};
 use linkage_driver::live::host_utime;
 use linkage_driver::{RgbdFrame, RgbdSource};
+use linkage_skill::object::{Provenance, StoredObject};
 use linkage_skill::recognise::{Recognition, Scene, StillFrames};
 use linkage_skill::remember::add_demonstration;
-use linkage_skill::store::{Library, Provenance, StoredObject};
+use linkage_skill::store::Library;
 use linkage_skill::{Demonstration, LearnError, Learner, SkillConfig};
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! `truth.json` beside a recording: written by the simulator, read by the benchmark.
 
 use anyhow::Context;
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -138,5 +138,52 @@ impl Truth {
     /// A part by name.
     pub fn part(&self, name: &str) -> Option<&TruePart> {
         self.parts.iter().find(|p| p.name == name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn truth() -> Truth {
+        let joint = |name: &str, moved: bool| {
+            serde_json::json!({
+                "name": name, "type": "revolute", "parent": "body", "child": "door",
+                "axis": [0, 1, 0], "origin": [0, 0, 1], "axis_last": [0, 1, 0],
+                "origin_last": [0, 0, 1], "pitch": 0, "configuration": [0, 0.1, 0.2],
+                "range_observed": [0, 0.2], "moved": moved
+            })
+        };
+        let text = serde_json::json!({
+            "object": "fridge", "category": "fridge", "texture": "rich", "hand": true,
+            "moving_camera": false, "encounter": false, "unknown": false,
+            "frames": [0.0, 0.033, 0.067], "world_from_camera": [],
+            "parts": [{ "name": "door", "label": 2, "centroid": [0, 0, 0], "camera_from_part": [] }],
+            "joints": [joint("upper", true), joint("lower", false)]
+        });
+        serde_json::from_value(text).unwrap()
+    }
+
+    #[test]
+    fn a_frame_is_found_by_its_time_and_no_other_is() {
+        let truth = truth();
+        assert_eq!(truth.frame_at(33_400), Some(1));
+        assert_eq!(truth.frame_at(60_000), Some(2), "7 ms before it");
+        assert_eq!((truth.frame_at(50_000), truth.frame_at(90_000)), (None, None));
+    }
+
+    #[test]
+    fn joints_that_stay_still_did_not_move() {
+        let truth = truth();
+        let moved: Vec<&str> = truth.moved().iter().map(|j| j.name.as_str()).collect();
+        assert_eq!(moved, ["upper"]);
+        assert!(truth.part("door").is_some() && truth.part("lid").is_none());
+    }
+
+    #[test]
+    fn a_recording_without_truth_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let error = format!("{:#}", Truth::read(dir.path()).unwrap_err());
+        assert!(error.contains("truth.json: no truth to score against"), "{error}");
     }
 }

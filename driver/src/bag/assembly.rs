@@ -8,9 +8,9 @@ use super::reader::Topic;
 use super::survey::Survey;
 use super::topics::{ChosenTopics, PictureType, is_rectified, is_registered};
 use super::wire::WireFormat;
-use crate::camera::PinholeCamera;
-use crate::depth::Registration;
-use crate::frame::{ColorImage, DepthImage, RgbdFrame};
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::Registration;
+use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame};
 use std::sync::Arc;
 
 /// Units in a metre of depth in 16 bits, which ROS calls millimetres.

@@ -1,7 +1,7 @@
 //! The camera that `sensor_msgs/CameraInfo` describes.
 
 use super::messages::CameraInfo;
-use crate::camera::PinholeCamera;
+use linkage_frames::camera::PinholeCamera;
 
 /// Names of the polynomial model, whose five coefficients are `k1 k2 p1 p2 k3`.
 const POLYNOMIAL: [&str; 4] = ["plumb_bob", "brown conrady", "brown_conrady", "brown-conrady"];

@@ -15,15 +15,15 @@ pub mod topics;
 pub mod transforms;
 pub mod wire;
 
-use crate::camera::PinholeCamera;
-use crate::depth::{ScaleDoubt, ScaleWatch};
 use crate::error::SourceError;
-use crate::frame::RgbdFrame;
 use crate::gate::{Gate, Timeline};
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use assembly::Assembly;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::{ScaleDoubt, ScaleWatch};
+use linkage_frames::frame::RgbdFrame;
 use pairing::{NearestPairing, Pair, Stamped};
 use reader::{BagMessage, BagReader};
 use std::sync::mpsc;

@@ -2,9 +2,9 @@
 
 use super::messages::{CompressedImage, Image};
 use crate::error::PictureFault;
-use crate::frame::{ColorImage, DepthImage, same_size};
 use crate::yuv::yuv_to_rgb;
 use crate::{image_file, jpeg};
+use linkage_frames::frame::{ColorImage, DepthImage, same_size};
 use std::io::Cursor;
 
 /// Columns and rows.

@@ -1,9 +1,9 @@
 //! Lists of pairs as ORB-SLAM wants them: `timestamp rgb/1.png timestamp depth/1.png`.
 
-use crate::camera::PinholeCamera;
 use crate::error::SourceError;
-use crate::text_table;
 use crate::tum::{FramePair, RecordingIndex, TumRecording, read_camera, stamp_utime};
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::text_table;
 use std::path::Path;
 use std::sync::Arc;
 

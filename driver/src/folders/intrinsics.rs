@@ -1,6 +1,6 @@
 //! Intrinsics as the programs write them that make folders of pictures.
 
-use crate::text_table;
+use linkage_frames::text_table;
 use serde::Deserialize;
 
 /// What a file tells of a camera; sizes and units where it does.

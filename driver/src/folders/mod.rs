@@ -12,15 +12,16 @@ mod numbered;
 pub use associations::open_associations;
 pub use intrinsics::{parse_info, parse_matrix, parse_open3d};
 
-use crate::camera::PinholeCamera;
-use crate::depth::{Registration, ScaleWatch};
+use crate::camera_file::read_camera_file;
 use crate::error::{PictureFault, SourceError};
-use crate::frame::{DepthImage, RgbdFrame};
 use crate::image_file;
 use crate::statistics::SourceStatistics;
-use crate::text_table;
 use crate::tum::{FramePair, TumRecording};
 use intrinsics::Intrinsics;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::{Registration, ScaleWatch};
+use linkage_frames::frame::{DepthImage, RgbdFrame};
+use linkage_frames::text_table;
 use nalgebra::Isometry3;
 use numbered::{Pictures, pairs};
 use std::path::{Path, PathBuf};
@@ -127,7 +128,7 @@ fn camera_and_view(
     let toml = dir.join("camera.toml");
     let described = match given {
         Some(camera) => Some(camera.clone()),
-        None if toml.is_file() => Some(PinholeCamera::read_or_explain(&toml)?),
+        None if toml.is_file() => Some(read_camera_file(&toml)?),
         None => None,
     };
     let coarse = if color_size == depth_size {

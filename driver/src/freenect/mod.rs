@@ -7,12 +7,13 @@
 #[allow(unsafe_code)]
 mod sys;
 
-use crate::camera::PinholeCamera;
+use crate::camera_file::read_camera_file;
 use crate::error::SourceError;
-use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,8 +22,6 @@ pub use sys::device_count;
 
 /// The device counts at 60 MHz.
 const TICKS_PER_US: f64 = 60.0;
-/// Columns and rows of both cameras' pictures.
-const SIZE: (usize, usize) = (640, 480);
 const MM_PER_METRE: f64 = 1000.0;
 
 /// An open Kinect.
@@ -43,7 +42,7 @@ impl FreenectCamera {
         let device = sys::Device::open(index)
             .map_err(|reason| SourceError::Device { name: format!("freenect:{index}"), reason })?;
         let dump = dump_camera().filter(|_| device.is_playback());
-        let described = dump.map(|path| PinholeCamera::read_or_explain(&path)).transpose()?;
+        let described = dump.map(|path| read_camera_file(&path)).transpose()?;
         let registered = described.is_some() || !device.is_playback();
         let camera = camera.or(described).unwrap_or_else(PinholeCamera::kinect);
         Ok(Self {
@@ -56,7 +55,7 @@ impl FreenectCamera {
     }
 
     fn assemble(&self, pair: Paired<Vec<u8>, Vec<u16>>) -> Result<RgbdFrame, CameraFault> {
-        let (width, height) = SIZE;
+        let (width, height) = sys::SIZE;
         let depth = if self.device.is_playback() {
             let metres = pair.depth.iter().map(|&d| kinect::metres_of(d)).collect();
             DepthImage::from_metres(width, height, metres)

@@ -1,12 +1,14 @@
 //! Calls into libfreenect: the only unsafe code of this source.
 
-use super::SIZE;
 use crate::live::CameraFault;
 use freenect_sys as ffi;
 use std::collections::VecDeque;
 use std::ffi::{c_int, c_void};
 use std::ptr;
 use std::time::Duration;
+
+/// Columns and rows of both cameras' pictures.
+pub const SIZE: (usize, usize) = (640, 480);
 
 /// Pictures that wait to be taken; more push out the oldest.
 const WAITING: usize = 8;

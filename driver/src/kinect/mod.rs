@@ -7,8 +7,8 @@ mod disparity;
 pub use bayer::demosaic;
 pub use disparity::{NO_DISPARITY, disparity_of, metres_of, unpack_11bit};
 
-use crate::camera::PinholeCamera;
-use crate::depth::Registration;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::Registration;
 use nalgebra::Isometry3;
 
 /// The infrared camera's usual values: those that libfreenect assumes of an uncalibrated

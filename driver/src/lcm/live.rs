@@ -1,10 +1,10 @@
 //! Frames from a live LCM network.
 
 use super::message::decode_frame;
-use crate::camera::PinholeCamera;
 use crate::error::SourceError;
-use crate::frame::RgbdFrame;
 use crate::live::{Camera, CameraFault};
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::frame::RgbdFrame;
 use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -1,13 +1,13 @@
 //! Frames recorded in an LCM event log.
 
 use super::message::decode_frame;
-use crate::camera::PinholeCamera;
 use crate::error::SourceError;
-use crate::frame::RgbdFrame;
 use crate::gate::{Gate, Timeline};
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
-use crate::text_table;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::frame::RgbdFrame;
+use linkage_frames::text_table;
 use linkage_lcm::LogReader;
 use std::collections::BTreeMap;
 use std::fs::File;

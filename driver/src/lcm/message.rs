@@ -4,13 +4,14 @@
 //! The columns and rows that a message claims are compared with the camera's before anything
 //! is decoded or inflated.
 
-use crate::camera::PinholeCamera;
-use crate::depth::Registration;
-use crate::frame::{ColorImage, DepthImage, FrameError, RgbdFrame, same_size};
+use crate::error::FrameError;
 use crate::jpeg;
 use crate::kinect;
 use flate2::Compression;
 use flate2::read::{ZlibDecoder, ZlibEncoder};
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::Registration;
+use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame, same_size};
 use linkage_lcm::messages::bot_core::{Image, Images};
 use linkage_lcm::messages::kinect::{DepthMsg, FrameMsg, ImageMsg};
 use linkage_lcm::messages::openni;

@@ -9,12 +9,12 @@ pub use clock::{DeviceClock, host_utime};
 pub use pairing::{Paired, Pairing};
 
 use crate::error::SourceError;
-use crate::frame::RgbdFrame;
 use crate::gate::{Gate, Timeline};
 use crate::rgbd_source::{Awaited, RgbdSource};
 use crate::statistics::SourceStatistics;
+use linkage_frames::frame::RgbdFrame;
 use queue::{FrameReader, FrameWriter, frame_queue};
-pub use queue::{LatestReader, LatestWriter, Nothing, latest};
+pub use queue::{LatestReader, LatestWriter, RecvError, latest};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -331,8 +331,8 @@ impl Watch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::PinholeCamera;
-    use crate::frame::{ColorImage, DepthImage};
+    use linkage_frames::camera::PinholeCamera;
+    use linkage_frames::frame::{ColorImage, DepthImage};
     use std::collections::VecDeque;
     use std::sync::Mutex;
 

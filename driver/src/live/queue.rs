@@ -1,10 +1,10 @@
 //! Bounded queues without locks whose writer never waits, and the one between the capture thread
 //! and whoever takes the frames.
 
-use crate::frame::RgbdFrame;
 use crate::rgbd_source::Awaited;
 use crate::statistics::SourceStatistics;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use linkage_frames::frame::RgbdFrame;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
@@ -55,22 +55,22 @@ pub struct LatestReader<T> {
 
 /// Why a reader was given nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Nothing {
+pub enum RecvError {
     /// None came in time.
-    Yet,
+    Timeout,
     /// None will come any more.
-    Ever,
+    Closed,
 }
 
 impl<T> LatestReader<T> {
     /// The oldest, as soon as there is one.
     ///
     /// # Errors
-    /// [`Nothing`] came in time, or ever will.
-    pub fn pop(&self, timeout: Duration) -> Result<T, Nothing> {
+    /// [`RecvError`]: none came in time, or none will any more.
+    pub fn pop(&self, timeout: Duration) -> Result<T, RecvError> {
         self.receiver.recv_timeout(timeout).map_err(|e| match e {
-            RecvTimeoutError::Timeout => Nothing::Yet,
-            RecvTimeoutError::Disconnected => Nothing::Ever,
+            RecvTimeoutError::Timeout => RecvError::Timeout,
+            RecvTimeoutError::Disconnected => RecvError::Closed,
         })
     }
 
@@ -142,8 +142,10 @@ impl FrameReader {
                 self.delivered += 1;
                 Ok(Awaited::Frame(frame))
             }
-            Err(Nothing::Yet) => Ok(Awaited::Nothing),
-            Err(Nothing::Ever) => self.told.failure.get().cloned().map_or(Ok(Awaited::End), Err),
+            Err(RecvError::Timeout) => Ok(Awaited::Nothing),
+            Err(RecvError::Closed) => {
+                self.told.failure.get().cloned().map_or(Ok(Awaited::End), Err)
+            }
         }
     }
 
@@ -151,5 +153,43 @@ impl FrameReader {
     pub fn statistics(&self) -> SourceStatistics {
         let source = *self.told.source.lock().unwrap_or_else(PoisonError::into_inner);
         SourceStatistics { delivered: self.delivered, dropped: self.frames.dropped(), ..source }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHORT: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn the_oldest_gives_way_when_there_is_no_room() {
+        let (writer, reader) = latest(2);
+        (1..=4).for_each(|n| writer.push(n));
+        assert_eq!((reader.pop(SHORT), reader.pop(SHORT)), (Ok(3), Ok(4)));
+        assert_eq!(reader.dropped(), 2);
+    }
+
+    #[test]
+    fn an_empty_queue_is_told_from_a_closed_one() {
+        let (writer, reader) = latest::<u8>(0);
+        assert_eq!(reader.pop(SHORT), Err(RecvError::Timeout));
+        let another = writer.clone();
+        drop(writer);
+        assert_eq!(reader.pop(SHORT), Err(RecvError::Timeout), "one writer is left");
+        another.push(7);
+        drop(another);
+        assert_eq!(reader.pop(SHORT), Ok(7), "what waits can still be taken");
+        assert_eq!(reader.pop(SHORT), Err(RecvError::Closed));
+    }
+
+    #[test]
+    fn a_failure_is_told_once_the_frames_are_taken() {
+        let (writer, mut reader) = frame_queue(1);
+        writer.close(Some("the cable was pulled".to_owned()));
+        assert_eq!(reader.pop(SHORT).err().as_deref(), Some("the cable was pulled"));
+        let (writer, mut reader) = frame_queue(1);
+        writer.close(None);
+        assert!(matches!(reader.pop(SHORT), Ok(Awaited::End)));
     }
 }

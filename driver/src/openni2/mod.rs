@@ -3,16 +3,16 @@
 #[allow(unsafe_code)]
 mod sys;
 
-use crate::camera::PinholeCamera;
-use crate::depth::Registration;
 use crate::error::SourceError;
-use crate::frame::{ColorImage, DepthImage, RgbdFrame};
 use crate::gate::{Gate, Timeline};
 use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::Registration;
+use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;

@@ -2,8 +2,8 @@
 //! sensor's disparities of 11 bits. Depth is registered, which `camera.toml` in the dump says.
 
 use super::recorder::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
-use crate::frame::RgbdFrame;
 use crate::kinect;
+use linkage_frames::frame::RgbdFrame;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

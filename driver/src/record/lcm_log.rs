@@ -1,8 +1,8 @@
 //! An LCM event log of `kinect.frame_msg_t`, which lcm-logplayer plays.
 
 use super::recorder::{RecordError, Recorder, write_whole};
-use crate::frame::RgbdFrame;
 use crate::lcm::{DEFAULT_CHANNEL, Packing, encode_frame};
+use linkage_frames::frame::RgbdFrame;
 use linkage_lcm::{LogWriter, encode};
 use std::fs::File;
 use std::io::{BufWriter, Write};

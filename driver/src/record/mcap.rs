@@ -9,8 +9,8 @@ use super::ros2_messages::{
     RawPicture, Stamp, camera_info, camera_info_definition, compressed_image,
     compressed_image_definition, image, image_definition,
 };
-use crate::frame::RgbdFrame;
 use crate::jpeg;
+use linkage_frames::frame::RgbdFrame;
 use mcap::records::MessageHeader;
 use mcap::{McapResult, WriteOptions, Writer};
 use std::collections::BTreeMap;
@@ -170,10 +170,10 @@ impl Recorder for McapRecorder {
 mod tests {
     use super::*;
     use crate::bag::{BagOptions, BagRecording};
-    use crate::camera::PinholeCamera;
-    use crate::frame::{ColorImage, DepthImage};
     use crate::mcap_file::McapReader;
     use crate::rgbd_source::RgbdSource;
+    use linkage_frames::camera::PinholeCamera;
+    use linkage_frames::frame::{ColorImage, DepthImage};
     use std::sync::Arc;
 
     const START: i64 = 1_700_000_000_000_000;

@@ -1,7 +1,7 @@
 //! What all recordings share: taking frames, and files that are written whole or not at all.
 
-use crate::camera::PinholeCamera;
-use crate::frame::RgbdFrame;
+use linkage_frames::camera::PinholeCamera;
+use linkage_frames::frame::RgbdFrame;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};

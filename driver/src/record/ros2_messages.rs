@@ -2,7 +2,7 @@
 //!
 //! The texts of the message definitions are what a reader without ROS needs to understand them.
 
-use crate::camera::PinholeCamera;
+use linkage_frames::camera::PinholeCamera;
 
 const SEPARATOR: &str =
     "================================================================================\n";

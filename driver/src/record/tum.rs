@@ -1,8 +1,8 @@
 //! The layout of the TUM RGB-D benchmark (DESIGN 4.1).
 
 use super::recorder::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
-use crate::frame::RgbdFrame;
 use crate::{image_file, jpeg};
+use linkage_frames::frame::RgbdFrame;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -8,7 +8,7 @@ mod record;
 use crate::bag::reader::{BagMessage, BagReader, MAX_TOPICS, Topic};
 use crate::bag::wire::WireFormat;
 use crate::error::SourceError;
-use crate::text_table;
+use linkage_frames::text_table;
 use record::{
     RecordError, RecordHeader, RecordKind, read_data, read_message, skip_data, text_field,
 };

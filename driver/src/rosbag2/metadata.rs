@@ -1,7 +1,7 @@
 //! `metadata.yaml` of a rosbag2 folder: which files hold the messages, and how.
 
 use crate::error::SourceError;
-use crate::text_table;
+use linkage_frames::text_table;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 

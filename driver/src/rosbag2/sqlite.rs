@@ -3,7 +3,7 @@
 use crate::bag::reader::{BagMessage, BagReader, MAX_MESSAGE_BYTES, MAX_TOPICS, Topic};
 use crate::bag::wire::WireFormat;
 use crate::error::SourceError;
-use crate::text_table;
+use linkage_frames::text_table;
 use rusqlite::{Connection, OpenFlags, OptionalExtension};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! Packets that wait to be taken, bounded in number and bytes.
 
-use crate::transport::Packet;
+use crate::packet::Packet;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};

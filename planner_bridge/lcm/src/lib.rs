@@ -5,21 +5,21 @@
 //! trusts a length: what a packet claims to hold is compared with what is left of it.
 
 pub mod codec;
+mod error;
 mod inbox;
 pub mod log;
+pub mod messages;
+mod packet;
 mod subscriptions;
 pub mod transport;
 pub mod udpm;
 
-/// The messages, a module a package.
-pub mod messages {
-    include!(concat!(env!("OUT_DIR"), "/messages.rs"));
-}
-
 pub use codec::{DecodeError, EncodeError, Message, decode, encode};
+pub use error::LcmError;
 pub use log::{Event, LogReader, LogWriter};
+pub use packet::{Packet, Reception};
 pub use subscriptions::Subscriptions;
-pub use transport::{DEFAULT_MAX_BYTES, Lcm, LcmError, Packet, Reception, Subscription};
+pub use transport::{DEFAULT_MAX_BYTES, Lcm, Subscription};
 
 /// The default network: this host only (DESIGN 4.7).
 pub const DEFAULT_URL: &str = "udpm://239.255.76.67:7667?ttl=0";

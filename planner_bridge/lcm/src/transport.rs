@@ -5,125 +5,14 @@ mod sys;
 mod tcpq;
 
 use crate::codec::{Message, encode};
+use crate::error::LcmError;
+use crate::packet::{Packet, Reception};
 use crate::udpm::{MAX_CHANNEL, Network, Publisher, Receiver};
-use std::net::SocketAddr;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// Largest message that is received where a subscription says nothing else, bytes: an image of
 /// 8K is half of it.
 pub const DEFAULT_MAX_BYTES: usize = 64 << 20;
-
-/// What can go wrong on the network.
-#[derive(Debug, thiserror::Error)]
-pub enum LcmError {
-    /// The network cannot be joined.
-    #[error("{url}: LCM cannot join: {reason}")]
-    Join {
-        /// As asked.
-        url: String,
-        /// Why not, and what to do.
-        reason: String,
-    },
-    /// A packet was not sent.
-    #[error("{channel}: {bytes} bytes could not be published: {reason}")]
-    Publish {
-        /// Channel.
-        channel: String,
-        /// Size.
-        bytes: usize,
-        /// The system's word.
-        reason: String,
-    },
-    /// A channel name that none can have, or a subscription that is no regular expression.
-    #[error("\"{channel}\" is no channel: {reason}")]
-    Channel {
-        /// As given.
-        channel: String,
-        /// Why not.
-        reason: String,
-    },
-    /// Receiving failed.
-    #[error("{url}: LCM cannot receive: {reason}")]
-    Receive {
-        /// The network.
-        url: String,
-        /// Why not.
-        reason: String,
-    },
-    /// A message has no encoding.
-    #[error("{channel}: {source}")]
-    Encode {
-        /// Channel.
-        channel: String,
-        /// Why.
-        source: crate::codec::EncodeError,
-    },
-    /// Nothing that was sent came back.
-    #[error(
-        "{url}: what is sent does not come back within {waited:?}; multicast does not work on this host: try \"ip link set lo multicast on\" and \"ip route add 224.0.0.0/4 dev lo\""
-    )]
-    NoLoopback {
-        /// The network.
-        url: String,
-        /// How long it was waited.
-        waited: Duration,
-    },
-}
-
-impl LcmError {
-    /// A multicast network that cannot be joined for a reason of the system.
-    pub(crate) fn join(url: &str, reason: String) -> Self {
-        let reason = format!(
-            "{reason}; does multicast have a route? \"ip route add 224.0.0.0/4 dev lo\" gives it one for this host only"
-        );
-        Self::Join { url: url.to_owned(), reason }
-    }
-}
-
-/// A received packet.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Packet {
-    /// Channel.
-    pub channel: String,
-    /// Bytes, the fingerprint first.
-    pub bytes: Vec<u8>,
-    /// When it was received, microseconds.
-    pub received_utime: i64,
-    /// Who sent it; known of `udpm://` alone.
-    pub sender: Option<SocketAddr>,
-}
-
-/// What a connection has received since it first subscribed, and what it has not.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Reception {
-    /// Messages that were received.
-    pub received: u64,
-    /// Messages of which nothing arrived: gaps in the numbers of senders that have sent something
-    /// that is subscribed to. Such a sender's messages on other channels count too.
-    pub lost: u64,
-    /// Messages of which a part did not arrive.
-    pub incomplete: u64,
-    /// Messages that were received and pushed out, for nobody took them in time.
-    pub pushed_out: u64,
-    /// Messages larger than their subscription allows.
-    pub oversized: u64,
-    /// Datagrams that no LCM sends.
-    pub refused: u64,
-    /// Datagrams of other hosts on a network of this host only (`ttl=0`).
-    pub foreign: u64,
-    /// The receive buffer that the system was asked for, bytes.
-    pub requested_buffer: usize,
-    /// The receive buffer that the system granted, bytes, without what Linux adds for its own
-    /// bookkeeping; 0 where there is no socket.
-    pub granted_buffer: usize,
-}
-
-impl Reception {
-    /// Messages that were sent and will not be received.
-    pub fn missing(&self) -> u64 {
-        self.lost + self.incomplete + self.pushed_out
-    }
-}
 
 /// A connection to an LCM network.
 pub struct Lcm {
@@ -306,11 +195,6 @@ fn server_answers(url: &str) -> Result<(), String> {
         Some(rest) => tcpq::greet(rest.split('?').next().unwrap_or_default()),
         None => Ok(()),
     }
-}
-
-/// The host's time in microseconds.
-pub(crate) fn host_utime() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_micros() as i64)
 }
 
 fn channel_name(channel: &str) -> Result<std::ffi::CString, LcmError> {

@@ -1,7 +1,7 @@
 //! How a joint that moves comes to rest soonest: jerk down to the greatest deceleration that is
 //! needed or allowed, holding it, and jerk back to no acceleration where the velocity is 0.
 
-use crate::motion::{Limits, Sample, Segment};
+use crate::segment::{Limits, Sample, Segment};
 
 /// A stop of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,9 +40,8 @@ pub fn stop(from: Sample, limits: &Limits) -> Stop {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
-    use crate::motion::{Bounds, JointMotion};
     use proptest::prelude::*;
 
     fn limits() -> impl Strategy<Value = Limits> {
@@ -51,7 +50,7 @@ mod tests {
     }
 
     /// What a joint under limits can be doing: it can still keep its velocity limit.
-    fn moving() -> impl Strategy<Value = (Limits, Sample)> {
+    pub fn moving() -> impl Strategy<Value = (Limits, Sample)> {
         (limits(), -3.0..3.0_f64, -1.0..1.0_f64, -1.0..1.0_f64).prop_map(|(l, position, v, a)| {
             let acceleration = a * l.acceleration;
             let needed = acceleration * acceleration.abs() / (2.0 * l.jerk);
@@ -63,18 +62,6 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
-
-        #[test]
-        fn a_stop_holds_the_limits_and_ends_at_rest((limits, from) in moving()) {
-            let needed = from.acceleration.abs().powi(2) / (2.0 * limits.jerk);
-            prop_assume!(needed <= limits.velocity);
-            let stop = stop(from, &limits);
-            let bounds = Bounds { limits, range: [-1e3, 1e3] };
-            let motion =
-                JointMotion::new("j", &stop.segments, stop.duration, stop.position, bounds);
-            prop_assert!(motion.is_ok(), "{:?}: {stop:?}", motion);
-            prop_assert_eq!(motion.unwrap().at(0.0), from);
-        }
 
         #[test]
         fn no_later_stop_is_nearer_for_a_joint_that_does_not_turn_back(
@@ -90,20 +77,6 @@ mod tests {
             let (soonest, later) = (stop(from, &limits), stop(from, &weak));
             prop_assert!(soonest.duration <= later.duration + 1e-12);
             prop_assert!(soonest.position <= later.position + 1e-12);
-        }
-
-        #[test]
-        fn a_stop_that_is_braked_again_comes_to_rest_at_the_same_place(
-            (limits, from) in moving(), share in 0.0..1.0_f64,
-        ) {
-            let needed = from.acceleration.abs().powi(2) / (2.0 * limits.jerk);
-            prop_assume!(needed <= limits.velocity);
-            let first = stop(from, &limits);
-            let bounds = Bounds { limits, range: [-1e3, 1e3] };
-            let motion =
-                JointMotion::new("j", &first.segments, first.duration, first.position, bounds);
-            let again = motion.unwrap().brake(share * first.duration);
-            prop_assert!((again.target() - first.position).abs() < 1e-9);
         }
     }
 

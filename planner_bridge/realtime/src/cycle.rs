@@ -104,8 +104,11 @@ impl<'q> Cycle<'q> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::Motion;
     use crate::motion::tests::there;
-    use crate::{Motion, OrderQueue, Orders, Shared, Watch};
+    use crate::orders::Orders;
+    use crate::shared::Shared;
+    use crate::stream::{OrderQueue, Watch};
     use heapless::Vec;
 
     const WATCH: Watch =

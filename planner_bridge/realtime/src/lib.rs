@@ -20,18 +20,21 @@ mod lateness;
 mod motion;
 mod orders;
 mod reason;
+mod segment;
 mod shared;
+#[cfg(test)]
+mod stop_tests;
 mod stream;
+#[cfg(test)]
+mod stream_tests;
 
 pub use brake::{Stop, stop};
 pub use cycle::{Cycle, Port, StreamReport};
 pub use datagram::{DATAGRAM_CAPACITY, SETPOINT_FINGERPRINT, SETPOINT_SCHEMA, TooLong};
 pub use lateness::Lateness;
-pub use motion::{
-    Bounds, JointMotion, Limits, MAX_JOINTS, MAX_SEGMENTS, Motion, MotionError, Name, Sample,
-    Segment,
-};
+pub use motion::{JointMotion, MAX_JOINTS, MAX_SEGMENTS, Motion, Name};
 pub use orders::{Moving, NotNow, Notice, Orders};
 pub use reason::{Reason, Refusal};
+pub use segment::{Bounds, Limits, MotionError, Sample, Segment};
 pub use shared::{Phase, Shared, Status};
 pub use stream::{Order, OrderQueue, Stream, Tick, Watch};

@@ -1,7 +1,8 @@
 //! The planner's end of a stream: what is commanded, what is to follow, and what became of it.
 
-use crate::motion::{JointMotion, Motion, Sample};
+use crate::motion::{JointMotion, Motion};
 use crate::reason::{Reason, Refusal};
+use crate::segment::Sample;
 use crate::shared::{Phase, Shared, Status};
 use crate::stream::{Order, seconds};
 use heapless::spsc::Producer;
@@ -182,8 +183,9 @@ impl<'q> Orders<'q> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::datagram::DATAGRAM_CAPACITY;
     use crate::motion::tests::there;
-    use crate::{DATAGRAM_CAPACITY, OrderQueue, Stream, Watch};
+    use crate::stream::{OrderQueue, Stream, Watch};
 
     const WATCH: Watch =
         Watch { frame_age_us: 500_000, heartbeat_age_us: None, longest_gap_us: 50_000 };

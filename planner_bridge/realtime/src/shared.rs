@@ -209,7 +209,7 @@ impl Shared {
         self.heartbeat.is_fresh(now_us, greatest_age_us)
     }
 
-    pub(crate) fn tell(&self, status: &Status) {
+    pub(crate) fn set_status(&self, status: &Status) {
         self.told.write(status);
     }
 }
@@ -281,7 +281,7 @@ mod tests {
                 cancelled: n[3],
             };
             let shared = Shared::default();
-            shared.tell(&status);
+            shared.set_status(&status);
             prop_assert_eq!(shared.status(), Some(status));
         }
     }
@@ -297,7 +297,7 @@ mod tests {
                     let start_us = u64::from(n) << 32 | u64::from(n);
                     let all =
                         Status { order: n, decided: n, ends: n, start_us, ..Status::default() };
-                    shared.tell(&all);
+                    shared.set_status(&all);
                 }
             });
             for _ in 0..rounds {

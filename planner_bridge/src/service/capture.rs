@@ -1,7 +1,7 @@
 //! The thread that captures: a camera at its own pace, a recording at that of its time stamps.
 
+use super::config::{Playback, SourceOpener};
 use super::publisher::{Note, Outbox};
-use super::{Playback, SourceOpener};
 use linkage_driver::live::LatestWriter;
 use linkage_driver::{RgbdFrame, RgbdSource};
 use std::sync::Arc;

@@ -192,7 +192,7 @@ impl Listener {
                     std::thread::sleep(POLL);
                 }
             }
-            self.desk.tell();
+            self.desk.report();
         }
     }
 }
@@ -258,9 +258,9 @@ impl Desk {
         }
     }
 
-    fn tell(&mut self) {
-        self.refusals.tell(&self.out);
-        self.repeats.tell(&self.out);
+    fn report(&mut self) {
+        self.refusals.report(&self.out);
+        self.repeats.report(&self.out);
     }
 }
 
@@ -290,7 +290,7 @@ impl Refusals {
         }
     }
 
-    fn tell(&mut self, out: &Outbox) {
+    fn report(&mut self, out: &Outbox) {
         if self.count == 0 || self.told.is_some_and(|t| t.elapsed() < TELL_EVERY) {
             return;
         }
@@ -317,7 +317,7 @@ impl Repeats {
         }
     }
 
-    fn tell(&mut self, out: &Outbox) {
+    fn report(&mut self, out: &Outbox) {
         if !self.utimes.is_empty() && self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY) {
             self.utimes.drain(..).for_each(|utime| out.note(Note::Again(utime)));
             self.told = Some(Instant::now());
@@ -370,7 +370,7 @@ mod tests {
         fn take(&mut self, packet: &[u8]) -> Vec<Note> {
             self.desk.take(packet, None, NOW);
             self.desk.refusals.told = None;
-            self.desk.tell();
+            self.desk.report();
             std::iter::from_fn(|| self.notes.pop(Duration::ZERO).ok()).collect()
         }
 
@@ -446,7 +446,7 @@ mod tests {
         bench.take(&packet);
         assert!(bench.commands.try_recv().is_ok());
         bench.desk.take(&packet, None, NOW + 3_600_000_000);
-        bench.desk.tell();
+        bench.desk.report();
         assert!(matches!(bench.notes.pop(Duration::ZERO), Ok(Note::Again(NOW))));
         assert!(bench.commands.try_recv().is_err());
     }
@@ -458,7 +458,7 @@ mod tests {
             let utime = NOW + i % 100;
             let order = linkage::Command { utime, ..message((i % 7) as i8) };
             bench.desk.take(&encode(&order).unwrap(), None, NOW);
-            bench.desk.tell();
+            bench.desk.report();
         }
         assert_eq!(bench.notes.dropped(), 0);
     }

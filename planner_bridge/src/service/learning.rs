@@ -6,9 +6,10 @@ use crate::messages;
 use crate::service::publisher::Outbox;
 use crate::service::witness::Found;
 use linkage_driver::live::host_utime;
-use linkage_skill::learn::tracking::Track;
+use linkage_skill::internals::Track;
+use linkage_skill::object::Provenance;
 use linkage_skill::remember::{CombineError, add_demonstration};
-use linkage_skill::store::{Library, Provenance, Store, StoreError};
+use linkage_skill::store::{Library, Store, StoreError};
 use linkage_skill::{Demonstration, Learner, ObjectModel, SkillConfig};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -61,10 +62,10 @@ impl LearningWorker {
         let cancelled = Arc::new(AtomicBool::new(false));
         let learning =
             Learning { object: object.clone(), result, cancelled: Arc::clone(&cancelled) };
-        let teacher = self.clone();
+        let worker = self.clone();
         std::thread::Builder::new().name("learn".to_owned()).spawn(move || {
             // Nobody waits for a demonstration that was cancelled.
-            let learned = teacher.learned(learner, &object, &cancelled);
+            let learned = worker.learned(learner, &object, &cancelled);
             let _ = sender.send(with_losses(learned, lost));
         })?;
         Ok(learning)

@@ -6,6 +6,7 @@
 mod authority;
 mod capture;
 mod command;
+mod config;
 mod heartbeat;
 mod learning;
 mod log_limit;
@@ -19,58 +20,24 @@ mod witness;
 
 pub use authority::{CommandKey, KeyError, Unauthorised};
 pub use command::{Action, Command, Fault, Refusal, SCHEMA as COMMAND_SCHEMA};
+pub use config::{Playback, ServiceConfig, SourceOpener};
 pub use linkage_realtime::StreamReport;
 pub use stream::{Orders, Pulse, StreamError, StreamParts, Streamer};
 pub use witness::{Finding, Found, Sight, Sights, Witness, witness};
 
-use crate::limits::Rig;
 use authority::Authority;
 use capture::Capture;
 use command::Listener;
 use heartbeat::HeartbeatListener;
+use linkage_driver::SourceError;
 use linkage_driver::live::{host_utime, latest};
-use linkage_driver::{RgbdSource, SourceError};
 use linkage_lcm::{Lcm, LcmError};
-use linkage_skill::SkillConfig;
 use linkage_skill::store::{Library, Store, StoreError};
 use perception::{Inbox, Perception};
 use publisher::Publisher;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
-
-/// What a service works with.
-#[derive(Debug, Clone)]
-pub struct ServiceConfig {
-    /// Perception.
-    pub skill: SkillConfig,
-    /// Motion limits, and what is refused.
-    pub rig: Rig,
-    /// Where learned objects are kept; made with the first of them.
-    pub store: PathBuf,
-    /// LCM network.
-    pub url: String,
-    /// Setpoints a second while a prediction is executed; none are streamed without it.
-    pub stream_hz: Option<f64>,
-    /// How a recording is played.
-    pub playback: Playback,
-}
-
-/// How a recording is played; a live camera has its own pace.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Playback {
-    /// So many times as fast as it was recorded; 0: as fast as it can be read.
-    pub rate: f64,
-    /// Again and again, in time that goes on.
-    pub repeat: bool,
-}
-
-impl Default for Playback {
-    fn default() -> Self {
-        Self { rate: 1.0, repeat: false }
-    }
-}
 
 /// A service that cannot start, or not go on.
 #[derive(Debug, thiserror::Error)]
@@ -111,18 +78,12 @@ pub struct ServiceReport {
     pub stream: Option<StreamReport>,
 }
 
-/// Opens the source, again after it was lost or when a recording is repeated.
-pub type SourceOpener = dyn FnMut() -> Result<Box<dyn RgbdSource>, SourceError> + Send;
-
 /// Frames that wait for perception; more push out the oldest.
 const WAITING_FRAMES: usize = 8;
 /// Commands that wait for it; more are refused.
 const WAITING_COMMANDS: usize = 16;
 /// Packets that wait to be published; more push out the oldest.
 const WAITING_PACKETS: usize = 64;
-/// Longest wait for the network's own answer at the start.
-const SELF_TEST: Duration = Duration::from_secs(2);
-
 /// Serves until `stop` is set.
 ///
 /// # Errors
@@ -149,7 +110,7 @@ pub fn serve_before(
     let library = known(&config.store)?;
     let lcm = Lcm::new(&config.url)?;
     if config.url.starts_with("udpm") {
-        lcm.self_test(SELF_TEST)?;
+        lcm.self_test(config::SELF_TEST)?;
     }
     let source = open()?;
     let (frame_writer, frames) = latest(WAITING_FRAMES);

@@ -1,9 +1,9 @@
 //! The thread that perceives: takes frames and commands, and is always in one of the states that
 //! the status tells.
 
-use super::ServiceConfig;
 use super::capture::{Arrived, Lost};
 use super::command::{Action, Command};
+use super::config::ServiceConfig;
 use super::learning::{Learning, LearningWorker};
 use super::losses::Losses;
 use super::publisher::{Answer, Note, Outbox, Situation};
@@ -16,7 +16,7 @@ use crate::messages::{self, Stamps};
 use crate::plan::{PlanError, Request, predict};
 use crossbeam_channel::Receiver;
 use linkage_driver::RgbdFrame;
-use linkage_driver::live::{LatestReader, Nothing, host_utime};
+use linkage_driver::live::{LatestReader, RecvError, host_utime};
 use linkage_realtime::{Notice, Reason};
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{Follower, KnownObject, Recognised, Recognition, Scene};
@@ -36,7 +36,7 @@ pub struct Inbox {
 
 pub struct Perception<'q> {
     config: ServiceConfig,
-    teacher: LearningWorker,
+    learning_worker: LearningWorker,
     inbox: Inbox,
     losses: Losses,
     watchdog: Watchdog,
@@ -133,7 +133,7 @@ impl<'q> Perception<'q> {
         let (skill, store) = (config.skill.clone(), config.store.clone());
         Self {
             config: config.clone(),
-            teacher: LearningWorker { config: skill, store, out: out.clone() },
+            learning_worker: LearningWorker { config: skill, store, out: out.clone() },
             losses: Losses::begin(&inbox.lost, 0),
             inbox,
             watchdog: Watchdog::from_environment(),
@@ -153,16 +153,16 @@ impl<'q> Perception<'q> {
         while !is_stopped() {
             self.watchdog.alive();
             while let Ok(command) = self.inbox.commands.try_recv() {
-                self.obey(command);
+                self.handle_command(command);
             }
             match self.inbox.frames.pop(POLL) {
                 Ok(arrived) => self.look(arrived),
-                Err(Nothing::Yet) => {}
+                Err(RecvError::Timeout) => {}
                 // The source is over, commands are not.
-                Err(Nothing::Ever) => std::thread::sleep(POLL),
+                Err(RecvError::Closed) => std::thread::sleep(POLL),
             }
-            self.poll();
-            self.tell();
+            self.tick();
+            self.publish_status();
         }
         self.watchdog.stopping();
         (self.looked_at, self.dropped_frames())
@@ -185,7 +185,7 @@ impl<'q> Perception<'q> {
         self.out.note(Note::Answer(answer));
     }
 
-    fn obey(&mut self, Command { utime, valid_until, action }: Command) {
+    fn handle_command(&mut self, Command { utime, valid_until, action }: Command) {
         // Whatever held this thread up, an order from before that is not carried out late.
         if host_utime() > valid_until {
             let reason = "it came too late to be begun: send it again".to_owned();
@@ -208,9 +208,9 @@ impl<'q> Perception<'q> {
         };
         match begun {
             Ok(text) => {
-                self.tell();
+                self.publish_status();
                 self.acknowledge(utime, text);
-                self.fulfil();
+                self.execute_pending();
             }
             Err(reason) => self.answer(utime, Err(reason)),
         }
@@ -223,7 +223,7 @@ impl<'q> Perception<'q> {
     ) {
         let result = work(self);
         // Who reads the answer finds the state that it led to.
-        self.tell();
+        self.publish_status();
         self.answer(command, result);
     }
 
@@ -242,7 +242,7 @@ impl<'q> Perception<'q> {
 
     fn start_demonstration(&mut self, object: String) -> Result<String, String> {
         self.interruptible()?;
-        self.rest(Reason::Replaced);
+        self.become_idle(Reason::Replaced);
         let learner = Learner::live(&self.config.skill);
         let current_estimate = learner.current_estimate(&object);
         let answer = format!("watching how {object} is moved");
@@ -262,8 +262,10 @@ impl<'q> Perception<'q> {
                 if let Some(lost) = &lost {
                     self.out.note(Note::Error(lost.clone()));
                 }
-                let learning =
-                    self.teacher.learn(learner, object.clone(), lost).map_err(|e| e.to_string())?;
+                let learning = self
+                    .learning_worker
+                    .learn(learner, object.clone(), lost)
+                    .map_err(|e| e.to_string())?;
                 self.state = State::Learning { learning, command };
                 Ok(format!("learning {object} from {frames} frames"))
             }
@@ -288,7 +290,7 @@ impl<'q> Perception<'q> {
         {
             return Err(format!("no object \"{name}\" is known"));
         }
-        self.rest(Reason::Replaced);
+        self.become_idle(Reason::Replaced);
         let answer = match &object {
             Some(name) => format!("looking for {name}"),
             None => "looking for anything known".to_owned(),
@@ -319,12 +321,12 @@ impl<'q> Perception<'q> {
                 self.answer(command, Err("cancelled".to_owned()));
             }
         }
-        self.rest(Reason::Cancelled);
+        self.become_idle(Reason::Cancelled);
         "cancelled".to_owned()
     }
 
-    /// Nothing is looked for, what moves is braked.
-    fn rest(&mut self, why: Reason) {
+    /// RecvError is looked for, what moves is braked.
+    fn become_idle(&mut self, why: Reason) {
         let pending = match &mut self.state {
             State::Watching(w) => w.pending.take(),
             State::Tracking(t) => t.pending.take(),
@@ -418,8 +420,7 @@ impl<'q> Perception<'q> {
         self.out.witness.found(frame.utime, || Found::Recognised(believed.clone()));
         let Some(best) = believed.matches.into_iter().next() else { return };
         let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
-        let follow = self.config.skill.follow.clone();
-        if let Some(follower) = Follower::new(Arc::clone(object), &best, follow) {
+        if let Some(follower) = Follower::new(Arc::clone(object), &best) {
             if let Some(orders) = &mut self.orders {
                 orders.frame_seen(&best, frame.utime, *at);
             }
@@ -434,7 +435,7 @@ impl<'q> Perception<'q> {
                 pending,
                 reacquisition: Reacquisition::begun_now(),
             }));
-            self.fulfil();
+            self.execute_pending();
         }
     }
 
@@ -463,7 +464,7 @@ impl<'q> Perception<'q> {
                     Some(orders) => orders.frame_missed_it(),
                     None => {}
                 }
-                self.fulfil();
+                self.execute_pending();
             }
             Err(lost) => {
                 self.out.note(Note::Error(lost.to_string()));
@@ -477,7 +478,7 @@ impl<'q> Perception<'q> {
     }
 
     /// Plans what was asked for, if the newest frame is fresh and shows the object.
-    fn fulfil(&mut self) {
+    fn execute_pending(&mut self) {
         let State::Tracking(t) = &mut self.state else { return };
         let fresh = t.arrived.elapsed().as_secs_f64() <= self.config.rig.safety.frame_age;
         if !(t.seen && fresh) {
@@ -532,7 +533,7 @@ impl<'q> Perception<'q> {
     }
 
     /// Looks after what does not come with frames.
-    fn poll(&mut self) {
+    fn tick(&mut self) {
         if self.losses.age() >= LOSSES_OVER {
             if let Some(lost) = self.losses.many(&self.inbox.lost, self.looked_at) {
                 self.out.note(Note::Error(lost));
@@ -564,16 +565,16 @@ impl<'q> Perception<'q> {
                     Err(reason)
                 }
             };
-            self.tell();
+            self.publish_status();
             if let Some(command) = command {
                 self.answer(command, result);
             }
         }
-        self.expire();
+        self.time_out_pending();
     }
 
     /// Refuses a prediction that has waited too long.
-    fn expire(&mut self) {
+    fn time_out_pending(&mut self) {
         let threshold = self.config.skill.recognise.min_score;
         let since = self.arrivals.back().map(Instant::elapsed);
         let (pending, reason) = match &mut self.state {
@@ -606,7 +607,7 @@ impl<'q> Perception<'q> {
     }
 
     /// Tells the situation when it changes, and now and then.
-    fn tell(&mut self) {
+    fn publish_status(&mut self) {
         let now = self.situation();
         let due = self.told.as_ref().is_none_or(|(at, told)| {
             told.state != now.state || told.object != now.object || at.elapsed() >= TELL_EVERY / 2

@@ -5,7 +5,7 @@ use super::log_limit::LogLimit;
 use super::witness::Witness;
 use crate::channel;
 use crate::messages::STATUS_MESSAGE_SCHEMA;
-use linkage_driver::live::{LatestReader, LatestWriter, Nothing, host_utime};
+use linkage_driver::live::{LatestReader, LatestWriter, RecvError, host_utime};
 use linkage_lcm::messages::linkage;
 use linkage_lcm::{Lcm, Message, encode};
 use std::collections::VecDeque;
@@ -59,7 +59,7 @@ pub struct Situation {
 pub struct Answer {
     pub utime: i64,
     pub accepted: bool,
-    /// Nothing more will become of it.
+    /// RecvError more will become of it.
     pub done: bool,
     pub text: String,
 }
@@ -146,15 +146,15 @@ impl Publisher {
         loop {
             match self.packets.pop(POLL) {
                 Ok(packet) => self.publish(packet.channel, &packet.bytes),
-                Err(Nothing::Yet) => {}
-                Err(Nothing::Ever) => std::thread::sleep(POLL),
+                Err(RecvError::Timeout) => {}
+                Err(RecvError::Closed) => std::thread::sleep(POLL),
             }
             while let Ok(note) = self.notes.pop(Duration::ZERO) {
                 self.take(note);
             }
             let since = self.told.map_or(Duration::MAX, |t| t.elapsed());
             if since >= STATUS_EVERY || (self.changed && since >= STATUS_AT_MOST) {
-                self.tell();
+                self.publish_status();
             }
             if is_stopped() {
                 return self.refused;
@@ -229,7 +229,7 @@ impl Publisher {
         }
     }
 
-    fn tell(&mut self) {
+    fn publish_status(&mut self) {
         self.told = Some(Instant::now());
         if let Some(answer) = self.untold.pop_front() {
             self.answer = answer;
@@ -309,7 +309,7 @@ mod tests {
                 object: hostile.to_owned(),
                 ..Situation::default()
             }));
-            publisher.tell();
+            publisher.publish_status();
             let status = publisher.status();
             assert!(encode(&status).unwrap().len() < 4096);
             let told = [&status.last_error, &status.command_answer, &status.object];
@@ -323,7 +323,7 @@ mod tests {
         (1..=5).for_each(|utime| publisher.take(Note::Answer(answer(utime, true))));
         let mut told = Vec::new();
         while publisher.changed {
-            publisher.tell();
+            publisher.publish_status();
             told.push(publisher.status().command_utime);
         }
         assert_eq!(told, [1, 2, 3, 4, 5]);
@@ -334,7 +334,7 @@ mod tests {
         let mut publisher = publisher();
         publisher.take(Note::Answer(answer(5, true)));
         publisher.take(Note::NotTaken(answer(5, false)));
-        publisher.tell();
+        publisher.publish_status();
         assert!(publisher.status().command_accepted);
         assert!(publisher.untold.is_empty());
     }

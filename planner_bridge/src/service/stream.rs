@@ -1,6 +1,6 @@
 //! The clock and the network around the real-time half, and perception's end of it.
 
-use super::SELF_TEST;
+use super::config::SELF_TEST;
 use crate::channel;
 use crate::limits::Rig;
 use linkage_driver::live::host_utime;

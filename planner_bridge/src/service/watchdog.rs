@@ -21,7 +21,7 @@ impl Watchdog {
 
     /// The service takes frames and commands.
     pub fn ready(&self) {
-        tell(&[NotifyState::Ready]);
+        notify(&[NotifyState::Ready]);
     }
 
     /// The thread that calls this does its work. It may be called at any rate: systemd is told
@@ -30,17 +30,17 @@ impl Watchdog {
         let Some(every) = self.every else { return };
         if self.told.is_none_or(|told| told.elapsed() >= every) {
             self.told = Some(Instant::now());
-            tell(&[NotifyState::Watchdog]);
+            notify(&[NotifyState::Watchdog]);
         }
     }
 
     /// The service ends because it was asked to.
     pub fn stopping(&self) {
-        tell(&[NotifyState::Stopping]);
+        notify(&[NotifyState::Stopping]);
     }
 }
 
-fn tell(state: &[NotifyState]) {
+fn notify(state: &[NotifyState]) {
     if let Err(e) = sd_notify::notify(state) {
         tracing::warn!("systemd cannot be told: {e}");
     }

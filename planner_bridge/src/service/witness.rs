@@ -7,9 +7,9 @@
 
 use crate::plan::Prediction;
 use linkage_driver::RgbdFrame;
-use linkage_driver::live::{LatestReader, LatestWriter, Nothing, latest};
+use linkage_driver::live::{LatestReader, LatestWriter, RecvError, latest};
 use linkage_skill::ObjectModel;
-use linkage_skill::math::rigid::Pose;
+use linkage_skill::Pose;
 use linkage_skill::recognise::Recognition;
 use nalgebra::Point3;
 use std::sync::Arc;
@@ -130,7 +130,7 @@ impl Sights {
     ///
     /// # Errors
     /// [`Nothing`] came in time, or ever will.
-    pub fn next(&self, timeout: Duration) -> Result<Sight, Nothing> {
+    pub fn next(&self, timeout: Duration) -> Result<Sight, RecvError> {
         match self.findings.pop(Duration::ZERO) {
             Ok(finding) => Ok(Sight::Finding(finding)),
             Err(_) => self.frames.pop(timeout).map(Sight::Frame),
@@ -184,6 +184,6 @@ mod tests {
     fn a_viewer_is_told_when_the_service_is_over() {
         let (witness, sights) = witness();
         drop(witness);
-        assert_eq!(sights.next(Duration::ZERO).err(), Some(Nothing::Ever));
+        assert_eq!(sights.next(Duration::ZERO).err(), Some(RecvError::Closed));
     }
 }

@@ -1,6 +1,6 @@
 //! What was recognised and predicted, read item by item.
 
-use crate::border::{Failure, c_text, call, free, given, linkage_result, place};
+use crate::boundary::{Failure, c_text, call, free, given, linkage_result, place};
 use linkage_planner_bridge::Prediction;
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 use std::ffi::{CString, c_char};

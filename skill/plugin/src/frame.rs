@@ -1,6 +1,6 @@
 //! A caller's frame: colour and depth in buffers of its own.
 
-use crate::border::{Failure, given};
+use crate::boundary::{Failure, given};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use std::sync::Arc;
 

@@ -6,11 +6,11 @@
 #![allow(unsafe_code)]
 
 mod answers;
-mod border;
+mod boundary;
 mod frame;
 mod session;
 
 pub use answers::*;
-pub use border::*;
+pub use boundary::*;
 pub use frame::*;
 pub use session::*;

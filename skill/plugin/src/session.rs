@@ -1,14 +1,15 @@
 //! The skill itself: a store, a demonstration that runs, recognition and prediction.
 
 use crate::answers::{linkage_prediction, linkage_recognition};
-use crate::border::{Failure, call, free, given, linkage_result, optional_text, place, text};
+use crate::boundary::{Failure, call, free, given, linkage_result, optional_text, place, text};
 use crate::frame::{linkage_frame, taken};
 use linkage_planner_bridge::{PlanError, Request, Rig, predict};
-use linkage_skill::object::check::check_name;
+use linkage_skill::internals::check_name;
+use linkage_skill::object::Provenance;
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::{KnownObject, Scene};
 use linkage_skill::remember::{CombineError, add_demonstration};
-use linkage_skill::store::{Library, Provenance, Store, StoreError};
+use linkage_skill::store::{Library, Store, StoreError};
 use linkage_skill::{LearnError, Learner, SkillConfig};
 use nalgebra::Point3;
 use std::ffi::{CString, c_char};

@@ -8,7 +8,6 @@
 //! little better by some arc of several metres' radius.
 
 use super::circle::{fit_circle, principal};
-use super::config::ArticulateConfig;
 use super::consensus::candidates;
 use super::lost_poses::lost_samples;
 use super::pose_sample::PoseSample;
@@ -19,8 +18,22 @@ use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitQuaternion, UnitVector3, Vector3, Vector6};
 use std::collections::BTreeMap;
 
+/// Standard deviation of an observed position about an ideal joint, metres: marker noise together
+/// with the play and bend of real hinges and slides. Ours.
+pub const POSITION_SIGMA_M: f64 = 0.008;
+/// Standard deviation of an observed orientation, radians.
+const ORIENTATION_SIGMA_RAD: f64 = 0.08;
+/// Median distance between a hinge and what it carries, metres: hinges that nobody builds are
+/// unlikely. Ours: in real logs 0.25-0.68 m.
+const HINGE_RADIUS_M: f64 = 0.45;
+/// Standard deviation of its logarithm; larger radii are penalised, smaller ones not.
+const HINGE_RADIUS_LOG_SIGMA: f64 = 0.5;
+/// EM iterations that separate outliers.
+const EM_ITERATIONS: usize = 12;
+
 /// A log that no joint can be fitted to.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum FitError {
     /// Too few samples.
     #[error("{found} samples, at least {needed} are needed")]
@@ -96,10 +109,7 @@ struct Residual {
 ///
 /// # Source
 /// Paper, Eqs. 8-10; Sturm et al. 2011, sections 3.2-3.4.
-pub fn fit_models(
-    samples: &[PoseSample],
-    config: &ArticulateConfig,
-) -> Result<Vec<FittedJoint>, FitError> {
+pub fn fit_models(samples: &[PoseSample]) -> Result<Vec<FittedJoint>, FitError> {
     if samples.len() < MIN_SAMPLES {
         return Err(FitError::TooFewSamples { found: samples.len(), needed: MIN_SAMPLES });
     }
@@ -108,10 +118,10 @@ pub fn fit_models(
     {
         return Err(FitError::NotFinite { sample });
     }
-    let lost = lost_samples(samples, config.position_sigma_m);
+    let lost = lost_samples(samples, POSITION_SIGMA_M);
     let kept: Vec<PoseSample> =
         samples.iter().zip(&lost).filter(|(_, lost)| !**lost).map(|(s, _)| *s).collect();
-    let problem = Problem::new(&kept, config);
+    let problem = Problem::new(&kept);
     let mut fitted: Vec<FittedJoint> =
         [JointKind::Fixed, JointKind::Prismatic, JointKind::Revolute]
             .into_iter()
@@ -119,7 +129,7 @@ pub fn fit_models(
             .collect();
     problem.score(&mut fitted);
     if kept.len() < samples.len() {
-        let all = Problem::new(samples, config);
+        let all = Problem::new(samples);
         fitted.iter_mut().for_each(|joint| all.tell_of_all(joint, &lost));
     }
     fitted.sort_by(|a, b| a.bic.total_cmp(&b.bic));
@@ -127,6 +137,7 @@ pub fn fit_models(
 }
 
 /// Probability of each kind given the samples, from the BIC of its fit (Kass & Raftery 1995).
+#[must_use]
 pub fn type_probabilities(fits: &[FittedJoint]) -> BTreeMap<JointKind, f64> {
     let least = fits.iter().map(|f| f.bic).fold(f64::INFINITY, f64::min);
     let weights: Vec<f64> = fits.iter().map(|f| (-0.5 * (f.bic - least)).exp()).collect();
@@ -137,16 +148,14 @@ pub fn type_probabilities(fits: &[FittedJoint]) -> BTreeMap<JointKind, f64> {
 struct Problem<'s> {
     samples: &'s [PoseSample],
     positions: Vec<Point3<f64>>,
-    config: &'s ArticulateConfig,
     has_orientation: bool,
 }
 
 impl<'s> Problem<'s> {
-    fn new(samples: &'s [PoseSample], config: &'s ArticulateConfig) -> Self {
+    fn new(samples: &'s [PoseSample]) -> Self {
         Self {
             samples,
             positions: samples.iter().map(|s| s.position).collect(),
-            config,
             has_orientation: samples.iter().all(|s| s.orientation.is_some()),
         }
     }
@@ -168,7 +177,7 @@ impl<'s> Problem<'s> {
     /// A start after EM, and its likelihood.
     fn refined(&self, start: State) -> (f64, State) {
         let mut state = start;
-        for round in 0..self.config.iterations {
+        for round in 0..EM_ITERATIONS {
             // The first rounds take a wider noise, so that a poor start is no trap.
             let widen = 1.0 + 4.0 * (-(round as f64) / 1.5).exp();
             let residuals = self.residuals(&state);
@@ -320,8 +329,8 @@ impl<'s> Problem<'s> {
         let turn = (orientation * state.rest_orientation.inverse()).into_inner();
         let by_orientation = 2.0 * turn.imag().dot(&axis).atan2(turn.w);
         let difference = wrapped(by_orientation - by_position);
-        let wp = (rest.norm() * now.norm()) / self.config.position_sigma_m.powi(2);
-        let wo = self.config.orientation_sigma_rad.powi(-2);
+        let wp = (rest.norm() * now.norm()) / POSITION_SIGMA_M.powi(2);
+        let wo = ORIENTATION_SIGMA_RAD.powi(-2);
         // Beyond three sigma the two contradict each other: the heavier one is believed.
         let tolerance = 3.0 * (1.0 / wp.max(1e-9) + 1.0 / wo).sqrt();
         if difference.abs() > tolerance {
@@ -335,7 +344,7 @@ impl<'s> Problem<'s> {
     fn weights(&self, residuals: &[Residual], widen: f64) -> (Vec<f64>, Vec<f64>) {
         let position: Vec<f64> = residuals
             .iter()
-            .map(|r| log_normal3(r.position.norm(), widen * self.config.position_sigma_m))
+            .map(|r| log_normal3(r.position.norm(), widen * POSITION_SIGMA_M))
             .collect();
         let kept = mixture(&position, OUTLIER_LOG_DENSITY_POSITION).0;
         if !self.has_orientation {
@@ -346,7 +355,7 @@ impl<'s> Problem<'s> {
             .iter()
             .map(|r| {
                 let angle = r.orientation.map_or(0.0, |o| o.norm());
-                log_normal3(angle, widen * self.config.orientation_sigma_rad)
+                log_normal3(angle, widen * ORIENTATION_SIGMA_RAD)
             })
             .collect();
         (kept, mixture(&orientation, OUTLIER_LOG_DENSITY_ORIENTATION).0)
@@ -360,14 +369,14 @@ impl<'s> Problem<'s> {
     fn log_likelihood_of(&self, residuals: &[Residual], widen: f64) -> f64 {
         let position: Vec<f64> = residuals
             .iter()
-            .map(|r| log_normal3(r.position.norm(), widen * self.config.position_sigma_m))
+            .map(|r| log_normal3(r.position.norm(), widen * POSITION_SIGMA_M))
             .collect();
         let mut sum = mixture(&position, OUTLIER_LOG_DENSITY_POSITION).1;
         if self.has_orientation {
             let orientation: Vec<f64> = residuals
                 .iter()
                 .filter_map(|r| r.orientation)
-                .map(|o| log_normal3(o.norm(), widen * self.config.orientation_sigma_rad))
+                .map(|o| log_normal3(o.norm(), widen * ORIENTATION_SIGMA_RAD))
                 .collect();
             sum += mixture(&orientation, OUTLIER_LOG_DENSITY_ORIENTATION).1;
         }
@@ -474,9 +483,9 @@ impl<'s> Problem<'s> {
             .zip(wp.iter().zip(wo))
             .map(|(s, (wp, wo))| {
                 let r = self.residual(state, s);
-                let position = r.position * (wp.sqrt() / self.config.position_sigma_m);
-                let orientation = r.orientation.unwrap_or_default()
-                    * (wo.sqrt() / self.config.orientation_sigma_rad);
+                let position = r.position * (wp.sqrt() / POSITION_SIGMA_M);
+                let orientation =
+                    r.orientation.unwrap_or_default() * (wo.sqrt() / ORIENTATION_SIGMA_RAD);
                 Vector6::new(
                     position.x,
                     position.y,
@@ -582,8 +591,8 @@ impl<'s> Problem<'s> {
             return 0.0;
         }
         let radius = (f.rest_position - f.geometry.origin).norm();
-        let excess = (radius / self.config.hinge_radius_m).ln().max(0.0);
-        (excess / self.config.hinge_radius_log_sigma).powi(2)
+        let excess = (radius / HINGE_RADIUS_M).ln().max(0.0);
+        (excess / HINGE_RADIUS_LOG_SIGMA).powi(2)
     }
 
     /// Covariance of axis and origin from the curvature of the likelihood, for as many
@@ -613,9 +622,8 @@ impl<'s> Problem<'s> {
                     .step_by(stride)
                     .map(|&i| {
                         let r = self.residual(&moved, &self.samples[i]);
-                        let p = r.position / self.config.position_sigma_m;
-                        let o =
-                            r.orientation.unwrap_or_default() / self.config.orientation_sigma_rad;
+                        let p = r.position / POSITION_SIGMA_M;
+                        let o = r.orientation.unwrap_or_default() / ORIENTATION_SIGMA_RAD;
                         (Vector6::new(p.x, p.y, p.z, o.x, o.y, o.z) - base[i]) / STEP
                     })
                     .collect()

@@ -2,23 +2,25 @@
 //! explains how one part moves relative to another, and which tree of joints explains all.
 //!
 //! [`fit_models`] fits rigid, prismatic and revolute joints with an outlier component and
-//! ranks them by BIC; [`spanning_tree`] keeps the links of least BIC.
+//! ranks them by BIC; a spanning tree keeps the links of least BIC.
 
 mod circle;
 mod columns;
-mod config;
 mod consensus;
 mod fit;
 mod lost_poses;
-mod pose_log;
+pub(crate) mod pose_log;
 mod pose_sample;
 mod rest_state;
+#[cfg(feature = "paper")]
 mod spanning_tree;
 mod table;
 
-pub use columns::{Columns, KNOWN_NAMES, TimeColumn};
-pub use config::ArticulateConfig;
+pub use columns::Columns;
+#[cfg(feature = "paper")]
+pub(crate) use fit::POSITION_SIGMA_M;
 pub use fit::{FitError, FittedJoint, fit_models, type_probabilities};
-pub use pose_log::{LostLine, PoseLog, PoseLogError, parse_pose_log, read_pose_log};
+pub use pose_log::{LostLine, PoseLog, PoseLogError, read_pose_log};
 pub use pose_sample::PoseSample;
-pub use spanning_tree::{Link, spanning_tree};
+#[cfg(feature = "paper")]
+pub(crate) use spanning_tree::{Link, spanning_tree};

@@ -17,6 +17,7 @@ const QUATERNION_TOLERANCE: f64 = 0.05;
 
 /// A log that cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PoseLogError {
     /// The file cannot be read.
     #[error("{path}: {source}")]

@@ -9,7 +9,7 @@
 
 mod dog_keypoints;
 mod orientation;
-pub mod quantised;
+pub(crate) mod quantised;
 mod rectified_views;
 mod sift_descriptor;
 
@@ -17,8 +17,8 @@ pub use sift_descriptor::DESCRIPTOR_LENGTH;
 
 use crate::image::gray::Gray;
 use dog_keypoints::{Keypoint, ScaleSpace};
-use linkage_driver::depth::NormalMap;
-use linkage_driver::{PinholeCamera, RgbdFrame};
+use linkage_frames::depth::NormalMap;
+use linkage_frames::{PinholeCamera, RgbdFrame};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use rectified_views::{LEAST_COSINE, RectifiedViews};

@@ -7,8 +7,8 @@
 use super::dog_keypoints::Keypoint;
 use crate::image::gray::Gray;
 use crate::math::robust::median;
-use linkage_driver::PinholeCamera;
-use linkage_driver::depth::NormalMap;
+use linkage_frames::PinholeCamera;
+use linkage_frames::depth::NormalMap;
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
@@ -210,7 +210,7 @@ impl View {
 mod tests {
     use super::*;
     use crate::features::dog_keypoints::ScaleSpace;
-    use linkage_driver::{ColorImage, DepthImage, RgbdFrame};
+    use linkage_frames::{ColorImage, DepthImage, RgbdFrame};
     use std::sync::Arc;
 
     /// A grey board one metre away with bright dots every 0.1 m, turned about the vertical.

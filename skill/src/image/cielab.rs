@@ -1,7 +1,7 @@
 //! Pictures in CIE L*a*b*, from sRGB under daylight (D65). OpenCV's conversion fills tables for a
 //! tenth of a second before the first picture.
 
-use linkage_driver::ColorImage;
+use linkage_frames::ColorImage;
 use opencv::core::{BORDER_DEFAULT, Mat, Size};
 use opencv::imgproc;
 use opencv::prelude::*;

@@ -1,8 +1,8 @@
 //! The narrow bridge to OpenCV: pictures in, pictures out.
 
-use linkage_driver::ColorImage;
+use linkage_frames::ColorImage;
 use nalgebra::Matrix3;
-use opencv::core::{self, CV_8U, DataType, Mat, Size, Vec2f, Vector};
+use opencv::core::{self, CV_8U, Mat, Size};
 use opencv::imgproc;
 use opencv::prelude::*;
 
@@ -84,18 +84,46 @@ pub fn empty_mask(width: usize, height: usize, value: f64) -> opencv::Result<Mat
     Mat::new_rows_cols_with_default(height as i32, width as i32, CV_8U, core::Scalar::all(value))
 }
 
-/// 5x5 median of each flow component (Wang et al. 2011, as the paper cites it).
-pub fn median_blur_flow(flow: &Mat) -> opencv::Result<Mat> {
-    let mut components: Vector<Mat> = Vector::new();
-    core::split(flow, &mut components)?;
-    let mut smoothed: Vector<Mat> = Vector::new();
-    for component in &components {
-        let mut out = Mat::default();
-        imgproc::median_blur(&component, &mut out, 5)?;
-        smoothed.push(out);
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ramp that brightens by two grey levels a column.
+    fn ramp() -> Gray {
+        let bytes: Vec<u8> = (0..40 * 30).map(|i| (2 * (i % 40)) as u8).collect();
+        Gray::new(40, 30, &bytes).unwrap()
     }
-    let mut merged = Mat::default();
-    core::merge(&smoothed, &mut merged)?;
-    debug_assert_eq!(merged.typ(), Vec2f::opencv_type());
-    Ok(merged)
+
+    #[test]
+    fn a_picture_keeps_its_size_and_its_bytes() {
+        let gray = ramp();
+        assert_eq!((gray.width(), gray.height()), (40, 30));
+        assert_eq!(gray.bytes().unwrap()[40 * 7 + 5], 10);
+    }
+
+    #[test]
+    fn a_blur_leaves_a_ramp_and_lowers_a_spike() {
+        let mut bytes = vec![0_u8; 40 * 30];
+        bytes[40 * 15 + 20] = 200;
+        let spike = Gray::new(40, 30, &bytes).unwrap().blurred(1.0).unwrap();
+        let at = |gray: &Gray, u: usize| gray.bytes().unwrap()[40 * 15 + u];
+        assert!((20..60).contains(&at(&spike, 20)) && at(&spike, 22) > 0);
+        assert_eq!(at(&ramp().blurred(1.0).unwrap(), 20), 40);
+    }
+
+    #[test]
+    fn a_warped_view_shows_what_its_pixels_map_to() {
+        let mut picture_from_view = Matrix3::identity();
+        picture_from_view[(0, 2)] = 10.0;
+        let view = ramp().warped(&picture_from_view, 20, 10).unwrap();
+        assert_eq!((view.width(), view.height()), (20, 10));
+        assert_eq!(view.bytes().unwrap()[3], 26, "column 13 of the ramp");
+    }
+
+    #[test]
+    fn a_mask_holds_one_value() {
+        let mask = empty_mask(4, 3, 255.0).unwrap();
+        assert!(mask.data_typed::<u8>().unwrap().iter().all(|m| *m == 255));
+        assert_eq!((mask.cols(), mask.rows()), (4, 3));
+    }
 }

@@ -1,4 +1,4 @@
 //! Pictures as the other modules need them: intensities and CIE L*a*b* colour.
 
-pub mod cielab;
-pub mod gray;
+pub(crate) mod cielab;
+pub(crate) mod gray;

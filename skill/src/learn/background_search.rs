@@ -60,7 +60,7 @@ struct Running {
 
 /// What the joint search needs of the configuration.
 pub fn search_settings(config: &SkillConfig) -> SearchSettings<'_> {
-    SearchSettings { joints: &config.joints, ego_motion: &config.base, seed: config.seed }
+    SearchSettings { joints: &config.joints, seed: config.seed }
 }
 
 impl BackgroundSearch {
@@ -149,7 +149,7 @@ fn search(
     report: Option<&Mutex<Vec<Joint>>>,
 ) -> Found {
     let Snapshot { tracks, camera_from_base, keyframes } = snapshot;
-    let ego_motion = earlier.ego_motion.extended(&tracks, camera_from_base, &config.base);
+    let ego_motion = earlier.ego_motion.extended(&tracks, camera_from_base);
     let recording = Recording { tracks, ego_motion, keyframes };
     let settings = search_settings(config);
     let (warm_start, joints) =
@@ -174,7 +174,7 @@ fn message_of(panic: &(dyn Any + Send)) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::tracking::{Observation, Track};
+    use crate::learn::tracking::{Observation, Track, TrackId};
     use nalgebra::{Point2, Point3};
 
     #[test]
@@ -192,7 +192,7 @@ mod tests {
             point_in_camera: Some(Point3::new(0.0, 0.0, 1.0)),
             normal_in_camera: None,
         };
-        let track = Track { id: 0, first_frame: 0, observations: vec![seen; 3] };
+        let track = Track { id: TrackId(0), first_frame: 0, observations: vec![seen; 3] };
         Snapshot {
             tracks: TrackSet { frame_utimes: vec![1, 2, 3], tracks: vec![track] },
             camera_from_base: vec![Pose::identity(); poses],

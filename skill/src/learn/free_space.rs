@@ -4,7 +4,7 @@
 
 use super::ego_motion::coarse_sigma;
 use crate::math::rigid::{Pose, matrix_pose};
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use nalgebra::Point3;
 
 /// What a depth picture says about a point.

@@ -5,7 +5,7 @@ use super::keyframes::Keyframes;
 use super::tracking::Trajectory;
 use crate::math::rigid::Pose;
 use crate::math::robust::{median_point, without_strays};
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};

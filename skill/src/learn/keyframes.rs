@@ -1,7 +1,7 @@
 //! A bounded, even selection of a recording's frames, kept whole: for the appearance of the
 //! parts and for asking whether the space that a model claims was free.
 
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use std::sync::Arc;
 
 /// At most `capacity` frames, evenly spread over all that were offered.
@@ -77,7 +77,7 @@ impl Keyframes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_driver::{ColorImage, DepthImage, PinholeCamera};
+    use linkage_frames::{ColorImage, DepthImage, PinholeCamera};
 
     #[test]
     fn frames_that_stay_get_their_new_numbers() {

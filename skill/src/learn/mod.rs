@@ -1,39 +1,45 @@
 //! Learning from a demonstration: the paper's training phase (its Fig. 3), as one type that
 //! takes frames as they come and one function that finishes.
 
-pub mod appearance;
+pub(crate) mod appearance;
 mod background_search;
-pub mod demonstration;
-pub mod ego_motion;
-pub mod free_space;
-pub mod grasp_point;
-pub mod joint_search;
-pub mod katz;
-pub mod keyframes;
-pub mod learned_joint;
-pub mod paper;
-pub mod plane_hinges;
-pub mod recording;
-pub mod stage_times;
-pub mod tracking;
+pub(crate) mod demonstration;
+pub(crate) mod ego_motion;
+pub(crate) mod free_space;
+pub(crate) mod grasp_point;
+pub(crate) mod joint_search;
+#[cfg(feature = "paper")]
+pub(crate) mod katz;
+pub(crate) mod keyframes;
+pub(crate) mod learned_joint;
+#[cfg(feature = "paper")]
+pub(crate) mod paper;
+pub(crate) mod plane_hinges;
+pub(crate) mod recording;
+pub(crate) mod stage_times;
+pub(crate) mod tracking;
 
 use crate::config::{Method, SkillConfig};
-use crate::learn::demonstration::{Demonstration, assemble};
 use crate::math::rigid::Pose;
 use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use crate::vision_error::VisionError;
 use background_search::{BackgroundSearch, Snapshot, search_settings};
+use demonstration::assemble;
 use ego_motion::EgoMotionEstimator;
 use joint_search::WarmStart;
-use keyframes::Keyframes;
+pub use keyframes::Keyframes;
 use learned_joint::LearnedJoints;
-use linkage_driver::RgbdFrame;
-use paper::config::PaperSettings;
+use linkage_frames::RgbdFrame;
 use recording::Recording;
-use stage_times::StageTimes;
+pub use stage_times::StageTimes;
 use tracking::{Tracker, informative_frames};
+
+pub use demonstration::Demonstration;
+pub use learned_joint::RejectedCandidate;
 
 /// A demonstration that nothing can be learned from.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LearnError {
     /// Too few frames.
     #[error("the demonstration has {found} frames, at least {needed} are needed")]
@@ -60,9 +66,13 @@ pub enum LearnError {
     NoDepth,
     /// The vision library failed.
     #[error("vision: {0}")]
-    Vision(#[from] opencv::Error),
+    Vision(#[from] VisionError),
 }
 
+/// Whole frames kept for appearance and free-space tests: bounds memory.
+const KEYFRAMES: usize = 48;
+/// Frames between searches for joints while frames arrive, and so how old a live guess may be.
+const SEARCH_EVERY: usize = 15;
 /// Fewest frames of a demonstration.
 const MIN_FRAMES: usize = 10;
 
@@ -92,13 +102,14 @@ impl Learner {
 
     fn with_progress(config: &SkillConfig, reports_progress: bool) -> Self {
         let every = match config.learn.way {
-            Method::DirectJoints => config.learn.search_every,
+            Method::DirectJoints => SEARCH_EVERY,
+            #[cfg(feature = "paper")]
             Method::Paper | Method::Katz => 0,
         };
         Self {
             tracker: Tracker::new(config.track.clone()),
-            base: EgoMotionEstimator::new(&config.base, config.seed),
-            keyframes: Keyframes::new(config.learn.keyframes),
+            base: EgoMotionEstimator::new(config.seed),
+            keyframes: Keyframes::new(KEYFRAMES),
             background: BackgroundSearch::new(every, reports_progress),
             config: config.clone(),
             first_utime: 0,
@@ -123,7 +134,7 @@ impl Learner {
             self.first_utime = frame.utime;
         }
         self.last_utime = Some(frame.utime);
-        self.times.measure("track", || self.tracker.push(frame))?;
+        self.times.measure("track", || self.tracker.push(frame)).map_err(VisionError::new)?;
         self.times.measure("camera", || self.base.push(&self.tracker.lifted()));
         self.keyframes.offer(index, frame);
         let Self { tracker, base, keyframes, config, background, times, .. } = self;
@@ -153,6 +164,7 @@ impl Learner {
         tracing::debug!(of = marks.len(), kept = self.tracker.frames(), "frames forgotten");
     }
 
+    #[doc(hidden)]
     /// The tracker, for drawing what it follows.
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
@@ -165,6 +177,7 @@ impl Learner {
 
     /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
     /// demonstration believes in. How long that part is depends on how fast this machine is.
+    #[must_use]
     pub fn current_estimate(&self, object: &str) -> ObjectModel {
         let joints = self.background.current_estimate();
         let part = |(i, _): (usize, &Joint)| Part::new(i + 1, format!("part{}", i + 1), 0);
@@ -198,8 +211,7 @@ impl Learner {
         }
         let earlier = background.settle();
         let poses = base.camera_from_base().to_vec();
-        let ego_motion =
-            times.measure("base", || earlier.ego_motion.extended(&tracks, poses, &config.base));
+        let ego_motion = times.measure("base", || earlier.ego_motion.extended(&tracks, poses));
         let recording = Recording { tracks, ego_motion, keyframes };
         let learned = learn_joints(&recording, &earlier.warm_start, &config, &mut times);
         Ok(assemble(object, &config, recording, learned, times))
@@ -214,8 +226,10 @@ fn learn_joints(
     times: &mut StageTimes,
 ) -> LearnedJoints {
     match config.learn.way {
-        Method::Paper => paper::learn(recording, &paper_settings(config), times),
-        Method::Katz => times.measure("katz", || katz::learn(recording, &config.katz)),
+        #[cfg(feature = "paper")]
+        Method::Paper => paper::learn(recording, config.seed, times),
+        #[cfg(feature = "paper")]
+        Method::Katz => times.measure("katz", || katz::learn(recording)),
         Method::DirectJoints => {
             let settings = search_settings(config);
             let found =
@@ -224,20 +238,8 @@ fn learn_joints(
                 return found;
             }
             let LearnedJoints { joints, rejections } = found;
-            let joints = times
-                .measure("planes", || plane_hinges::complete(joints, recording, &config.planes));
+            let joints = times.measure("planes", || plane_hinges::complete(joints, recording));
             LearnedJoints { joints, rejections }
         }
-    }
-}
-
-/// What the stages of the paper's method need of the configuration.
-fn paper_settings(config: &SkillConfig) -> PaperSettings<'_> {
-    PaperSettings {
-        segment: &config.segment,
-        pose: &config.pose,
-        articulate: &config.articulate,
-        structure: &config.structure,
-        seed: config.seed,
     }
 }

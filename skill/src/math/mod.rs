@@ -1,6 +1,6 @@
 //! Rigid motions, robust estimation and small numerical helpers.
 
 pub(crate) mod extremes;
-pub mod ransac;
-pub mod rigid;
-pub mod robust;
+pub(crate) mod ransac;
+pub(crate) mod rigid;
+pub(crate) mod robust;

@@ -1,6 +1,6 @@
 //! Statistics that a few wrong values do not spoil, and others over lists of places.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 /// The middle value; `None` of nothing. NaN must not be among the values.
 pub fn median(values: &mut [f64]) -> Option<f64> {
@@ -24,7 +24,8 @@ pub fn median_point(points: &[Point3<f64>]) -> Option<Point3<f64>> {
 }
 
 /// Diagonal of the box that holds some places, metres; 0 without any.
-pub fn extent(mut places: impl Iterator<Item = Vector3<f64>>) -> f64 {
+#[cfg(any(test, feature = "paper"))]
+pub fn extent(mut places: impl Iterator<Item = nalgebra::Vector3<f64>>) -> f64 {
     let Some(first) = places.next() else { return 0.0 };
     let (low, high) = places.fold((first, first), |(l, h), p| (l.inf(&p), h.sup(&p)));
     (high - low).norm()

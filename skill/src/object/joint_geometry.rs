@@ -111,3 +111,57 @@ impl JointGeometry {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn near(a: &Point3<f64>, b: [f64; 3]) -> bool {
+        (a - Point3::from(b)).norm() < 1e-12
+    }
+
+    #[test]
+    fn a_slide_moves_every_point_along_its_axis() {
+        let slide = JointGeometry::slide(Vector3::x_axis(), Point3::new(5.0, 5.0, 5.0));
+        assert!(near(&(slide.motion(0.3) * Point3::new(1.0, 2.0, 3.0)), [1.3, 2.0, 3.0]));
+        assert_eq!(slide.kind.unit(), "m");
+    }
+
+    #[test]
+    fn a_hinge_turns_about_its_line_and_leaves_it_in_place() {
+        let hinge = JointGeometry::hinge(Vector3::z_axis(), Point3::new(1.0, 0.0, 0.0));
+        let quarter = hinge.motion(TAU / 4.0);
+        assert!(near(&(quarter * Point3::new(2.0, 0.0, 0.5)), [1.0, 1.0, 0.5]));
+        assert!(near(&(quarter * Point3::new(1.0, 0.0, 7.0)), [1.0, 0.0, 7.0]));
+    }
+
+    #[test]
+    fn a_screw_advances_by_its_pitch_in_a_turn() {
+        let screw = JointGeometry::screw(Vector3::y_axis(), Point3::origin(), 0.02);
+        assert!(near(&(screw.motion(TAU) * Point3::new(0.3, 0.0, 0.0)), [0.3, 0.02, 0.0]));
+    }
+
+    #[test]
+    fn velocity_is_the_derivative_of_the_motion() {
+        let (axis, origin) = (Vector3::y_axis(), Point3::new(0.2, 0.0, 0.1));
+        for joint in [
+            JointGeometry::slide(axis, origin),
+            JointGeometry::hinge(axis, origin),
+            JointGeometry::screw(axis, origin, 0.05),
+        ] {
+            let (q, h, p) = (0.4, 1e-6, Point3::new(0.5, 0.3, -0.2));
+            let numeric = (joint.motion(q + h) * p - joint.motion(q - h) * p) / (2.0 * h);
+            let told = joint.velocity(&(joint.motion(q) * p));
+            assert!((numeric - told).norm() < 1e-8, "{}: {numeric} {told}", joint.kind.name());
+        }
+    }
+
+    #[test]
+    fn a_line_seen_from_another_frame_moves_points_alike() {
+        let hinge = JointGeometry::hinge(Vector3::z_axis(), Point3::new(1.0, 0.0, 0.0));
+        let other_from_this = Pose::new(Vector3::new(0.1, 0.2, 0.3), Vector3::new(0.0, 0.7, 0.1));
+        let p = Point3::new(0.4, 0.5, 0.6);
+        let there = hinge.transformed(&other_from_this).motion(0.8) * (other_from_this * p);
+        assert!((there - other_from_this * (hinge.motion(0.8) * p)).norm() < 1e-12);
+    }
+}

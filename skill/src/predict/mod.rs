@@ -42,6 +42,7 @@ impl std::str::FromStr for Target {
 
 /// A prediction that cannot be made.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum PredictError {
     /// No joint goes by that name.
     #[error("{object} has no joint \"{joint}\"; it has: {known}")]
@@ -173,6 +174,7 @@ impl<'m> PredictionContext<'m> {
 
     /// `camera_from_part` of every part for given configurations of some joints, the others
     /// staying as they are. Part axes are the object's at configuration 0.
+    #[must_use]
     pub fn part_poses(&self, moved: &[(usize, f64)]) -> Vec<Pose> {
         let mut q: Vec<f64> = self
             .configurations

@@ -4,8 +4,9 @@
 //!
 //! In: a frame, and the pixels of the part's features. Out: a convex polygon, pixels.
 
-use linkage_driver::RgbdFrame;
-use linkage_driver::depth::NormalMap;
+use crate::vision_error::VisionError;
+use linkage_frames::RgbdFrame;
+use linkage_frames::depth::NormalMap;
 use nalgebra::{Point2, Vector3};
 use opencv::core::{CV_8U, Mat, Point, Rect, Scalar, Vector};
 use opencv::features2d::MSER;
@@ -22,14 +23,22 @@ const MAX_AREA_PX: i32 = 320 * 240;
 /// that hull where no region does.
 ///
 /// # Errors
-/// Whatever the vision library says.
+/// [`VisionError`] if the vision library fails.
 pub fn moved_surface(
     frame: &RgbdFrame,
     features: &[Point2<f64>],
-) -> opencv::Result<Option<Vec<Point2<f64>>>> {
+) -> Result<Option<Vec<Point2<f64>>>, VisionError> {
     if features.len() < 3 {
         return Ok(None);
     }
+    outline(frame, features).map_err(VisionError::new)
+}
+
+/// [`moved_surface`] of enough features.
+fn outline(
+    frame: &RgbdFrame,
+    features: &[Point2<f64>],
+) -> opencv::Result<Option<Vec<Point2<f64>>>> {
     let towards = mean_normal(frame, features);
     let picture = facing_picture(frame, &towards)?;
     let mut mser = MSER::create(5, MIN_AREA_PX, MAX_AREA_PX, 0.25, 0.2, 200, 1.01, 0.003, 5)?;
@@ -95,4 +104,48 @@ fn facing_picture(frame: &RgbdFrame, towards: &Vector3<f64>) -> opencv::Result<M
         Mat::new_rows_cols_with_default(height as i32, width as i32, CV_8U, Scalar::all(0.0))?;
     imgproc::median_blur(&rows, &mut picture, 5)?;
     Ok(picture)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::seen;
+
+    /// A board that faces the camera before a wall that slants away; 80 pixels to each side.
+    fn slanted_room() -> RgbdFrame {
+        seen(0, |x, y| {
+            let (board, wall) = (1.0, 2.0 / (1.0 - 0.9 * x));
+            if x.abs() < 80.0 / 260.0 && y.abs() < 80.0 / 260.0 { board } else { wall }
+        })
+    }
+
+    fn pixels(reach: f64) -> Vec<Point2<f64>> {
+        let at = |i: usize| {
+            let (x, y) = ((i % 5) as f64 - 2.0, (i / 5) as f64 - 2.0);
+            Point2::new(160.0 + reach * x / 2.0, 120.0 + reach * y / 2.0)
+        };
+        (0..25).map(at).collect()
+    }
+
+    fn reach_of(outline: &[Point2<f64>]) -> f64 {
+        outline.iter().map(|p| (p.x - 160.0).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn the_outline_is_that_of_the_surface_that_carries_the_features() {
+        let outline = moved_surface(&slanted_room(), &pixels(66.0)).unwrap().unwrap();
+        let reach = reach_of(&outline);
+        assert!((70.0..90.0).contains(&reach), "the board reaches 80 pixels, the outline {reach}");
+    }
+
+    #[test]
+    fn where_no_region_fits_it_is_the_hull_of_the_features() {
+        let outline = moved_surface(&slanted_room(), &pixels(20.0)).unwrap().unwrap();
+        assert!((reach_of(&outline) - 20.0).abs() < 1.5, "{outline:?}");
+    }
+
+    #[test]
+    fn two_features_have_no_outline() {
+        assert_eq!(moved_surface(&slanted_room(), &pixels(10.0)[..2]).unwrap(), None);
+    }
 }

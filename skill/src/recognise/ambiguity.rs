@@ -103,6 +103,7 @@ mod tests {
             cloud: &cloud,
             coarse: &cloud,
             matches: &[],
+            min_inliers: 0,
             config: &RecogniseConfig::default(),
         };
         let state = State { camera_from_object: Pose::identity(), q: vec![0.0] };

@@ -8,7 +8,7 @@ use super::render_cloud::Cloud;
 use super::scene::Scene;
 use super::verify::verify;
 use crate::object::joint_geometry::JointKind;
-use linkage_driver::depth::depth_tolerance;
+use linkage_frames::depth::depth_tolerance;
 use rayon::prelude::*;
 use std::collections::HashSet;
 
@@ -158,7 +158,7 @@ mod tests {
     use crate::object::joint_geometry::JointGeometry;
     use crate::recognise::kinematics::ChainJoint;
     use crate::recognise::render_cloud::CloudPoint;
-    use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
+    use linkage_frames::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
     use nalgebra::{Point3, Vector3};
     use std::sync::Arc;
 

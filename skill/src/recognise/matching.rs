@@ -155,7 +155,7 @@ impl Compared {
         for of_kind in &self.0 {
             let mut of_kind: Vec<&Match> = of_kind.iter().filter(is_wanted).collect();
             of_kind.sort_by(by_ratio);
-            distinct.extend(of_kind.into_iter().take(config.max_matches));
+            distinct.extend(of_kind.into_iter().take(MAX_MATCHES));
         }
         distinct.sort_by(by_ratio);
         distinct.into_iter().cloned().collect()
@@ -169,6 +169,8 @@ impl Compared {
     }
 }
 
+/// Distinct matches of each kind that are kept, the most distinct first.
+const MAX_MATCHES: usize = 400;
 /// Queries that are compared at a time.
 const BLOCK: usize = 64;
 
@@ -284,7 +286,7 @@ fn highest(products: &[f32]) -> f32 {
 
 /// Tolerance of a matched place at depth `z`, metres.
 pub fn tolerance(z: f64) -> f64 {
-    0.008 + 3.0 * linkage_driver::depth::depth_sigma(z)
+    0.008 + 3.0 * linkage_frames::depth::depth_sigma(z)
 }
 
 #[cfg(test)]

@@ -9,11 +9,11 @@
 //! through their joints (`hypothesis`); everything is refined together (`refine`); the result is
 //! verified against the picture (`verify`, `edge_test`): geometry alone cannot tell look-alikes
 //! apart, inliers alone cannot either. What of it is told is decided last (`evidence`, `ambiguity`,
-//! `elimination`). [`Follower`] then follows the object from frame to frame, and [`Index`] tells
-//! which objects of a large store are worth a search.
+//! `elimination`). [`Follower`] then follows the object from frame to frame, and an index of
+//! words (`retrieval`) tells which objects of a large store are worth a search.
 
 mod ambiguity;
-mod config;
+pub(crate) mod config;
 mod edge_test;
 mod elimination;
 mod evidence;
@@ -29,8 +29,8 @@ mod patch_colour;
 mod pnp;
 mod refine;
 mod render_cloud;
-mod result;
-mod retrieval;
+pub(crate) mod result;
+pub(crate) mod retrieval;
 mod scene;
 mod still_frames;
 mod stillness;
@@ -40,12 +40,10 @@ mod test_data;
 mod verdict;
 mod verify;
 
-pub use config::RecogniseConfig;
-pub use follow::{Asked, FollowConfig, Followed, Follower, Lost};
+use config::RecogniseConfig;
+pub use follow::{Asked, Followed, Follower, Lost};
 pub use known_object::KnownObject;
-pub use result::{JointState, RECOGNITION_SCHEMA, Recognised, Recognition, is_yes, yes};
-pub use retrieval::{Index, NotAVocabulary, Vocabulary, Words};
-pub(crate) use retrieval::{Posting, Postings};
+pub use result::{JointState, RECOGNITION_SCHEMA, Recognised, Recognition};
 pub use scene::Scene;
 pub use still_frames::StillFrames;
 
@@ -57,6 +55,7 @@ use std::sync::Arc;
 ///
 /// Where distinct matches lead to no object at all, all matches are tried, of each. That costs as
 /// much again, and more: where something is known to be seen it is not asked for.
+#[must_use]
 pub fn recognise(
     scene: &Scene,
     objects: &[Arc<KnownObject>],
@@ -79,6 +78,7 @@ pub fn recognise(
 
 /// The best explanation of the scene by one object, whatever its score; `None` when too few
 /// matches agree in space.
+#[must_use]
 pub fn find(
     scene: &Scene,
     object: &KnownObject,

@@ -8,7 +8,7 @@
 use super::kinematics::{Articulated, State};
 use super::render_cloud::{Cloud, visible};
 use super::scene::Scene;
-use linkage_driver::depth::depth_sigma;
+use linkage_frames::depth::depth_sigma;
 use nalgebra::{DMatrix, DVector};
 
 /// Normal equations over pose and configurations; of the symmetric matrix the lower triangle

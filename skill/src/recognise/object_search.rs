@@ -25,6 +25,10 @@ use super::scene::Scene;
 use super::verify::verify;
 use crate::math::rigid::Pose;
 
+/// Matches that agree in space before anything dense is computed.
+const MIN_INLIERS: usize = 7;
+/// Things of one make that are looked for in one picture.
+const MAX_OF_A_MAKE: usize = 4;
 /// Share of the surface of one thing that may lie where another thing stands.
 const MAX_SHARED: f64 = 0.3;
 
@@ -74,7 +78,7 @@ impl<'l> ObjectSearch<'l> {
             tried: TriedPoses::default(),
             found: None,
         };
-        let found = search.detect(&search.distinct, config, &mut tried);
+        let found = search.detect(&search.distinct, MIN_INLIERS, &mut tried);
         Self { tried, found, ..search }
     }
 
@@ -97,11 +101,11 @@ impl<'l> ObjectSearch<'l> {
         }
         let all = self.compared.all();
         let mut tried = std::mem::take(&mut self.tried);
-        let by_all = self.refiner(&all, self.config);
-        let best = best_pose(&by_all, self.config.min_inliers + 1, &mut tried, self.seed);
+        let by_all = self.refiner(&all, MIN_INLIERS);
+        let best = best_pose(&by_all, MIN_INLIERS + 1, &mut tried, self.seed);
         let found = best.map(|best| {
             let score = best.score * best.verdict.visible_ratio();
-            let by_distinct = self.refiner(&self.distinct, self.config);
+            let by_distinct = self.refiner(&self.distinct, MIN_INLIERS);
             decide(&by_distinct, RefinedPose { score, ..best })
         });
         self.tried = tried;
@@ -118,13 +122,12 @@ impl<'l> ObjectSearch<'l> {
     /// as the first.
     pub fn same_class_instances(mut self) -> (Vec<Recognised>, f64) {
         let Some(first) = self.found.take() else { return (Vec::new(), 0.0) };
-        let mut config = self.config.clone();
-        config.min_inliers = config.min_inliers.max(first.inliers.div_ceil(2));
+        let min_inliers = MIN_INLIERS.max(first.inliers.div_ceil(2));
         let (mut occupied, mut all) = (OccupiedVoxels::default(), Vec::new());
         let mut next = Some(first);
         while let Some(found) = next.take() {
             let recognised = report(self.object, &self.articulated, &found);
-            if recognised.score < config.min_score {
+            if recognised.score < self.config.min_score {
                 return (all, recognised.score);
             }
             let places = places_of(&self.object.cloud, &self.articulated, &found.state);
@@ -134,9 +137,9 @@ impl<'l> ObjectSearch<'l> {
             }
             occupied.add(&places);
             all.push(recognised);
-            if all.len() < config.max_of_a_make && self.scene.has_depth() {
-                let left = self.compared.distinct(|place| !occupied.holds(place), &config);
-                next = self.detect(&left, &config, &mut TriedPoses::default());
+            if all.len() < MAX_OF_A_MAKE && self.scene.has_depth() {
+                let left = self.compared.distinct(|place| !occupied.holds(place), self.config);
+                next = self.detect(&left, min_inliers, &mut TriedPoses::default());
             }
         }
         (all, 0.0)
@@ -147,12 +150,12 @@ impl<'l> ObjectSearch<'l> {
     fn detect(
         &self,
         matches: &[Match],
-        config: &RecogniseConfig,
+        min_inliers: usize,
         tried: &mut TriedPoses,
     ) -> Option<Detection> {
         let found = if self.scene.has_depth() {
-            let refiner = self.refiner(matches, config);
-            best_pose(&refiner, config.min_inliers.saturating_sub(1), tried, self.seed)
+            let refiner = self.refiner(matches, min_inliers);
+            best_pose(&refiner, min_inliers.saturating_sub(1), tried, self.seed)
                 .map(|best| decide(&refiner, best))
         } else {
             pnp::find(self.scene, &self.articulated, &self.object.cloud, matches)
@@ -169,7 +172,7 @@ impl<'l> ObjectSearch<'l> {
         Some(found)
     }
 
-    fn refiner<'r>(&'r self, matches: &'r [Match], config: &'r RecogniseConfig) -> Refiner<'r> {
+    fn refiner<'r>(&'r self, matches: &'r [Match], min_inliers: usize) -> Refiner<'r> {
         let KnownObject { cloud, coarse, .. } = self.object;
         Refiner {
             scene: self.scene,
@@ -177,7 +180,8 @@ impl<'l> ObjectSearch<'l> {
             cloud,
             coarse,
             matches,
-            config,
+            min_inliers,
+            config: self.config,
         }
     }
 }
@@ -217,7 +221,7 @@ fn best_pose(
     tried: &mut TriedPoses,
     seed: u64,
 ) -> Option<RefinedPose> {
-    let Refiner { articulated, matches, config, .. } = *refiner;
+    let Refiner { articulated, matches, min_inliers, config, .. } = *refiner;
     let hypotheses = hypothesis::all(articulated, matches, seed);
     let most_support = hypotheses.first().map_or(0, |h| h.support);
     tracing::debug!(hypotheses = hypotheses.len(), best = most_support, "hypotheses");
@@ -246,7 +250,7 @@ fn best_pose(
             best = Some((explained, refined));
         }
     }
-    let least = config.min_inliers.max((SHARE_OF_MOST * most_support as f64) as usize);
+    let least = min_inliers.max((SHARE_OF_MOST * most_support as f64) as usize);
     best.map(|(_, best)| best).filter(|b| b.inliers >= least)
 }
 

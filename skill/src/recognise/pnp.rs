@@ -14,7 +14,7 @@ use super::render_cloud::Cloud;
 use super::scene::Scene;
 use super::verify::verify_appearance;
 use crate::math::rigid::Pose;
-use linkage_driver::PinholeCamera;
+use linkage_frames::PinholeCamera;
 use nalgebra::{Matrix2x3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use opencv::calib3d;
 use opencv::core::{Mat, Point2f, Point3f, Vector};

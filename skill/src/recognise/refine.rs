@@ -51,6 +51,8 @@ pub struct Refiner<'r> {
     pub coarse: &'r Cloud,
     /// Its matches.
     pub matches: &'r [Match],
+    /// Fewest of them that must agree with a state.
+    pub min_inliers: usize,
     /// What is done.
     pub config: &'r RecogniseConfig,
 }

@@ -7,8 +7,9 @@ use super::matching::Queries;
 use super::surface_cache::Surfaces;
 use crate::features::{DescribedFeature, FeatureDensity, Keypoints};
 use crate::image::cielab::CielabImage;
-use linkage_driver::RgbdFrame;
-use linkage_driver::depth::{NormalMap, SurfacePatch};
+use crate::vision_error::VisionError;
+use linkage_frames::RgbdFrame;
+use linkage_frames::depth::{NormalMap, SurfacePatch};
 use nalgebra::Vector3;
 
 /// A frame with features, normals and colour.
@@ -30,26 +31,28 @@ impl Scene {
     /// Describes a frame.
     ///
     /// # Errors
-    /// Whatever the vision library says.
-    pub fn new(frame: &RgbdFrame) -> opencv::Result<Self> {
+    /// [`VisionError`] if the vision library fails.
+    pub fn new(frame: &RgbdFrame) -> Result<Self, VisionError> {
         let (keypoints, (normals, lab)) = rayon::join(
             || Keypoints::new(frame, FeatureDensity::Query, |_, _| true),
             || (NormalMap::new(&frame.depth, &frame.camera), CielabImage::new(&frame.color)),
         );
-        let features = keypoints?.describe(frame, &normals)?;
-        Ok(Self::of(frame, features, normals, lab?))
+        let features = keypoints
+            .and_then(|keypoints| keypoints.describe(frame, &normals))
+            .map_err(VisionError::new)?;
+        Ok(Self::of(frame, features, normals, lab.map_err(VisionError::new)?))
     }
 
     /// A frame without features, for what is followed by its surface.
     ///
     /// # Errors
-    /// Whatever the vision library says.
-    pub fn plain(frame: &RgbdFrame) -> opencv::Result<Self> {
+    /// [`VisionError`] if the vision library fails.
+    pub fn plain(frame: &RgbdFrame) -> Result<Self, VisionError> {
         let (normals, lab) = rayon::join(
             || NormalMap::new(&frame.depth, &frame.camera),
             || CielabImage::new(&frame.color),
         );
-        Ok(Self::of(frame, Vec::new(), normals, lab?))
+        Ok(Self::of(frame, Vec::new(), normals, lab.map_err(VisionError::new)?))
     }
 
     fn of(

@@ -6,7 +6,7 @@
 //! pixels that a structured-light camera reads now and then are filled.
 
 use super::stillness::EdgeView;
-use linkage_driver::{ColorImage, DepthImage, FrameError, RgbdFrame};
+use linkage_frames::{ColorImage, DepthImage, FrameError, RgbdFrame};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 

@@ -65,7 +65,7 @@ impl EdgeView {
 mod tests {
     use super::*;
     use crate::test_data::seen;
-    use linkage_driver::{ColorImage, RgbdFrame};
+    use linkage_frames::{ColorImage, RgbdFrame};
 
     /// A room of tiles, seen by a camera that is turned by some pixels, with a grey person before
     /// its left part.

@@ -1,7 +1,7 @@
 //! The surface at any pixel of a picture, worked out when it is first asked for: states that are
 //! compared ask for the same pixels again and again.
 
-use linkage_driver::depth::{NormalMap, SurfacePatch};
+use linkage_frames::depth::{NormalMap, SurfacePatch};
 use std::sync::OnceLock;
 
 /// Side of a tile, pixels.

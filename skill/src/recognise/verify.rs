@@ -9,7 +9,7 @@ use super::patch_colour::PatchColours;
 use super::render_cloud::{Cloud, DepthBuffer, Placed, visible};
 use super::scene::Scene;
 use super::verdict::Verdict;
-use linkage_driver::depth::depth_tolerance;
+use linkage_frames::depth::depth_tolerance;
 
 /// Compares a state with the picture.
 pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {

@@ -4,8 +4,8 @@
 use super::database::Store;
 use super::error::StoreError;
 use super::inverted_index;
-use super::stored_object::StoredObject;
 use super::test_data::object;
+use crate::object::stored_object::StoredObject;
 use crate::test_data::{features, features_seen};
 use rusqlite::Connection;
 use std::fs;

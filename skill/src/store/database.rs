@@ -9,9 +9,9 @@ use super::file::{self, Absent, Opened};
 use super::inverted_index;
 use super::record::Record;
 use super::schema;
-use super::stored_object::StoredObject;
 use super::transaction;
-use crate::recognise::Words;
+use crate::object::stored_object::StoredObject;
+use crate::recognise::retrieval::Words;
 use rusqlite::Connection;
 use std::path::{Path, PathBuf};
 

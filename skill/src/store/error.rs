@@ -5,6 +5,7 @@ use std::path::Path;
 
 /// A store that cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum StoreError {
     /// It is not there.
     #[error("{path}: no such store; learn an object with --store first")]
@@ -106,9 +107,14 @@ pub enum StoreError {
         /// The file.
         path: String,
         /// Why.
-        reason: rusqlite::Error,
+        reason: DatabaseError,
     },
 }
+
+/// An error of the database below a store.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct DatabaseError(pub(super) rusqlite::Error);
 
 /// What goes wrong below the store, where the file's name is not known.
 #[derive(Debug, thiserror::Error)]
@@ -150,6 +156,39 @@ pub fn explain(path: &Path, reason: rusqlite::Error) -> StoreError {
             StoreError::DamagedFile { path, reason: reason.to_string() }
         }
         Some(ErrorCode::ReadOnly) => StoreError::ReadOnly { path },
-        _ => StoreError::Database { path, reason },
+        _ => StoreError::Database { path, reason: DatabaseError(reason) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rusqlite::ffi;
+
+    /// What an error of SQLite with this code is told as.
+    fn told(code: i32) -> StoreError {
+        let error = rusqlite::Error::SqliteFailure(ffi::Error::new(code), None);
+        Fault::Sql(error).in_file(Path::new("kitchen.linkage"))
+    }
+
+    #[test]
+    fn errors_of_sqlite_are_told_as_what_they_mean_for_a_store() {
+        assert!(matches!(told(ffi::SQLITE_NOTADB), StoreError::NotAStore { .. }));
+        assert!(matches!(told(ffi::SQLITE_CORRUPT), StoreError::DamagedFile { .. }));
+        assert!(matches!(told(ffi::SQLITE_READONLY), StoreError::ReadOnly { .. }));
+        assert!(matches!(told(ffi::SQLITE_FULL), StoreError::Database { .. }));
+    }
+
+    #[test]
+    fn every_error_names_the_file() {
+        let object = Fault::Object { object: "door".to_owned(), reason: "cut off".to_owned() };
+        let errors = [
+            told(ffi::SQLITE_FULL),
+            object.in_file(Path::new("kitchen.linkage")),
+            Fault::File("no index".to_owned()).in_file(Path::new("kitchen.linkage")),
+        ];
+        for error in errors {
+            assert!(error.to_string().contains("kitchen.linkage"), "{error}");
+        }
     }
 }

@@ -122,7 +122,7 @@ fn needs_no_writing(error: &StoreError) -> bool {
     };
     match error {
         StoreError::ReadOnly { .. } => true,
-        StoreError::Database { reason, .. } => cannot_write(reason),
+        StoreError::Database { reason, .. } => cannot_write(&reason.0),
         _ => false,
     }
 }

@@ -10,7 +10,7 @@ use super::contents::{self, Entry};
 use super::error::Fault;
 use super::record::Checksum;
 use super::transaction::begin;
-use crate::recognise::{Posting, Postings, Words};
+use crate::recognise::retrieval::{Posting, Postings, Words};
 use lru::LruCache;
 use rusqlite::{Connection, OptionalExtension, params};
 use std::collections::HashSet;

@@ -6,9 +6,9 @@ use super::database::Store;
 use super::error::StoreError;
 use super::inverted_index::{PostingCache, lengthen, list, unlisted};
 use super::library::Library;
-use super::stored_object::StoredObject;
 use super::test_data::object;
-use crate::recognise::{Posting, Postings};
+use crate::object::stored_object::StoredObject;
+use crate::recognise::retrieval::{Posting, Postings};
 use crate::test_data::{features, features_seen};
 use tempfile::TempDir;
 

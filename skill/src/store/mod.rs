@@ -15,16 +15,12 @@ mod inverted_index;
 mod library;
 #[cfg(test)]
 mod listing;
-mod record;
-mod schema;
-mod stored_object;
+pub(crate) mod record;
+pub(crate) mod schema;
 #[cfg(test)]
 mod test_data;
 mod transaction;
 
 pub use database::{Revision, Store};
-pub use error::StoreError;
+pub use error::{DatabaseError, StoreError};
 pub use library::Library;
-pub use record::Record;
-pub use schema::SCHEMA_VERSION;
-pub use stored_object::{Provenance, StoredObject};

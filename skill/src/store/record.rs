@@ -1,10 +1,10 @@
 //! An object as the store's columns hold it, and the checksum over them.
 
-use super::stored_object::{Provenance, StoredObject};
 use crate::features::DESCRIPTOR_LENGTH;
 use crate::object::appearance::{Appearance, Edge};
 use crate::object::check::LARGEST_CONFIGURATION;
 use crate::object::model::ObjectModel;
+use crate::object::stored_object::{Provenance, StoredObject};
 
 /// Largest coordinate of a place on an object, and largest feature, metres.
 const LARGEST_PLACE: f32 = 1e4;
@@ -130,7 +130,9 @@ mod tests {
     use crate::object::appearance::{Edge, Surfel};
     use crate::object::joint_geometry::JointGeometry;
     use crate::object::model::{Joint, Part};
-    use crate::recognise::{Index, KnownObject, RecogniseConfig, Scene, Words, recognise};
+    use crate::recognise::config::RecogniseConfig;
+    use crate::recognise::retrieval::{Index, Words};
+    use crate::recognise::{KnownObject, Scene, recognise};
     use crate::store::test_data::object;
     use crate::test_data::{board, features, seen};
     use nalgebra::{Point3, Vector3};
@@ -173,7 +175,7 @@ mod tests {
         let index = Index::new([Words::of(&object.appearance)]);
         index.rank(&scene.features, 1);
         let known = Arc::new(KnownObject::new(object.model, &object.appearance));
-        recognise(scene, &[known], &RecogniseConfig::default(), 1);
+        let _ = recognise(scene, &[known], &RecogniseConfig::default(), 1);
     }
 
     #[test]

@@ -4,8 +4,8 @@ use super::contents::{self, Entry};
 use super::error::{Fault, StoreError, explain};
 use super::inverted_index;
 use super::record::Record;
-use super::stored_object::Provenance;
 use super::transaction::{begin, patiently};
+use crate::object::stored_object::Provenance;
 use rusqlite::{Connection, params};
 use std::path::Path;
 

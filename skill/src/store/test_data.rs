@@ -1,8 +1,8 @@
 //! An object for tests.
 
-use super::stored_object::{Provenance, StoredObject};
 use crate::object::appearance::Appearance;
 use crate::object::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use crate::object::stored_object::{Provenance, StoredObject};
 
 /// An object without joints and without features.
 pub fn object(name: &str) -> StoredObject {

@@ -2,7 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linkage_skill::articulation::{ArticulateConfig, fit_models, parse_pose_log};
+use linkage_skill::articulation::fit_models;
+use linkage_skill::internals::parse_pose_log;
 
 /// Samples beyond which a fit takes too long for a fuzzer.
 const MAX_SAMPLES: usize = 40;
@@ -12,7 +13,7 @@ fuzz_target!(|bytes: &[u8]| {
         assert!(log.samples.is_sorted_by(|a, b| a.t < b.t));
         assert!(log.samples.iter().all(|s| s.position.coords.iter().all(|x| x.is_finite())));
         let some = &log.samples[..log.samples.len().min(MAX_SAMPLES)];
-        if let Ok(fits) = fit_models(some, &ArticulateConfig::default()) {
+        if let Ok(fits) = fit_models(some) {
             assert!(fits.iter().all(|f| f.configuration.len() == some.len()));
         }
     }

@@ -2,9 +2,9 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linkage_skill::object::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+use linkage_skill::internals::Record;
+use linkage_skill::object::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use linkage_skill::recognise::KnownObject;
-use linkage_skill::store::Record;
 
 fuzz_target!(|data: (Vec<u8>, Vec<u8>)| {
     let model = ObjectModel {

@@ -10,9 +10,10 @@ use crate::steps::{last_frame, remember, skill_config};
 use crate::truth::{TrueJoint, Truth};
 use anyhow::{Context, anyhow};
 use linkage_skill::SkillConfig;
-use linkage_skill::math::robust::median;
+use linkage_skill::internals::median;
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::{Recognised, Scene};
-use linkage_skill::store::{Library, StoredObject};
+use linkage_skill::store::Library;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -272,7 +273,7 @@ pub fn configuration_scores(
     truth: &Truth,
     demonstrated: &Truth,
 ) -> Vec<ConfigurationScore> {
-    use linkage_skill::math::rigid::line_angle;
+    use linkage_skill::internals::line_angle;
     use nalgebra::Vector3;
     found
         .joints
@@ -284,7 +285,7 @@ pub fn configuration_scores(
             let first = demonstrated.joints.iter().find(|d| d.name == t.name)?.configuration[0];
             let change = t.configuration.last()? - first;
             let sign = axis.dot(&Vector3::from(t.axis_last)).signum();
-            let slide = t.kind == linkage_skill::object::joint_geometry::JointKind::Prismatic;
+            let slide = t.kind == linkage_skill::object::JointKind::Prismatic;
             let scale = if slide { 100.0 } else { 1.0_f64.to_degrees() };
             Some(ConfigurationScore {
                 joint: t.name.clone(),

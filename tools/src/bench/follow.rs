@@ -11,11 +11,11 @@ use crate::truth::{TrueJoint, Truth};
 use anyhow::anyhow;
 use linkage_driver::RgbdFrame;
 use linkage_skill::SkillConfig;
-use linkage_skill::learn::demonstration::Demonstration;
-use linkage_skill::math::rigid::pose_from_array;
-use linkage_skill::math::robust::median;
-use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::Joint;
+use linkage_skill::internals::median;
+use linkage_skill::learn::Demonstration;
+use linkage_skill::object::Joint;
+use linkage_skill::object::JointKind;
+use linkage_skill::pose_from_array;
 use linkage_skill::recognise::{Followed, Follower, KnownObject, Recognised, Scene, find};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -106,7 +106,7 @@ fn follow(recording: &Path, truth: &Truth, config: &SkillConfig) -> Outcome<Opti
     let object = Arc::new(KnownObject::new(stored.model, &stored.appearance));
     let frames = frames_of(recording)?;
     let Some(found) = first_sight(&frames, &object, config)? else { return Ok(None) };
-    let Some(mut follower) = Follower::new(object, &found, config.follow.clone()) else {
+    let Some(mut follower) = Follower::new(object, &found) else {
         return Ok(None);
     };
     let (mut answers, mut times, mut lost_at) = (Vec::new(), Vec::new(), None);

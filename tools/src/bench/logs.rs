@@ -1,9 +1,8 @@
 //! `--suite logs`: pose logs with a catalogue of their types.
 
-use crate::cli::{BenchArgs, Common};
+use crate::cli::BenchArgs;
 use crate::outcome::Outcome;
 use crate::output::write_json;
-use crate::steps::skill_config;
 use anyhow::{Context, anyhow};
 use linkage_skill::articulation::{fit_models, read_pose_log, type_probabilities};
 use serde::Serialize;
@@ -22,9 +21,8 @@ struct Row {
 }
 
 /// Fits every log that `DIR/catalogue.csv` gives a type for.
-pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
+pub fn run(args: &BenchArgs) -> Outcome {
     let dir = args.dir.as_ref().ok_or_else(|| anyhow!("--suite logs needs a folder"))?;
-    let config = skill_config(common)?;
     let path = dir.join("catalogue.csv");
     let catalogue = std::fs::read_to_string(&path)
         .with_context(|| format!("{}: cannot be read", path.display()))?;
@@ -41,7 +39,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         }
         let samples = read_pose_log(&dir.join(log), None)?.samples;
         let begin = Instant::now();
-        let fits = fit_models(&samples, &config.articulate).with_context(|| log.to_owned())?;
+        let fits = fit_models(&samples).with_context(|| log.to_owned())?;
         let milliseconds = 1e3 * begin.elapsed().as_secs_f64();
         let best = &fits[0];
         let row = Row {

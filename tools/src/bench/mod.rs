@@ -23,7 +23,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         "ablation" => ablation::run(args, common),
         "dir" => dir::run(args, common),
         "follow" => follow::run(args, common),
-        "logs" => logs::run(args, common),
+        "logs" => logs::run(args),
         "paper" => paper::run(args, common),
         "recognise" => recognise::run(args, common),
         "serve" => serve::run(args, common),

@@ -4,10 +4,10 @@
 use super::score::{LearnScore, mean_difference};
 use crate::truth::{TruePart, Truth};
 use linkage_driver::image_file;
-use linkage_skill::learn::demonstration::Demonstration;
-use linkage_skill::learn::tracking::Trajectory;
-use linkage_skill::math::rigid::{Pose, pose_from_array};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::internals::Trajectory;
+use linkage_skill::learn::Demonstration;
+use linkage_skill::object::JointKind;
+use linkage_skill::{Pose, pose_from_array};
 use nalgebra::Point3;
 use serde::Serialize;
 use std::path::Path;

@@ -16,7 +16,7 @@ use crate::simulate::{Take, instances};
 use crate::steps::{film, skill_config};
 use crate::tags::TagLog;
 use linkage_skill::SkillConfig;
-use linkage_skill::math::robust::median;
+use linkage_skill::internals::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -316,6 +316,6 @@ fn print_rest(rows: &[Row]) {
 }
 
 fn hinge_position(joint: &super::score::JointScore) -> Option<f64> {
-    use linkage_skill::object::joint_geometry::JointKind;
+    use linkage_skill::object::JointKind;
     joint.position_cm.filter(|_| joint.true_kind != JointKind::Prismatic)
 }

@@ -4,11 +4,10 @@
 
 use crate::truth::{TrueJoint, Truth};
 use linkage_skill::ObjectModel;
-use linkage_skill::math::rigid::{
-    distance_to_line, line_angle, nearest_on_line, orthonormal_basis, pose_from_array,
-};
-use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::Joint;
+use linkage_skill::internals::{distance_to_line, line_angle, nearest_on_line, orthonormal_basis};
+use linkage_skill::object::Joint;
+use linkage_skill::object::JointKind;
+use linkage_skill::pose_from_array;
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use serde::Serialize;
 
@@ -253,8 +252,8 @@ fn line_distance_sq(truth: &TrueJoint, found: &Joint) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::joint_geometry::JointGeometry;
-    use linkage_skill::object::model::ReferenceFrame;
+    use linkage_skill::object::JointGeometry;
+    use linkage_skill::object::ReferenceFrame;
     use nalgebra::UnitVector3;
 
     const FRAMES: usize = 40;
@@ -314,7 +313,7 @@ mod tests {
         let upper = found_slide(Vector3::new(0.002, 0.0, -1.0), 0.30, 5);
         let lower = found_slide(Vector3::new(0.001, 0.0, -1.0), 0.28, 20);
         let model = ObjectModel {
-            schema: linkage_skill::object::model::MODEL_SCHEMA.to_owned(),
+            schema: linkage_skill::object::MODEL_SCHEMA.to_owned(),
             object: "cabinet".to_owned(),
             reference_frame: ReferenceFrame::at_camera(0.0),
             parts: Vec::new(),

@@ -4,9 +4,10 @@ use crate::outcome::Outcome;
 use crate::steps::demonstrate_past;
 use crate::tags::TagLog;
 use crate::truth::{PoseArray, TrueJoint, Truth};
-use linkage_skill::articulation::{ArticulateConfig, PoseSample, fit_models};
-use linkage_skill::math::rigid::{Pose, pose_from_array, pose_to_array, rotation_nearest};
+use linkage_skill::articulation::{PoseSample, fit_models};
+use linkage_skill::internals::rotation_nearest;
 use linkage_skill::{Demonstration, SkillConfig};
+use linkage_skill::{Pose, pose_from_array, pose_to_array};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
 
@@ -48,7 +49,7 @@ pub fn watch(
     Ok(match tags {
         None => Watched { found, truth: exact, joints_by_tags: None },
         Some(tags) => {
-            let (truth, told) = truth_by_tags(&exact, tags, &config.articulate);
+            let (truth, told) = truth_by_tags(&exact, tags);
             Watched { found, truth, joints_by_tags: Some(told) }
         }
     })
@@ -56,7 +57,7 @@ pub fn watch(
 
 /// Truth by tags; joints whose parts' tags tell nothing keep the exact one. Also how many
 /// joints the tags told. Kinds and names are the experimenter's knowledge.
-fn truth_by_tags(exact: &Truth, log: &TagLog, config: &ArticulateConfig) -> (Truth, usize) {
+fn truth_by_tags(exact: &Truth, log: &TagLog) -> (Truth, usize) {
     let mut truth = exact.clone();
     let poses: Vec<Vec<Option<Pose>>> =
         exact.parts.iter().map(|part| by_frame(exact, &log.part_poses(&part.name))).collect();
@@ -64,7 +65,7 @@ fn truth_by_tags(exact: &Truth, log: &TagLog, config: &ArticulateConfig) -> (Tru
     let mut told = 0;
     for joint in truth.joints.iter_mut().filter(|j| j.moved) {
         let (Some(child), Some(parent)) = (of(&joint.child), of(&joint.parent)) else { continue };
-        if let Some(fitted) = joint_by_tags(joint, parent, child, exact, config) {
+        if let Some(fitted) = joint_by_tags(joint, parent, child, exact) {
             *joint = fitted;
             told += 1;
             if let Some(part) = truth.parts.iter_mut().find(|p| p.name == joint.child) {
@@ -94,7 +95,6 @@ fn joint_by_tags(
     parent: &[Option<Pose>],
     child: &[Option<Pose>],
     exact: &Truth,
-    config: &ArticulateConfig,
 ) -> Option<TrueJoint> {
     let child = before_first_camera(child, exact)?;
     let mut parent = before_first_camera(parent, exact)?;
@@ -108,7 +108,7 @@ fn joint_by_tags(
             Some((f, PoseSample::from_pose(f as f64, &parent_from_child)))
         })
         .unzip();
-    let fits = fit_models(&samples, config).ok()?;
+    let fits = fit_models(&samples).ok()?;
     let fit = fits.into_iter().find(|f| f.geometry.kind == joint.kind)?;
     let line = fit.geometry.transformed(&stood);
     let mut configuration = vec![f64::NAN; child.len()];
@@ -157,8 +157,8 @@ fn is_near(a: &Pose, b: &Pose) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::math::rigid::{distance_to_line, line_angle, rotation_about};
-    use linkage_skill::object::joint_geometry::JointKind;
+    use linkage_skill::internals::{distance_to_line, line_angle, rotation_about};
+    use linkage_skill::object::JointKind;
     use nalgebra::UnitVector3;
 
     /// A turn by some degrees about some direction, another one each frame.
@@ -203,7 +203,7 @@ mod tests {
             "origin_last": [0, 0, 0], "pitch": 0, "configuration": [], "range_observed": [0, 0]
         }))
         .unwrap();
-        let told = joint_by_tags(&asked, &parent, &child, &exact, &ArticulateConfig::default());
+        let told = joint_by_tags(&asked, &parent, &child, &exact);
         let told = told.unwrap();
         assert_eq!(told.kind, JointKind::Revolute);
         assert!(line_angle(&told.axis.into(), &axis).to_degrees() < 0.5);

@@ -7,7 +7,8 @@ use crate::output::write_json;
 use anyhow::{Context, anyhow};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
-use linkage_skill::learn::tracking::{DescriptorKind, TrackConfig, Tracker};
+use linkage_skill::config::{DescriptorKind, TrackConfig};
+use linkage_skill::internals::Tracker;
 use nalgebra::Point2;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -78,7 +79,8 @@ fn trackers(common: &Common) -> Outcome<Vec<(String, TrackConfig)>> {
         trackers.push((profile.to_owned(), load(profile).context("a profile")?.track));
     }
     for (name, descriptor) in [("SIFT", DescriptorKind::Sift), ("SURF", DescriptorKind::Surf)] {
-        let track = TrackConfig { descriptor, ..load("default").context("a profile")?.track };
+        let mut track = load("default").context("a profile")?.track;
+        track.descriptor = descriptor;
         trackers.push((format!("default, {name} verifies"), track));
     }
     Ok(trackers)

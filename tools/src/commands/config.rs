@@ -7,7 +7,7 @@ use crate::steps::skill_config;
 pub fn run(args: &ConfigArgs, common: &Common) -> Outcome {
     match args.action {
         ConfigAction::Dump => {
-            print!("{}", toml::to_string_pretty(&skill_config(common)?)?);
+            print!("{}", skill_config(common)?.to_explained_toml());
             Ok(())
         }
     }

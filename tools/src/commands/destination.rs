@@ -5,8 +5,9 @@ use crate::cli::{DEFAULT_STORE, LearnArgs};
 use crate::interrupt;
 use crate::outcome::{Failure, Outcome};
 use anyhow::{Context, anyhow};
-use linkage_skill::object::check::check_name;
-use linkage_skill::store::{Revision, Store, StoreError, StoredObject};
+use linkage_skill::internals::check_name;
+use linkage_skill::object::StoredObject;
+use linkage_skill::store::{Revision, Store, StoreError};
 use std::path::{Path, PathBuf};
 
 /// A place in a store for one object.

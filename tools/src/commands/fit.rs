@@ -8,10 +8,9 @@ use linkage_skill::SkillConfig;
 use linkage_skill::articulation::{
     FittedJoint, PoseLog, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,
 };
-use linkage_skill::learn::learned_joint::{orient, range_of};
-use linkage_skill::object::model::{
-    Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame, covariance_rows, is_undecided,
-};
+use linkage_skill::internals::{covariance_rows, is_undecided};
+use linkage_skill::internals::{orient, range_of};
+use linkage_skill::object::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use std::path::Path;
 
 /// A log and what was fitted to it.
@@ -64,7 +63,7 @@ fn summary(fitted: &Fitted) -> String {
 
 fn fit(path: &Path, args: &FitArgs, config: &SkillConfig) -> Result<Fitted, PoseLogError> {
     let log = read_pose_log(path, args.columns.as_ref())?;
-    let fits = fit_models(&log.samples, &config.articulate).map_err(|source| {
+    let fits = fit_models(&log.samples).map_err(|source| {
         let lost = log.describe_lost();
         PoseLogError::Fit { path: path.display().to_string(), source, lost }
     })?;

@@ -7,8 +7,9 @@ use crate::report::{self, Asked, describe};
 use crate::source;
 use crate::steps::{recognise_view, skill_config};
 use crate::view::{View, Wanted};
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Recognition;
-use linkage_skill::store::{Store, StoredObject};
+use linkage_skill::store::Store;
 use std::collections::BTreeSet;
 
 pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {

@@ -8,7 +8,7 @@ use crate::steps::skill_config;
 use crate::view::{View, Wanted};
 use anyhow::anyhow;
 use linkage_driver::live::LiveConfig;
-use linkage_driver::{PinholeCamera, SourceOptions, open_with};
+use linkage_driver::{SourceOptions, open_with};
 use linkage_planner_bridge::Rig;
 use linkage_planner_bridge::service::{
     Playback, ServiceConfig, ServiceReport, Witness, serve_before, witness,
@@ -36,7 +36,7 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
         playback: Playback { rate: args.rate, repeat: args.repeat },
     };
     let options = SourceOptions {
-        camera: args.camera.as_deref().map(PinholeCamera::read_or_explain).transpose()?,
+        camera: args.camera.as_deref().map(linkage_driver::read_camera_file).transpose()?,
         // A camera that is away for long may still come back.
         live: LiveConfig { give_up: Duration::MAX, ..LiveConfig::default() },
         stop: Arc::clone(&stop),

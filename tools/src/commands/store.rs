@@ -5,7 +5,8 @@ use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::output::write_json;
 use anyhow::anyhow;
-use linkage_skill::store::{Store, StoredObject};
+use linkage_skill::object::StoredObject;
+use linkage_skill::store::Store;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

@@ -9,7 +9,7 @@ use super::cuboid::Cuboid;
 use super::joint::Hinge;
 use super::overlap::overlap;
 use super::solid_cells::SolidCells;
-use linkage_skill::math::rigid::Pose;
+use linkage_skill::Pose;
 use nalgebra::Vector3;
 
 /// Configurations of a joint at which a carrier is cut.

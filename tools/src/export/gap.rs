@@ -11,7 +11,7 @@ const OPEN_RAD: f64 = 2.8;
 
 /// True where some of the ways to pieces, in the plane of `normal`, lead in all directions.
 pub fn is_surrounded(normal: &Vector3<f64>, ways: impl Iterator<Item = Vector3<f64>>) -> bool {
-    let (u, v) = linkage_skill::math::rigid::orthonormal_basis(normal);
+    let (u, v) = linkage_skill::internals::orthonormal_basis(normal);
     let mut angles: Vec<f64> = ways.map(|way| way.dot(&v).atan2(way.dot(&u))).collect();
     angles.sort_by(f64::total_cmp);
     let (Some(first), Some(last)) = (angles.first(), angles.last()) else { return false };

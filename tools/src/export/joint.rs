@@ -2,9 +2,9 @@
 
 use anyhow::bail;
 use linkage_planner_bridge::Rig;
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
-use linkage_skill::object::model::Joint;
+use linkage_skill::Pose;
+use linkage_skill::object::Joint;
+use linkage_skill::object::{JointGeometry, JointKind};
 
 /// Damping where nothing is known: newton metre seconds a radian, newton seconds a metre.
 const DAMPING: [f64; 2] = [0.1, 1.0];
@@ -95,5 +95,53 @@ impl Hinge {
         let [low, high] = self.range;
         let share = |i: usize| i as f64 / (count.max(2) - 1) as f64;
         (0..count.max(2)).map(|i| low + (high - low) * share(i)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, Vector3};
+
+    fn hinge(line: &JointGeometry) -> Hinge {
+        let joint = Joint { name: "lid".to_owned(), range: [-0.5, 1.5], ..Joint::of(line) };
+        let world_from_object = Pose::new(Vector3::x(), Vector3::z() * std::f64::consts::FRAC_PI_2);
+        Hinge::new(&joint, &world_from_object, &Rig::default()).unwrap()
+    }
+
+    #[test]
+    fn a_joint_is_described_in_the_frame_of_the_export() {
+        let described = hinge(&JointGeometry::hinge(Vector3::x_axis(), Point3::new(0.0, 0.2, 0.0)));
+        assert_eq!((described.kind(), described.is_screw()), ("revolute", false));
+        let off = Vector3::from(described.axis()) - Vector3::y();
+        assert!(off.norm() < 1e-12, "{:?}", described.axis());
+        assert!((described.line.origin - Point3::new(0.8, 0.0, 0.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_slide_has_the_limits_of_slides_and_a_screw_its_pitch() {
+        let (axis, origin) = (Vector3::y_axis(), Point3::origin());
+        let slide = hinge(&JointGeometry::slide(axis, origin));
+        assert_eq!((slide.kind(), slide.effort), ("prismatic", EFFORT[1]));
+        assert_eq!(slide.velocity, Rig::default().limits(JointKind::Prismatic).velocity);
+        let screw = hinge(&JointGeometry::screw(axis, origin, 0.01));
+        assert_eq!((screw.kind(), screw.motion), ("screw", Motion::Screws(0.01)));
+    }
+
+    #[test]
+    fn configurations_reach_from_one_end_of_the_range_to_the_other() {
+        let described = hinge(&JointGeometry::hinge(Vector3::x_axis(), Point3::origin()));
+        assert_eq!(described.configurations(3), [-0.5, 0.5, 1.5]);
+        assert_eq!(described.configurations(0), [-0.5, 1.5], "both ends at least");
+    }
+
+    #[test]
+    fn what_does_not_move_cannot_be_described() {
+        let fixed = Joint {
+            kind: JointKind::Fixed,
+            ..Joint::of(&JointGeometry::slide(Vector3::x_axis(), Point3::origin()))
+        };
+        let error = Hinge::new(&fixed, &Pose::identity(), &Rig::default()).unwrap_err();
+        assert!(error.to_string().contains("use --format json"), "{error}");
     }
 }

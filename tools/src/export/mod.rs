@@ -39,11 +39,12 @@ mod tests {
     use super::*;
     use linkage_planner_bridge::Rig;
     use linkage_skill::ObjectModel;
-    use linkage_skill::math::rigid::Pose;
-    use linkage_skill::object::appearance::{Appearance, Surfel};
-    use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
-    use linkage_skill::object::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
-    use linkage_skill::store::StoredObject;
+    use linkage_skill::Pose;
+    use linkage_skill::internals::Surfel;
+    use linkage_skill::object::Appearance;
+    use linkage_skill::object::StoredObject;
+    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
+    use linkage_skill::object::{JointGeometry, JointKind};
     use nalgebra::{Point3, Vector3};
 
     /// Pieces of surface over a rectangle, 2 cm apart; places in a camera's frame, y down.

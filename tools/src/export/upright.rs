@@ -5,7 +5,7 @@
 //! these. Up is the direction near the camera's up that most of the surface and the joints are
 //! parallel or perpendicular to.
 
-use linkage_skill::math::rigid::orthonormal_basis;
+use linkage_skill::internals::orthonormal_basis;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -3,7 +3,7 @@
 
 use super::draw::Rgb;
 use super::units::turns;
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 

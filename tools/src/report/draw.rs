@@ -1,8 +1,8 @@
 //! Drawing into a frame's picture: features by part, joint axes, motion manifolds.
 
 use linkage_driver::{ColorImage, PinholeCamera, RgbdFrame};
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
+use linkage_skill::Pose;
+use linkage_skill::object::{JointGeometry, JointKind};
 use nalgebra::{Point2, Point3};
 use opencv::core::{Mat, Point, Scalar, Size, Vec3b, Vector};
 use opencv::imgproc;

@@ -7,10 +7,10 @@ use super::overlay;
 use super::units::{amount, probability};
 use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
-use linkage_skill::math::rigid::{Pose, pose_from_array};
-use linkage_skill::object::model::ObjectModel;
+use linkage_skill::object::ObjectModel;
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
-use linkage_skill::store::StoredObject;
+use linkage_skill::{Pose, pose_from_array};
 use maud::{Markup, html};
 
 /// What was asked of recognition.
@@ -178,7 +178,7 @@ fn rows(j: &JointState) -> Vec<(&'static str, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::joint_geometry::JointKind;
+    use linkage_skill::object::JointKind;
 
     fn hinge(configuration: Option<f64>) -> JointState {
         JointState {

@@ -6,9 +6,9 @@ use super::overlay;
 use super::units::amount;
 use linkage_driver::{ColorImage, RgbdFrame};
 use linkage_skill::Demonstration;
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::appearance::Appearance;
-use linkage_skill::object::model::{Joint, ObjectModel};
+use linkage_skill::Pose;
+use linkage_skill::object::Appearance;
+use linkage_skill::object::{Joint, ObjectModel};
 
 /// Time by which a configuration may be away from a frame, microseconds.
 const AT_ONCE_US: f64 = 0.2e6;

@@ -3,8 +3,8 @@
 
 use super::draw::{Canvas, part_colour};
 use linkage_driver::RgbdFrame;
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::appearance::Appearance;
+use linkage_skill::Pose;
+use linkage_skill::object::Appearance;
 use linkage_skill::predict::moved_surface;
 use nalgebra::{Point2, Point3, Vector3};
 

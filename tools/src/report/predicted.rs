@@ -12,10 +12,10 @@ use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
 use linkage_planner_bridge::Prediction;
 use linkage_planner_bridge::plan::PlannedJoint;
-use linkage_skill::math::rigid::{Pose, pose_from_array};
-use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::Appearance;
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Recognised;
-use linkage_skill::store::StoredObject;
+use linkage_skill::{Pose, pose_from_array};
 use maud::{Markup, html};
 use nalgebra::Point3;
 use std::path::Path;
@@ -238,7 +238,7 @@ pub fn way_picture(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::joint_geometry::JointKind;
+    use linkage_skill::object::JointKind;
     use linkage_skill::recognise::JointState;
 
     #[test]

@@ -5,8 +5,8 @@
 //! standard deviation a frame, radians or metres: how far the configuration that a single feature
 //! tells is from the one that was learned. Features far from a hinge count more.
 
-use linkage_skill::learn::tracking::{Track, Trajectory};
-use linkage_skill::object::joint_geometry::JointGeometry;
+use linkage_skill::internals::{Track, Trajectory};
+use linkage_skill::object::JointGeometry;
 use nalgebra::{Point3, Vector3};
 
 /// Fewest features that tell a deviation.
@@ -50,8 +50,8 @@ pub fn deviations<'t>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::learn::tracking::Observation;
-    use linkage_skill::math::rigid::Pose;
+    use linkage_skill::Pose;
+    use linkage_skill::internals::{Observation, TrackId};
     use nalgebra::Point2;
 
     /// A feature 1 m from the hinge that departs from its place along its way.
@@ -61,7 +61,11 @@ mod tests {
             point_in_camera: Some(Point3::new(x, 0.0, *d)),
             normal_in_camera: None,
         };
-        Track { id: 0, first_frame: 0, observations: departures_m.iter().map(seen).collect() }
+        Track {
+            id: TrackId(0),
+            first_frame: 0,
+            observations: departures_m.iter().map(seen).collect(),
+        }
     }
 
     #[test]

@@ -11,8 +11,8 @@ use super::reel;
 use linkage_driver::{ColorImage, RgbdFrame};
 use linkage_planner_bridge::Prediction;
 use linkage_skill::Demonstration;
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Recognised;
-use linkage_skill::store::StoredObject;
 use maud::{Markup, html};
 
 /// Width of a chapter in the picture, pixels.

@@ -3,7 +3,7 @@
 use super::layout::part_style;
 use super::units::amount;
 use super::words::kind_in_words;
-use linkage_skill::object::model::ObjectModel;
+use linkage_skill::object::ObjectModel;
 use maud::{Markup, html};
 
 /// The base, and below each part what it carries.
@@ -34,8 +34,8 @@ fn branch(model: &ObjectModel, part: usize, depth: usize) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::joint_geometry::JointGeometry;
-    use linkage_skill::object::model::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
+    use linkage_skill::object::JointGeometry;
+    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
     use nalgebra::{Point3, Vector3};
 
     #[test]

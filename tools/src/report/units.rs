@@ -1,7 +1,7 @@
 //! Numbers as a person reads them: degrees and centimetres instead of radians and metres, with as
 //! many digits as they are worth.
 
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 
 /// An angle: `72°`, `7.5°`, `0.2°`.
 pub fn angle(rad: f64) -> String {

@@ -7,8 +7,8 @@
 use super::units::{amount, angle, length, probability};
 use linkage_planner_bridge::Rig;
 use linkage_planner_bridge::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
-use linkage_skill::object::joint_geometry::JointKind;
-use linkage_skill::object::model::Joint;
+use linkage_skill::object::Joint;
+use linkage_skill::object::JointKind;
 use nalgebra::{Point3, Vector3};
 
 /// Turn below which a demonstration is short, radians.
@@ -221,7 +221,7 @@ fn towards(joint: &Joint) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::joint_geometry::JointGeometry;
+    use linkage_skill::object::JointGeometry;
     use std::collections::BTreeMap;
 
     /// A door of 60 cm whose hinge is on the right, 1 m away, opened by 72 degrees.

@@ -5,7 +5,7 @@ use super::kit::{
     there_and_back,
 };
 use super::world::{Part, Scene, SceneJoint, Solid};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use nalgebra::Point3;
 
 /// Height of the desk, metres.

@@ -10,7 +10,7 @@ use super::texture::Richness;
 use super::world::{Scene, Solid};
 use crate::truth::{TrueJoint, TruePart, TrueSolid, Truth};
 use linkage_driver::PinholeCamera;
-use linkage_skill::math::rigid::{Pose, pose_to_array};
+use linkage_skill::{Pose, pose_to_array};
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -10,7 +10,7 @@ use super::kit::{
 };
 use super::texture::{Richness, Texture};
 use super::world::{Action, Material, Part, Scene, SceneJoint, Solid};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -8,7 +8,7 @@ use super::furniture::{
 use super::kit::Look;
 use super::texture::Richness;
 use super::world::Scene;
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

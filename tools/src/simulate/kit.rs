@@ -4,7 +4,7 @@
 
 use super::texture::{Richness, Texture};
 use super::world::{Action, Material, Part, Scene, SceneJoint, Solid};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::object::JointKind;
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 

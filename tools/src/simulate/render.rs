@@ -3,7 +3,7 @@
 
 use super::world::Solid;
 use linkage_driver::PinholeCamera;
-use linkage_skill::math::rigid::Pose;
+use linkage_skill::Pose;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 

@@ -102,3 +102,56 @@ fn projector_shadow(surfaces: &[Option<SurfacePoint>], width: usize) -> Vec<bool
     }
     shadow
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 90;
+
+    /// A wall that faces the camera.
+    fn wall(z: f64) -> Vec<Option<SurfacePoint>> {
+        vec![Some(surface(z, 1.0)); WIDTH * 90]
+    }
+
+    fn surface(z: f64, cosine: f64) -> SurfacePoint {
+        SurfacePoint { z, cosine, label: 0, depth_loss: 0.0 }
+    }
+
+    fn readings(surfaces: &[Option<SurfacePoint>]) -> Vec<f64> {
+        let raw = depth(surfaces, WIDTH, 1000.0, &mut noise_of(1, 0));
+        raw.into_iter().filter(|z| *z > 0).map(|z| f64::from(z) / 1000.0).collect()
+    }
+
+    #[test]
+    fn depth_spreads_as_the_model_of_noise_says() {
+        for z in [1.0, 2.0] {
+            let found = readings(&wall(z));
+            let mean = found.iter().sum::<f64>() / found.len() as f64;
+            let variance =
+                found.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / found.len() as f64;
+            assert!((mean - z).abs() < 0.003, "{mean}");
+            let ratio = variance.sqrt() / depth_sigma(z);
+            assert!((0.5..1.5).contains(&ratio), "at {z} m: {ratio}");
+        }
+    }
+
+    #[test]
+    fn nothing_comes_back_from_too_near_too_far_and_grazing_surfaces() {
+        assert!(readings(&wall(0.3)).is_empty() && readings(&wall(6.0)).is_empty());
+        assert!(readings(&vec![Some(surface(1.0, 0.2)); WIDTH * 90]).is_empty());
+        assert!(readings(&vec![None; WIDTH * 90]).is_empty());
+    }
+
+    #[test]
+    fn a_post_throws_a_shadow_to_its_left() {
+        let mut surfaces = wall(3.0);
+        for row in surfaces.chunks_mut(WIDTH) {
+            row[50..60].fill(Some(surface(1.0, 1.0)));
+        }
+        let shadow = projector_shadow(&surfaces, WIDTH);
+        // Disparities are 43.5 and 14.5 pixels: the last 29 columns but half a pixel of tolerance.
+        let hidden: Vec<usize> = (0..WIDTH).filter(|u| shadow[u + 10 * WIDTH]).collect();
+        assert_eq!((hidden.first(), hidden.last()), (Some(&22), Some(&49)));
+    }
+}

@@ -4,7 +4,7 @@ use super::film::Film;
 use super::texture::Texture;
 use super::world::{Form, Material, Scene, Solid};
 use crate::tags::{TagPlace, TagPlaces, bit_pattern};
-use linkage_skill::math::rigid::Pose;
+use linkage_skill::Pose;
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use parry3d::math::Vector as PVector;
 use parry3d::shape::Cuboid;

@@ -2,8 +2,8 @@
 
 use super::texture::Texture;
 use crate::truth::TrueForm;
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::joint_geometry::{JointGeometry, JointKind};
+use linkage_skill::Pose;
+use linkage_skill::object::{JointGeometry, JointKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
 use parry3d::math::Vector as PVector;
 use parry3d::query::{Ray, RayCast};

@@ -1,8 +1,9 @@
 //! Tags in one frame: corners by the vision library, poses by depth.
 
 use linkage_driver::RgbdFrame;
-use linkage_skill::image::gray::Gray;
-use linkage_skill::math::rigid::{Pose, plane_through, rigid_fit};
+use linkage_skill::Pose;
+use linkage_skill::internals::Gray;
+use linkage_skill::internals::{plane_through, rigid_fit};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use opencv::aruco;
 use opencv::core::{Mat, Point2f, Ptr, Vector};
@@ -176,7 +177,7 @@ pub fn bit_pattern(id: u32) -> opencv::Result<Vec<Vec<bool>>> {
 mod tests {
     use super::*;
     use linkage_driver::{ColorImage, DepthImage, PinholeCamera};
-    use linkage_skill::math::rigid::rotation_about;
+    use linkage_skill::internals::rotation_about;
     use std::sync::Arc;
 
     /// A brown wall with a tag of 16 cm on it, on paper that is a cell wider to each side, seen

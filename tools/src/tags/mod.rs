@@ -12,7 +12,7 @@ pub use places::{FILE, TagPlace, TagPlaces};
 
 use detector::{TagDetector, TagSighting};
 use linkage_driver::RgbdFrame;
-use linkage_skill::math::rigid::Pose;
+use linkage_skill::Pose;
 use mask::masked;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;

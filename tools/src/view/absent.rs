@@ -6,9 +6,9 @@ use anyhow::anyhow;
 use linkage_driver::RgbdFrame;
 use linkage_planner_bridge::service::Sights;
 use linkage_skill::Demonstration;
-use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::Appearance;
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Recognition;
-use linkage_skill::store::StoredObject;
 use std::path::Path;
 
 /// There is none.

@@ -1,7 +1,7 @@
 //! Times, places and colours as Foxglove's messages hold them.
 
 use foxglove::messages::{Color, Point3 as Place, Pose as Placed, Quaternion, Timestamp, Vector3};
-use linkage_skill::math::rigid::Pose;
+use linkage_skill::Pose;
 use nalgebra::Point3;
 
 /// Nanoseconds of a time stamp in microseconds; 0 for one before 1970.

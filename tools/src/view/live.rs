@@ -2,11 +2,12 @@
 
 use super::present::View;
 use super::shown::Shown;
-use linkage_driver::live::Nothing;
+use linkage_driver::live::RecvError;
 use linkage_planner_bridge::Prediction;
 use linkage_planner_bridge::service::{Finding, Found, Sight, Sights};
-use linkage_skill::math::rigid::{Pose, pose_from_array};
-use linkage_skill::store::{Store, StoredObject};
+use linkage_skill::object::StoredObject;
+use linkage_skill::store::Store;
+use linkage_skill::{Pose, pose_from_array};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
@@ -27,8 +28,8 @@ impl View {
             match sights.next(POLL) {
                 Ok(Sight::Frame(frame)) => self.frame(&frame),
                 Ok(Sight::Finding(finding)) => self.show(finding, &mut objects, &mut target),
-                Err(Nothing::Yet) => {}
-                Err(Nothing::Ever) => break,
+                Err(RecvError::Timeout) => {}
+                Err(RecvError::Closed) => break,
             }
         }
         if sights.dropped() > 0 {

@@ -16,11 +16,11 @@ use foxglove::messages::log::Level;
 use foxglove::messages::{FrameTransforms, Log, PoseInFrame};
 use foxglove::{Context, McapWriterHandle, WebSocketServerHandle};
 use linkage_driver::RgbdFrame;
-use linkage_skill::math::rigid::{Pose, pose_from_array};
-use linkage_skill::object::appearance::Appearance;
+use linkage_skill::object::Appearance;
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Recognition;
-use linkage_skill::store::StoredObject;
 use linkage_skill::{Demonstration, Joint, ObjectModel};
+use linkage_skill::{Pose, pose_from_array};
 use nalgebra::Point3;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -319,7 +319,7 @@ mod tests {
 
     #[test]
     fn a_configuration_is_that_of_its_very_frame() {
-        use linkage_skill::object::joint_geometry::JointGeometry;
+        use linkage_skill::object::JointGeometry;
         let line = JointGeometry::hinge(nalgebra::Vector3::y_axis(), Point3::origin());
         let configuration = vec![[1_700_000_000.033_333, 0.1], [1_700_000_000.1, 0.2]];
         let joint = Joint { configuration, ..Joint::of(&line) };

@@ -9,7 +9,7 @@ use foxglove::messages::{
     Duration, FrameTransform, LinePrimitive, Pose as Placed, SceneEntity, SceneUpdate,
     SpherePrimitive, TextPrimitive, Vector3,
 };
-use linkage_skill::math::rigid::Pose;
+use linkage_skill::Pose;
 use nalgebra::Point3;
 
 /// Half of a drawn axis, metres.
@@ -119,7 +119,7 @@ fn placed(at: &Point3<f64>) -> Placed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::joint_geometry::JointGeometry;
+    use linkage_skill::object::JointGeometry;
     use nalgebra::Vector3 as V;
     use std::f64::consts::FRAC_PI_2;
 

@@ -2,10 +2,10 @@
 
 use crate::report::camera_from_part;
 use linkage_skill::ObjectModel;
-use linkage_skill::math::rigid::Pose;
-use linkage_skill::object::appearance::Appearance;
-use linkage_skill::object::joint_geometry::JointGeometry;
-use linkage_skill::object::model::Joint;
+use linkage_skill::Pose;
+use linkage_skill::object::Appearance;
+use linkage_skill::object::Joint;
+use linkage_skill::object::JointGeometry;
 use linkage_skill::recognise::Recognised;
 use nalgebra::{Point3, Vector3};
 
@@ -101,6 +101,6 @@ fn middle_of(appearance: &Appearance, part: usize) -> Option<Point3<f64>> {
 
 /// A place beside a line.
 fn beside(line: &JointGeometry) -> Point3<f64> {
-    let (across, _) = linkage_skill::math::rigid::orthonormal_basis(&line.axis);
+    let (across, _) = linkage_skill::internals::orthonormal_basis(&line.axis);
     line.origin + across * BESIDE_M
 }

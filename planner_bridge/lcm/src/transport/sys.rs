@@ -1,6 +1,6 @@
 //! The only unsafe code of this crate: calls into liblcm, for `memq://`, `file://` and `tcpq://`.
 
-use super::Packet;
+use crate::packet::Packet;
 use crate::subscriptions::Subscriptions;
 use std::collections::VecDeque;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};

@@ -20,7 +20,7 @@ pub(crate) use receiver::Receiver;
 pub use sender::DatagramSender;
 pub(crate) use sender::Publisher;
 
-use crate::transport::LcmError;
+use crate::error::LcmError;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 

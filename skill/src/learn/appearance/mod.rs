@@ -11,8 +11,8 @@ use crate::features::{FeatureDensity, FeatureKind, Keypoints};
 use crate::image::cielab::CielabImage;
 use crate::math::rigid::plane_through;
 use crate::math::robust::without_strays;
-use crate::object::appearance::{Appearance, AppearanceConfig, ModelFeature, Surfel};
-use linkage_driver::depth::{NormalMap, depth_sigma};
+use crate::object::appearance::{Appearance, ModelFeature, Surfel};
+use linkage_frames::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
 use occlusion_edges::edges;
 use paint::{Piece, SeenColour, paints};
@@ -108,14 +108,28 @@ fn cell(p: &Point3<f64>, side: f64) -> [i32; 3] {
     [0, 1, 2].map(|k| (p[k] / side).floor() as i32)
 }
 
+/// Keyframes that are described.
+const DESCRIBED_KEYFRAMES: usize = 16;
+/// Features kept per part.
+const MAX_FEATURES_PER_PART: usize = 2000;
+/// Surfels kept per part.
+const MAX_SURFELS_PER_PART: usize = 1200;
+/// Edges kept per part.
+const MAX_EDGES_PER_PART: usize = 300;
+/// The base's features are kept within this distance of what moved, metres.
+const FEATURE_MARGIN_M: f64 = 0.3;
+/// The base's surface is kept within this distance of what moved, metres.
+const SURFACE_MARGIN_M: f64 = 0.25;
+/// Where that is little, the base's surface is kept this much farther along what hangs together with
+/// it, metres.
+const BASE_REACH_M: f64 = 0.4;
+/// The base's edges are kept within this distance of what moved, metres: farther away rooms differ.
+const EDGE_MARGIN_M: f64 = 0.1;
 /// Keyframes described side by side: more would hold more pictures' normals in memory.
 const AT_ONCE: usize = 2;
 
 /// Builds the appearance; empty when the demonstration has no joints.
-pub fn build(
-    demonstration: &Demonstration,
-    config: &AppearanceConfig,
-) -> opencv::Result<Appearance> {
+pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     if demonstration.model.joints.is_empty() {
         return Ok(Appearance::default());
     }
@@ -131,7 +145,7 @@ pub fn build(
     let near_part = |part: usize, p: &Point3<f64>| reach[part].holds(p);
     let swept = swept_volume(demonstration, &tracked);
     let described: Vec<usize> =
-        (0..posed.len()).step_by(posed.len().div_ceil(config.keyframes).max(1)).collect();
+        (0..posed.len()).step_by(posed.len().div_ceil(DESCRIBED_KEYFRAMES).max(1)).collect();
     let strangers = Strangers::new(demonstration, &posed[0].frame.camera);
     let labelled: Vec<(usize, LabelGrid)> = described
         .into_par_iter()
@@ -140,7 +154,7 @@ pub fn build(
             (index, label(&posed, index, &near_part, &strangers))
         })
         .collect();
-    let region = Region::new(config, &swept, &posed, &labelled);
+    let region = Region::new(&swept, &posed, &labelled);
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut builder = Builder { voxel_m, features: Vec::new(), voxels: HashMap::new() };
     // Pictures are described side by side and taken in their order, so that sums come out the
@@ -155,13 +169,13 @@ pub fn build(
         }
     }
     let surface = surfels(builder.voxels);
-    let near = swept.grown(config.edge_margin_m);
+    let near = swept.grown(EDGE_MARGIN_M);
     let ends = |s: &&Surfel| s.part > 0 || near.holds(&Point3::from(s.point.map(f64::from)));
     let beside: Vec<Surfel> = surface.iter().filter(ends).copied().collect();
     Ok(Appearance {
-        features: merged(builder.features, config.max_features_per_part),
-        surfels: thinned(&surface, config.max_surfels_per_part),
-        edges: edges(&posed, &beside, &demonstration.model, config.max_edges_per_part),
+        features: merged(builder.features, MAX_FEATURES_PER_PART),
+        surfels: thinned(&surface, MAX_SURFELS_PER_PART),
+        edges: edges(&posed, &beside, &demonstration.model, MAX_EDGES_PER_PART),
     })
 }
 
@@ -186,20 +200,15 @@ struct Region {
 impl Region {
     /// What is near the moving parts but not the room's; where that is little, what hangs
     /// together with it as well: the foot under a seat.
-    fn new(
-        config: &AppearanceConfig,
-        swept: &Occupancy,
-        posed: &[PosedFrame],
-        labelled: &[(usize, LabelGrid)],
-    ) -> Self {
+    fn new(swept: &Occupancy, posed: &[PosedFrame], labelled: &[(usize, LabelGrid)]) -> Self {
         let room = room_planes(posed.first(), swept);
-        let near = swept.grown(config.surface_margin_m);
+        let near = swept.grown(SURFACE_MARGIN_M);
         let (resting, strange) = resting_surface(posed, labelled, &room);
         let little = near.0.intersection(&resting.0).count() < LITTLE_SURFACE;
-        let reach = if little { config.base_reach_m } else { 0.0 };
+        let reach = if little { BASE_REACH_M } else { 0.0 };
         let connected = near.extended_along(&resting, reach);
         Self {
-            features: swept.grown(config.feature_margin_m).with(&connected),
+            features: swept.grown(FEATURE_MARGIN_M).with(&connected),
             surface: near.with(&connected),
             room,
             strange,

@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn what_keyframes_disagree_about_is_no_pattern() {
         // A shadow passes over a plain face: each keyframe shows it on other pieces.
-        let shadowed = |i: usize, k: usize| if (i + k) % 4 == 0 { 40.0 } else { 80.0 };
+        let shadowed = |i: usize, k: usize| if (i + k).is_multiple_of(4) { 40.0 } else { 80.0 };
         let shown =
             |i: usize| -> Vec<(usize, f64)> { (i % 2..4).map(|k| (k, shadowed(i, k))).collect() };
         let pieces: Vec<_> = (0..40).map(|i| seen(&shown(i))).collect();

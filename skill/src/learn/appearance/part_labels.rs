@@ -5,7 +5,7 @@
 use super::strangers::StrangersInFrame;
 use crate::learn::ego_motion::coarse_sigma;
 use crate::math::rigid::Pose;
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -267,7 +267,7 @@ fn is_seen_through(frame: &RgbdFrame, place: &Point3<f64>) -> bool {
 mod tests {
     use super::*;
     use crate::test_data::{board, seen};
-    use linkage_driver::ColorImage;
+    use linkage_frames::ColorImage;
 
     const FRAMES: i64 = 20;
     const MIDDLE: (usize, usize) = (160, 120);

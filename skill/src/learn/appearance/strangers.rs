@@ -4,7 +4,7 @@
 
 use crate::learn::demonstration::Demonstration;
 use crate::learn::tracking::{Track, Trajectory};
-use linkage_driver::PinholeCamera;
+use linkage_frames::PinholeCamera;
 use nalgebra::Point3;
 
 /// A feature that leaves its place on the base by this much moves, radians: 4 pixels of a Kinect.
@@ -82,7 +82,7 @@ fn leaves_its_place(track: &Track, camera_from_base: &Trajectory, camera: &Pinho
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::tracking::Observation;
+    use crate::learn::tracking::{Observation, TrackId};
     use crate::math::rigid::Pose;
 
     fn at(x: f64) -> Point3<f64> {
@@ -109,7 +109,7 @@ mod tests {
         };
         let still: Trajectory = vec![Some(Pose::identity()); 3];
         let track = |lateral: [f64; 3], depth: [f64; 3]| Track {
-            id: 0,
+            id: TrackId(0),
             first_frame: 0,
             observations: (0..3).map(|i| seen(lateral[i], depth[i])).collect(),
         };

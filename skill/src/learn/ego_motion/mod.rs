@@ -9,46 +9,36 @@
 mod depth_noise;
 mod observation;
 
-use super::tracking::{Track, TrackSet};
+use super::tracking::{Track, TrackId, TrackSet};
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
 pub use depth_noise::coarse_sigma;
 use nalgebra::Point3;
-pub use observation::{BaseObservation, Information};
+pub use observation::BaseObservation;
+#[cfg(test)]
+pub use observation::Information;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Values of this stage.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct EgoMotionConfig {
-    /// Samples per frame.
-    pub ransac_iterations: usize,
-    /// Points of a frame that vote.
-    pub max_points: usize,
-    /// Least extent of a moving track's smoothed path, metres. Ours: 15 mm.
-    pub min_extent_m: f64,
-    /// The same in standard deviations of its depth. Ours: 4.
-    pub min_extent_sigmas: f64,
-}
-
-impl Default for EgoMotionConfig {
-    fn default() -> Self {
-        Self { ransac_iterations: 30, max_points: 900, min_extent_m: 0.015, min_extent_sigmas: 4.0 }
-    }
-}
+/// RANSAC samples per frame.
+const RANSAC_ITERATIONS: usize = 30;
+/// Points of a frame that vote for its pose; of more, some are drawn.
+const MAX_POINTS: usize = 900;
+/// Least extent of a moving track's smoothed path, metres. Ours.
+pub const MIN_EXTENT_M: f64 = 0.015;
+/// The same in standard deviations of its depth. Ours.
+pub const MIN_EXTENT_SIGMAS: f64 = 4.0;
 
 /// A track as seen from the base.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrackInBase {
-    /// Number of the track; stays when other tracks are dropped.
-    pub id: usize,
+    /// Which track it is.
+    pub id: TrackId,
     /// First frame of `points`.
     pub first_frame: usize,
     /// Place in the base frame, a frame each; `None` without depth.
@@ -69,6 +59,7 @@ impl TrackInBase {
     }
 
     /// Observations with their frames.
+    #[cfg(feature = "paper")]
     pub fn seen(&self) -> impl Iterator<Item = (usize, &BaseObservation)> {
         let first = self.first_frame;
         self.points.iter().enumerate().filter_map(move |(i, p)| Some((first + i, p.as_ref()?)))
@@ -96,7 +87,6 @@ struct MapPoint {
 
 /// Registers frames to the base as they come.
 pub struct EgoMotionEstimator {
-    config: EgoMotionConfig,
     rng: ChaCha8Rng,
     /// By number of the track.
     map: Vec<Option<MapPoint>>,
@@ -105,13 +95,8 @@ pub struct EgoMotionEstimator {
 
 impl EgoMotionEstimator {
     /// One that has seen nothing.
-    pub fn new(config: &EgoMotionConfig, seed: u64) -> Self {
-        Self {
-            config: config.clone(),
-            rng: ChaCha8Rng::seed_from_u64(seed),
-            map: Vec::new(),
-            camera_from_base: Vec::new(),
-        }
+    pub fn new(seed: u64) -> Self {
+        Self { rng: ChaCha8Rng::seed_from_u64(seed), map: Vec::new(), camera_from_base: Vec::new() }
     }
 
     /// Takes the next frame: its lifted features by the numbers of their tracks, in the camera
@@ -147,12 +132,11 @@ impl EgoMotionEstimator {
                 })
             })
             .collect();
-        if pairs.len() > self.config.max_points {
+        if pairs.len() > MAX_POINTS {
             pairs.shuffle(&mut self.rng);
-            pairs.truncate(self.config.max_points);
+            pairs.truncate(MAX_POINTS);
         }
-        let iterations = self.config.ransac_iterations;
-        let options = RansacOptions { cut: 3.0, iterations, locality: None };
+        let options = RansacOptions { cut: 3.0, iterations: RANSAC_ITERATIONS, locality: None };
         ransac_rigid(&pairs, &options, Some(guess), &mut self.rng).map(|found| found.motion)
     }
 
@@ -173,21 +157,16 @@ impl EgoMotionEstimator {
 impl EgoMotion {
     /// The same motion with what was seen since: `set` holds these tracks, or some of them, and later
     /// ones. Poses that are known already stay.
-    pub fn extended(
-        &self,
-        set: &TrackSet,
-        camera_from_base: Vec<Pose>,
-        config: &EgoMotionConfig,
-    ) -> Self {
-        let before: HashMap<usize, &Arc<TrackInBase>> =
+    pub fn extended(&self, set: &TrackSet, camera_from_base: Vec<Pose>) -> Self {
+        let before: HashMap<TrackId, &Arc<TrackInBase>> =
             self.tracks.iter().map(|t| (t.id, t)).collect();
         let tracks: Vec<Arc<TrackInBase>> = set
             .tracks
             .par_iter()
             .map(|track| match before.get(&track.id) {
                 Some(known) if known.points.len() == track.observations.len() => Arc::clone(known),
-                Some(known) => Arc::new(into_base(track, &known.points, &camera_from_base, config)),
-                None => Arc::new(into_base(track, &[], &camera_from_base, config)),
+                Some(known) => Arc::new(into_base(track, &known.points, &camera_from_base)),
+                None => Arc::new(into_base(track, &[], &camera_from_base)),
             })
             .collect();
         let static_count = tracks.iter().filter(|t| !t.moves).count();
@@ -216,7 +195,6 @@ fn into_base(
     track: &Track,
     known: &[Option<BaseObservation>],
     camera_from_base: &[Pose],
-    config: &EgoMotionConfig,
 ) -> TrackInBase {
     let mut points = Vec::with_capacity(track.observations.len());
     points.extend_from_slice(known);
@@ -225,14 +203,14 @@ fn into_base(
         let camera_from_base = &camera_from_base[track.first_frame + i];
         Some(BaseObservation::by_camera(&seen.point_in_camera?, camera_from_base))
     }));
-    let moves = extent_exceeds_noise(&points, config);
+    let moves = extent_exceeds_noise(&points);
     TrackInBase { id: track.id, first_frame: track.first_frame, points, moves }
 }
 
-fn extent_exceeds_noise(points: &[Option<BaseObservation>], config: &EgoMotionConfig) -> bool {
+fn extent_exceeds_noise(points: &[Option<BaseObservation>]) -> bool {
     let path: Vec<(Point3<f64>, f64)> =
         points.iter().flatten().map(|p| (p.point, p.sigma())).collect();
-    path_moves(&path, config.min_extent_m, config.min_extent_sigmas)
+    path_moves(&path, MIN_EXTENT_M, MIN_EXTENT_SIGMAS)
 }
 
 /// True when a path of (place, sigma) is longer than noise explains. The depth noise at any one
@@ -300,7 +278,11 @@ mod tests {
                 point_in_camera: Some(pose(f) * at(f)),
                 normal_in_camera: None,
             };
-            Track { id, first_frame: 0, observations: (0..end.min(until)).map(seen).collect() }
+            Track {
+                id: TrackId(id),
+                first_frame: 0,
+                observations: (0..end.min(until)).map(seen).collect(),
+            }
         };
         TrackSet {
             frame_utimes: (0..until as i64).collect(),
@@ -310,12 +292,11 @@ mod tests {
 
     #[test]
     fn what_is_extended_is_what_would_have_been_seen_at_once() {
-        let config = EgoMotionConfig::default();
         let poses = |until: usize| (0..until).map(pose).collect::<Vec<_>>();
         let none = EgoMotion::default();
-        let early = none.extended(&tracks(15), poses(15), &config);
-        let extended = early.extended(&tracks(FRAMES), poses(FRAMES), &config);
-        let at_once = none.extended(&tracks(FRAMES), poses(FRAMES), &config);
+        let early = none.extended(&tracks(15), poses(15));
+        let extended = early.extended(&tracks(FRAMES), poses(FRAMES));
+        let at_once = none.extended(&tracks(FRAMES), poses(FRAMES));
         assert_eq!(extended.tracks, at_once.tracks);
         assert_eq!(
             extended.tracks.iter().map(|t| t.moves).collect::<Vec<_>>(),

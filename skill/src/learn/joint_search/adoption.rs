@@ -1,7 +1,7 @@
 //! Adoption of the chosen joint: the other segments of time in which it was seen are merged into it,
 //! and it becomes a joint of the search or part of one that is there already.
 
-use super::decision::{SEGMENT_VIOLATION_SLACK, is_segment};
+use super::decision::{MAX_COST, SEGMENT_VIOLATION_SLACK, is_segment};
 use super::estimate::JointEstimate;
 use super::evidence::Evidence;
 use super::merge_segments::{LineMatch, adds_frames, line_match, merged};
@@ -58,13 +58,13 @@ fn try_merge(
     candidates.extend(a.members.iter().chain(&b.members));
     candidates.sort_unstable();
     candidates.dedup();
-    let mut whole = merged(view, a, b, &candidates, config)?;
+    let mut whole = merged(view, a, b, &candidates)?;
     whole = without_outliers(search, view, whole);
     let parent_correlation = a.evidence.parent_correlation;
     whole.evidence = Evidence { parent_correlation, ..evaluate(search, view, &whole) };
     let needed = a.gain.max(b.gain) + line_match.required_gain() * a.gain.min(b.gain);
     let is_better = whole.gain > needed
-        && whole.cost < config.max_cost + COST_SLACK
+        && whole.cost < MAX_COST + COST_SLACK
         && whole.evidence.free_space_violation < config.max_through + SEGMENT_VIOLATION_SLACK;
     tracing::debug!(gain = whole.gain as i64, before = a.gain as i64, is_better, "merge");
     is_better.then_some(whole)

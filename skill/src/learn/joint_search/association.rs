@@ -4,8 +4,7 @@
 //! Rounds of gathering the tracks that follow the joint, bundle adjustment on some of them, and voting
 //! for the configuration of every frame; out come members, gain and cost.
 
-use super::bundle_adjustment::{locate_points, refine};
-use super::config::JointSearchConfig;
+use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, locate_points, refine};
 use super::configuration_vote::{Voters, vote};
 use super::estimate::{JointEstimate, TrackCost};
 use super::tracks_in_part_frame::TracksInFrame;
@@ -18,6 +17,9 @@ use rayon::prelude::*;
 pub const ADJUSTED_TRACKS: usize = 150;
 /// Frames that bundle adjustment uses: neighbours say the same.
 pub const ADJUSTED_FRAMES: usize = 60;
+/// Gain that each frame's configuration costs, so that a joint must explain more than its own
+/// parameters.
+pub const FRAME_PENALTY: f64 = 1.5;
 /// Tracks that vote for a frame's configuration.
 const VOTERS: usize = 100;
 /// Share of a track's observations that a joint must explain to be asked about it in the next round.
@@ -40,13 +42,12 @@ pub fn associate(
     view: &TracksInFrame,
     joint: &mut JointEstimate,
     candidates: &[usize],
-    config: &JointSearchConfig,
     rounds: usize,
 ) {
     let mut rng = ChaCha8Rng::seed_from_u64(candidates.len() as u64);
     let mut candidates = candidates.to_vec();
     for round in 0..rounds {
-        let cut = if round == 0 { 2.0 * config.cut } else { config.cut };
+        let cut = if round == 0 { 2.0 * OUTLIER_CUT } else { OUTLIER_CUT };
         let members: Vec<usize> =
             gather(view, joint, &mut candidates, cut).into_iter().map(|m| m.track).collect();
         if members.len() < 4 {
@@ -60,17 +61,17 @@ pub fn associate(
         }
         let known = std::mem::take(&mut joint.known);
         joint.known = thinned(&known, joint.anchor, ADJUSTED_FRAMES);
-        refine(joint, view, &some, config.cut, config.finish_steps);
-        locate_points(joint, view, &members, config.cut);
+        refine(joint, view, &some, OUTLIER_CUT, FINISH_STEPS);
+        locate_points(joint, view, &members, OUTLIER_CUT);
         joint.known = known;
-        estimate_configurations(view, joint, &members, config.cut, VOTERS);
+        estimate_configurations(view, joint, &members, OUTLIER_CUT, VOTERS);
     }
-    let followers = gather(view, joint, &mut candidates, config.cut);
+    let followers = gather(view, joint, &mut candidates, OUTLIER_CUT);
     let gain: f64 = followers.iter().map(|m| m.still - m.cost).sum();
     let cost: f64 = followers.iter().map(|m| m.cost).sum();
     let observations: usize = followers.iter().map(|m| m.observations).sum();
     let known = joint.known.iter().filter(|k| **k).count();
-    joint.gain = gain / 5.0 - config.frame_penalty * (known + 5) as f64;
+    joint.gain = gain / 5.0 - FRAME_PENALTY * (known + 5) as f64;
     joint.cost = cost / observations.max(1) as f64;
     joint.members = followers.into_iter().map(|m| m.track).collect();
     joint.summarise();
@@ -197,7 +198,7 @@ mod tests {
         joint.q = (0..40).map(q).collect();
         joint.known = vec![true; 40];
         let all: Vec<usize> = (0..20).collect();
-        associate(&view, &mut joint, &all, &JointSearchConfig::default(), 2);
+        associate(&view, &mut joint, &all, 2);
         assert_eq!(joint.members, (0..10).collect::<Vec<_>>());
         assert!((joint.span() - q(39)).abs() < 0.005, "{}", joint.span());
         assert!(joint.gain > 0.0 && joint.cost < 3.0);

@@ -13,6 +13,10 @@ use crate::math::robust::median_point;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
 
+/// Squared Mahalanobis distance from which an observation is an outlier.
+pub const OUTLIER_CUT: f64 = 16.0;
+/// Steps of bundle adjustment when a joint has been propagated to all frames.
+pub const FINISH_STEPS: usize = 5;
 /// Parameters of a line: two of its direction, two of its place.
 const LINE: usize = 4;
 

@@ -22,6 +22,8 @@ use std::sync::Arc;
 const RESCANNED_IN_BACKGROUND: usize = 4;
 /// The same at the end, which somebody waits for.
 const RESCANNED_AT_END: usize = 2;
+/// Least rank of a hypothesis that is grown, as a share of the strongest hypothesis's rank.
+const MIN_RANK_SHARE: f64 = 0.02;
 /// Hypotheses that are grown side by side.
 const BATCH: usize = 2;
 /// Largest error of an accepted joint that explains a hypothesis, as a share of the motion.
@@ -87,7 +89,7 @@ fn in_frames(
         search.invalidated.retain(|p| *p != frame.parent);
         let strongest = frame.hypotheses.first().map_or(0.0, |h| h.rank);
         search.best_rank = strongest.max(search.best_rank);
-        let least_rank = search.config().min_rank_share * search.best_rank;
+        let least_rank = MIN_RANK_SHARE * search.best_rank;
         frame.hypotheses.retain(|h| h.rank >= least_rank);
     }
     let state = &*search;
@@ -159,7 +161,7 @@ fn candidates_in_frame(
             batch.par_iter().map(|h| grown_and_verified(search, h, frame)).collect();
         for (h, joint) in batch.iter().zip(&more) {
             if parent.is_none() && !joint.as_ref().is_some_and(|j| accepts(j, config)) {
-                rejected.push(RejectedHypothesis::new(h, joint.as_ref(), view, config));
+                rejected.push(RejectedHypothesis::new(h, joint.as_ref(), view));
             }
         }
         grown.extend(more.into_iter().flatten());

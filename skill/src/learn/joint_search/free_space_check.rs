@@ -6,7 +6,7 @@ use super::estimate::{JointEstimate, base_from_part};
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use nalgebra::Point3;
 use rayon::prelude::*;
 

@@ -3,7 +3,7 @@
 //! tracks follow it.
 
 use super::association::{ADJUSTED_TRACKS, associate, evenly_spread, gather};
-use super::bundle_adjustment::refine;
+use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, refine};
 use super::config::JointSearchConfig;
 use super::decision::{HOPELESS_COST, max_segment_cost};
 use super::estimate::JointEstimate;
@@ -41,19 +41,19 @@ pub fn grow_hypothesis(
 ) -> Option<JointEstimate> {
     let anchors = anchor_tracks(&hypothesis.tracks, candidates);
     let mut best: Option<JointEstimate> = None;
-    for (start, cost) in window_fits(view, hypothesis, config) {
+    for (start, cost) in window_fits(view, hypothesis) {
         if cost > MAX_WINDOW_COST {
             continue;
         }
-        let mut grown = propagate(view, start, &anchors, config);
+        let mut grown = propagate(view, start, &anchors);
         let mut rounds = if is_hopeless(&grown) { 0 } else { GROWTH_ROUNDS };
         if rounds > 0 && anchors.len() < candidates.len() {
-            associate(view, &mut grown, &anchors, config, 1);
-            if fits_poorly(view, &grown, config) {
+            associate(view, &mut grown, &anchors, 1);
+            if fits_poorly(view, &grown) {
                 rounds = 0;
             }
         }
-        associate(view, &mut grown, candidates, config, rounds);
+        associate(view, &mut grown, candidates, rounds);
         if grown.members.len() < 4 {
             continue;
         }
@@ -79,8 +79,8 @@ pub fn regrow(
     config: &JointSearchConfig,
 ) -> JointEstimate {
     let rounds = if was_certain { RENEWAL_ROUNDS } else { GROWTH_ROUNDS };
-    let mut joint = propagate(view, joint, candidates, config);
-    associate(view, &mut joint, candidates, config, rounds);
+    let mut joint = propagate(view, joint, candidates);
+    associate(view, &mut joint, candidates, rounds);
     with_pitch(view, joint, candidates, config)
 }
 
@@ -94,9 +94,9 @@ fn anchor_tracks(of_hypothesis: &[usize], candidates: &[usize]) -> Vec<usize> {
 }
 
 /// More tracks cannot make a joint of it.
-fn fits_poorly(view: &TracksInFrame, grown: &JointEstimate, config: &JointSearchConfig) -> bool {
+fn fits_poorly(view: &TracksInFrame, grown: &JointEstimate) -> bool {
     grown.members.len() >= 4
-        && (grown.cost > HOPELESS_COST * max_segment_cost(config)
+        && (grown.cost > HOPELESS_COST * max_segment_cost()
             || grown.uncovered_ratio(view) > HOPELESSLY_UNCOVERED)
 }
 
@@ -113,7 +113,7 @@ fn with_pitch(
     }
     // What a hinge keeps has hardly advanced: those that it lost are asked, too.
     let mut screw = grown.clone();
-    let followers = gather(view, &mut screw, &mut candidates.to_vec(), FAR * config.cut);
+    let followers = gather(view, &mut screw, &mut candidates.to_vec(), FAR * OUTLIER_CUT);
     let followers: Vec<usize> = followers.into_iter().map(|m| m.track).collect();
     let some = evenly_spread(followers.clone(), ADJUSTED_TRACKS);
     let Some(axis) = helical_pitch::turning_axis(&screw, view, &followers) else { return grown };
@@ -123,10 +123,10 @@ fn with_pitch(
         if screw.dof.pitch == grown.dof.pitch {
             return grown;
         }
-        refine(&mut screw, view, &some, FAR * config.cut, config.finish_steps);
+        refine(&mut screw, view, &some, FAR * OUTLIER_CUT, FINISH_STEPS);
     }
-    let mut screw = propagate(view, screw, candidates, config);
-    associate(view, &mut screw, candidates, config, GROWTH_ROUNDS);
+    let mut screw = propagate(view, screw, candidates);
+    associate(view, &mut screw, candidates, GROWTH_ROUNDS);
     if screw.gain > grown.gain { screw } else { grown }
 }
 

@@ -3,8 +3,7 @@
 //! configurations are tied together by common frames or by the depth pictures.
 
 use super::association::associate;
-use super::bundle_adjustment::refine;
-use super::config::JointSearchConfig;
+use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, refine};
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::{distance_to_line, line_angle, nearest_on_line};
@@ -111,7 +110,6 @@ pub fn merged(
     a: &JointEstimate,
     b: &JointEstimate,
     candidates: &[usize],
-    config: &JointSearchConfig,
 ) -> Option<JointEstimate> {
     let s = sign(a, b);
     let mut common = differences(a, b);
@@ -135,8 +133,8 @@ pub fn merged(
     let mut some: Vec<usize> = spread(&a.members).chain(spread(&b.members)).collect();
     some.sort_unstable();
     some.dedup();
-    refine(&mut joint, view, &some, config.cut, config.finish_steps + 1);
-    associate(view, &mut joint, candidates, config, 3);
+    refine(&mut joint, view, &some, OUTLIER_CUT, FINISH_STEPS + 1);
+    associate(view, &mut joint, candidates, 3);
     (joint.members.len() >= 5).then_some(joint)
 }
 
@@ -176,8 +174,7 @@ mod tests {
         assert_eq!(line_match(&opening, &closing), Some(LineMatch::Same));
         assert!(adds_frames(&opening, &closing));
         let all: Vec<usize> = (0..12).collect();
-        let config = JointSearchConfig::default();
-        let whole = merged(&view, &opening, &closing, &all, &config).unwrap();
+        let whole = merged(&view, &opening, &closing, &all).unwrap();
         assert!(whole.known.iter().all(|k| *k));
         let back = whole.q[79] - whole.q[0];
         assert!((back - 0.6 * (0.04 * 79.0_f64).sin()).abs() < 0.02, "{back}");

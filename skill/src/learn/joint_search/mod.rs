@@ -44,12 +44,15 @@ mod window_fit;
 use super::learned_joint::LearnedJoints;
 use super::recording::Recording;
 use crate::object::model::Joint;
-pub use config::{JointSearchConfig, SearchSettings};
+pub use config::SearchSettings;
 use search_state::SearchState;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use tracks_in_part_frame::TracksInFrame;
 pub use warm_start::WarmStart;
+
+/// Most rounds of choosing a joint and searching the tracks that it does not explain.
+const ROUNDS: usize = 4;
 
 /// Finds the joints of a demonstration, whose first frames were searched `earlier`.
 pub fn learn(
@@ -95,7 +98,7 @@ fn find_joints(search: &mut SearchState) {
     let mut unexplained: Vec<usize> = (0..search.base_view.len()).collect();
     // Candidates of one round need not be grown again in the next.
     let mut candidates = reuse::reuse_joints(search, &mut unexplained);
-    for round in 0..search.config().rounds {
+    for round in 0..ROUNDS {
         if search.is_cancelled() {
             return;
         }
@@ -121,9 +124,9 @@ fn find_joints(search: &mut SearchState) {
 mod tests {
     use super::test_data::seen_along;
     use super::*;
-    use crate::learn::ego_motion::EgoMotionConfig;
+    use crate::learn::joint_search::config::JointSearchConfig;
     use crate::learn::keyframes::Keyframes;
-    use crate::learn::tracking::{Track, TrackSet};
+    use crate::learn::tracking::{Track, TrackId, TrackSet};
     use crate::object::joint_geometry::JointKind;
     use crate::test_data::{board, seen};
     use nalgebra::Point3;
@@ -146,15 +149,15 @@ mod tests {
         for f in (0..FRAMES).step_by(3) {
             keyframes.offer(f, &seen(f as i64, board(0.2, board_at(f), 2.5)));
         }
-        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
         let tracks = (0..paths.len()).map(track).collect();
         let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
         Recording { tracks, ego_motion: seen_along(&paths), keyframes }
     }
 
     fn learned(recording: &Recording, earlier: &WarmStart) -> LearnedJoints {
-        let (joints, ego_motion) = (JointSearchConfig::default(), EgoMotionConfig::default());
-        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        let joints = JointSearchConfig::default();
+        let settings = SearchSettings { joints: &joints, seed: 1 };
         learn(recording, earlier, &settings)
     }
 
@@ -181,8 +184,7 @@ mod tests {
     #[test]
     fn a_search_ahead_tells_its_joints_unless_it_was_cancelled() {
         let joints = JointSearchConfig::default();
-        let ego_motion = EgoMotionConfig::default();
-        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        let settings = SearchSettings { joints: &joints, seed: 1 };
         let go_on = AtomicBool::new(false);
         let through = recording(|_| 2.4);
         let nothing = WarmStart::default();

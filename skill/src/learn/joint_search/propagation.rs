@@ -2,8 +2,7 @@
 //! and backwards: the tracks vote for the configuration of the next frame, tracks that are seen for
 //! the first time get their point on the part, and every few frames the joint is refined.
 
-use super::bundle_adjustment::{locate_points, refine};
-use super::config::JointSearchConfig;
+use super::bundle_adjustment::{OUTLIER_CUT, locate_points, refine};
 use super::configuration_vote::{Voters, vote};
 use super::estimate::JointEstimate;
 use super::track_scores::TrackScores;
@@ -19,6 +18,8 @@ const REFINE_EVERY: usize = 8;
 /// Frames between two refinements are at least the known frames divided by this: the more is known,
 /// the less a few frames add.
 const REFINE_SHARE: usize = 6;
+/// Steps of bundle adjustment in a refinement.
+const GROWTH_STEPS: usize = 2;
 /// Tracks that a refinement uses.
 const REFINE_TRACKS: usize = 80;
 
@@ -26,7 +27,6 @@ const REFINE_TRACKS: usize = 80;
 struct Propagation<'p> {
     view: &'p TracksInFrame,
     candidates: &'p [usize],
-    config: &'p JointSearchConfig,
     joint: JointEstimate,
     scores: TrackScores,
     rng: ChaCha8Rng,
@@ -37,13 +37,12 @@ pub fn propagate(
     view: &TracksInFrame,
     joint: JointEstimate,
     candidates: &[usize],
-    config: &JointSearchConfig,
 ) -> JointEstimate {
     let known = joint.known_frames();
     let (Some(&first), Some(&last)) = (known.first(), known.last()) else { return joint };
-    let scores = TrackScores::new(view, &joint, config.cut);
+    let scores = TrackScores::new(view, &joint, OUTLIER_CUT);
     let rng = ChaCha8Rng::seed_from_u64(first as u64);
-    let mut propagation = Propagation { view, candidates, config, joint, scores, rng };
+    let mut propagation = Propagation { view, candidates, joint, scores, rng };
     propagation.through(first..view.frames);
     propagation.through((0..last + 1).rev());
     propagation.joint
@@ -104,7 +103,7 @@ impl Propagation<'_> {
         let trusted: Vec<bool> = alive.iter().map(|&t| scores.is_trusted(joint, t)).collect();
         let weights: Vec<f64> =
             alive.iter().zip(&trusted).map(|(&t, &trusted)| scores.weight(trusted, t)).collect();
-        let cut = 2.0 * self.config.cut;
+        let cut = 2.0 * OUTLIER_CUT;
         let voters = Voters { view, tracks: &alive, weights: &weights };
         let q = vote(joint, &voters, frame, Some(guess), cut).q;
         let is_inlier = |&t: &usize| {
@@ -123,7 +122,7 @@ impl Propagation<'_> {
 
     /// Refines the joint on trusted tracks, and places the points of all that are seen in a frame.
     fn refine(&mut self, frame: usize) {
-        let Self { view, candidates, config, joint, scores, rng } = self;
+        let Self { view, candidates, joint, scores, rng } = self;
         let located: Vec<usize> =
             candidates.iter().copied().filter(|&t| scores.located[t]).collect();
         let mut trusted: Vec<usize> =
@@ -135,10 +134,10 @@ impl Propagation<'_> {
             trusted.shuffle(rng);
             trusted.truncate(REFINE_TRACKS);
         }
-        refine(joint, view, &trusted, config.cut, config.growth_steps);
+        refine(joint, view, &trusted, OUTLIER_CUT, GROWTH_STEPS);
         let alive: Vec<usize> =
             located.into_iter().filter(|&t| view.at(t, frame).is_some()).collect();
-        locate_points(joint, view, &alive, 4.0 * config.cut);
+        locate_points(joint, view, &alive, 4.0 * OUTLIER_CUT);
     }
 }
 
@@ -176,7 +175,7 @@ mod tests {
         joint.q[20..30].copy_from_slice(&q[20..30]);
         joint.known[20..30].fill(true);
         let candidates: Vec<usize> = (0..12).collect();
-        let found = propagate(&view, joint, &candidates, &JointSearchConfig::default());
+        let found = propagate(&view, joint, &candidates);
         assert!(found.known.iter().all(|k| *k));
         let moved = found.q[59] - found.q[0];
         assert!((moved - q[59]).abs() < 0.01, "{moved}");

@@ -2,8 +2,7 @@
 //! grew, parents first.
 
 use super::association::{estimate_configurations, evenly_spread, thinned};
-use super::bundle_adjustment::{locate_points, refine};
-use super::config::JointSearchConfig;
+use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, locate_points, refine};
 use super::estimate::JointEstimate;
 use super::search_state::SearchState;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -20,7 +19,7 @@ pub fn refine_joints(search: &mut SearchState) {
     while !generation.is_empty() {
         let refined_joint = |&i: &usize| {
             let joint = search.joints[i].clone();
-            refined(&search.view_from(joint.parent), joint, search.config())
+            refined(&search.view_from(joint.parent), joint)
         };
         let refined: Vec<JointEstimate> = generation.par_iter().map(refined_joint).collect();
         for (&i, joint) in generation.iter().zip(refined) {
@@ -30,19 +29,15 @@ pub fn refine_joints(search: &mut SearchState) {
     }
 }
 
-fn refined(
-    view: &TracksInFrame,
-    mut joint: JointEstimate,
-    config: &JointSearchConfig,
-) -> JointEstimate {
+fn refined(view: &TracksInFrame, mut joint: JointEstimate) -> JointEstimate {
     let members = joint.members.clone();
     let some = evenly_spread(members.clone(), TRACKS);
     let known = joint.known.clone();
     joint.known = thinned(&known, joint.anchor, FRAMES);
-    refine(&mut joint, view, &some, config.cut, config.finish_steps);
+    refine(&mut joint, view, &some, OUTLIER_CUT, FINISH_STEPS);
     joint.known = known;
-    locate_points(&mut joint, view, &members, config.cut);
-    estimate_configurations(view, &mut joint, &members, config.cut, TRACKS);
+    locate_points(&mut joint, view, &members, OUTLIER_CUT);
+    estimate_configurations(view, &mut joint, &members, OUTLIER_CUT, TRACKS);
     joint.summarise();
     joint
 }

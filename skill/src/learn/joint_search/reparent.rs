@@ -51,7 +51,7 @@ fn attached(search: &SearchState, joint: usize, parent: usize) -> Option<JointEs
         others.into_iter().all(|(j, other)| j == joint || !other.members.contains(t))
     };
     let candidates: Vec<usize> = (0..view.len()).filter(is_free).collect();
-    associate(&view, &mut attached, &candidates, search.config(), ROUNDS);
+    associate(&view, &mut attached, &candidates, ROUNDS);
     attached = verify(search, &view, attached, &candidates, "attached");
     let found_by_tracks = 3 * lost(&attached, &away) < 2 * lost(alone, &away);
     // Tracks seldom live through a turn; the pictures show where the part went.
@@ -114,7 +114,6 @@ fn lost(joint: &JointEstimate, frames: &[bool]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::ego_motion::EgoMotionConfig;
     use crate::learn::joint_search::config::{JointSearchConfig, SearchSettings};
     use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_along;
@@ -123,9 +122,9 @@ mod tests {
     use crate::learn::joint_search::warm_start::WarmStart;
     use crate::learn::keyframes::Keyframes;
     use crate::learn::recording::Recording;
-    use crate::learn::tracking::{Track, TrackSet};
+    use crate::learn::tracking::{Track, TrackId, TrackSet};
     use crate::test_data::seen;
-    use linkage_driver::RgbdFrame;
+    use linkage_frames::RgbdFrame;
     use nalgebra::{Point3, Vector3};
     use std::sync::Arc;
 
@@ -232,13 +231,12 @@ mod tests {
                     .for_each(|(_, p)| *p = None);
             }
         }
-        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
         let tracks = (0..paths.len()).map(track).collect();
         let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
         let recording = Recording { tracks, ego_motion: base, keyframes };
-        let joints = JointSearchConfig { min_gain: 10.0, ..JointSearchConfig::default() };
-        let ego_motion = EgoMotionConfig::default();
-        let settings = SearchSettings { joints: &joints, ego_motion: &ego_motion, seed: 1 };
+        let joints = JointSearchConfig::default();
+        let settings = SearchSettings { joints: &joints, seed: 1 };
         let nothing = WarmStart::default();
         let view = Arc::new(TracksInFrame::moving(&recording.ego_motion));
         let mut search = SearchState::new(&recording, settings, &view, &nothing, None);

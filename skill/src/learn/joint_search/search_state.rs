@@ -2,13 +2,14 @@
 //! tracks as seen from the part of each. The steps of the search read it; those that add or move
 //! joints change it.
 
-use super::bundle_adjustment::locate_points;
+use super::bundle_adjustment::{OUTLIER_CUT, locate_points};
 use super::config::{JointSearchConfig, SearchSettings};
 use super::correlation::correlation_with_parent;
 use super::estimate::JointEstimate;
 use super::free_space_check::FreeSpaceCheck;
 use super::tracks_in_part_frame::TracksInFrame;
 use super::warm_start::{RejectedHypothesis, WarmStart};
+use crate::learn::ego_motion::{MIN_EXTENT_M, MIN_EXTENT_SIGMAS};
 use crate::learn::learned_joint::RejectedCandidate;
 use crate::learn::recording::Recording;
 use rayon::prelude::*;
@@ -148,8 +149,7 @@ impl<'s> SearchState<'s> {
         view: &TracksInFrame,
         unexplained: &[usize],
     ) -> Vec<usize> {
-        let limits = self.settings.ego_motion;
-        let moves = |&t: &usize| view.moves(t, limits.min_extent_m, limits.min_extent_sigmas);
+        let moves = |&t: &usize| view.moves(t, MIN_EXTENT_M, MIN_EXTENT_SIGMAS);
         unexplained.iter().copied().filter(|t| parent.is_none() || moves(t)).collect()
     }
 
@@ -160,16 +160,15 @@ impl<'s> SearchState<'s> {
 
     /// Tracks that a joint explains, short ones too, which are not its members.
     pub fn explained_tracks(&self, joint: &JointEstimate, unexplained: &[usize]) -> Vec<usize> {
-        let cut = self.config().cut;
         let view = self.view_from(joint.parent);
         let mut located = joint.clone();
-        locate_points(&mut located, &view, unexplained, 4.0 * cut);
+        locate_points(&mut located, &view, unexplained, 4.0 * OUTLIER_CUT);
         let motions = located.motions();
         unexplained
             .par_iter()
             .copied()
             .filter(|&t| {
-                let cost = located.cost_of(&motions, &view, t, 2.0 * cut);
+                let cost = located.cost_of(&motions, &view, t, 2.0 * OUTLIER_CUT);
                 let life = self.base_view.life(t).count();
                 cost.observations > 0 && cost.inliers as f64 > 0.8 * life as f64
             })
@@ -184,7 +183,6 @@ impl<'s> SearchState<'s> {
             &self.joints,
             self.rejected_before.iter().chain(&self.rejected),
             self.best_rank,
-            self.config(),
         )
     }
 }

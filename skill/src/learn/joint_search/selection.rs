@@ -1,6 +1,8 @@
 //! Choice of the best candidate: the accepted one of most gain that is not a mere consequence of
 //! another joint.
 
+use super::association::FRAME_PENALTY;
+use super::bundle_adjustment::OUTLIER_CUT;
 use super::correlation::share_following;
 use super::decision::{Rejection, decide, min_gain};
 use super::estimate::JointEstimate;
@@ -71,7 +73,7 @@ fn gain_among(
         return Err(rejection);
     }
     let gain = gain_over_base(search, joint);
-    let needed = min_gain(joint, &joint.evidence, search.config());
+    let needed = min_gain(joint, &joint.evidence);
     if gain > needed { Ok(gain) } else { Err(Rejection::LowGain { gain, needed }) }
 }
 
@@ -120,19 +122,18 @@ fn gain_over_base(search: &SearchState, joint: &JointEstimate) -> f64 {
     if joint.parent.is_none() {
         return joint.gain;
     }
-    let cut = search.config().cut;
     let view = search.view_from(joint.parent);
     let motions = joint.motions();
     let saved: f64 = joint
         .members
         .iter()
         .map(|&t| {
-            search.base_view.static_cost(t, &joint.known, cut)
-                - joint.cost_of(&motions, &view, t, cut).sum
+            search.base_view.static_cost(t, &joint.known, OUTLIER_CUT)
+                - joint.cost_of(&motions, &view, t, OUTLIER_CUT).sum
         })
         .sum();
     let known = joint.known_frames().len();
-    0.9 * (saved / 5.0 - search.config().frame_penalty * (known + 5) as f64)
+    0.9 * (saved / 5.0 - FRAME_PENALTY * (known + 5) as f64)
 }
 
 #[cfg(test)]

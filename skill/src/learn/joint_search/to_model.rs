@@ -1,7 +1,6 @@
 //! From the joints of a search to learned ones: numbered parents first, carried into the object frame,
 //! with configuration 0 at the first frame. The object frame is the base frame at the first frame.
 
-use super::config::JointSearchConfig;
 use super::estimate::{JointEstimate, base_from_part};
 use super::search_state::SearchState;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -13,6 +12,14 @@ use crate::object::model::{Joint, covariance_rows, is_undecided};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
+/// Factor on covariances. It was measured together with [`SYSTEMATIC_RAD`] and [`SYSTEMATIC_M`], so
+/// that 95 % ellipsoids hold 95 % of the true axes.
+const COVARIANCE_INFLATION: f64 = 4.0;
+/// Error of an axis's direction that all readings of a depth camera share, so that many tracks do not
+/// average it out, radians.
+const SYSTEMATIC_RAD: f64 = 0.0025;
+/// The same error of an axis's place, metres.
+const SYSTEMATIC_M: f64 = 0.002;
 /// Tracks that a covariance is taken over.
 const COVARIANCE_TRACKS: usize = 300;
 
@@ -34,7 +41,7 @@ pub fn learned_joints(search: &SearchState) -> Vec<LearnedJoint> {
                     ..joint_in_object(search, i)
                 },
                 base_from_part: trajectory(search, i),
-                tracks: members.map(|&t| search.base_view.track_ids[t]).collect(),
+                tracks: members.map(|&t| search.base_view.track_numbers[t]).collect(),
                 plain_surface: Vec::new(),
             }
         })
@@ -44,7 +51,7 @@ pub fn learned_joints(search: &SearchState) -> Vec<LearnedJoint> {
 /// A joint in the object frame, which is the base frame at the first frame; not yet numbered. A moving
 /// parent's line is carried to where the parent is then.
 fn joint_in_object(search: &SearchState, index: usize) -> Joint {
-    let (config, joint) = (search.config(), &search.joints[index]);
+    let joint = &search.joints[index];
     let view = search.view_from(joint.parent);
     let frames = joint.known_frames();
     let base_from_parent =
@@ -60,13 +67,13 @@ fn joint_in_object(search: &SearchState, index: usize) -> Joint {
         geometry.origin = base_from_parent * mean_point(joint);
     }
     let some: Vec<usize> = joint.members.iter().copied().take(COVARIANCE_TRACKS).collect();
-    let spread = bundle_adjustment::covariance(joint, &view, &some, config.cut);
+    let spread = bundle_adjustment::covariance(joint, &view, &some, bundle_adjustment::OUTLIER_CUT);
     let covariance = carried(
-        &(spread * config.covariance_inflation + systematic(joint, config)),
+        &(spread * COVARIANCE_INFLATION + systematic(joint)),
         &base_from_parent,
         before.dot(&geometry.axis) < 0.0,
     );
-    let type_probabilities = type_selection::type_probabilities(joint, &view, config);
+    let type_probabilities = type_selection::type_probabilities(joint, &view);
     Joint {
         range: range_of(&configuration),
         covariance: covariance_rows(&covariance),
@@ -93,12 +100,12 @@ fn trajectory(search: &SearchState, index: usize) -> Trajectory {
 }
 
 /// Covariance of (axis, origin) from errors that all of a camera's readings share.
-fn systematic(joint: &JointEstimate, config: &JointSearchConfig) -> DMatrix<f64> {
+fn systematic(joint: &JointEstimate) -> DMatrix<f64> {
     let across = Matrix3::identity() - joint.dof.axis * joint.dof.axis.transpose();
     let mut covariance = DMatrix::zeros(6, 6);
-    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * config.systematic_rad.powi(2)));
+    covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&(across * SYSTEMATIC_RAD.powi(2)));
     if joint.dof.hinge {
-        covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(across * config.systematic_m.powi(2)));
+        covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&(across * SYSTEMATIC_M.powi(2)));
     }
     covariance
 }

@@ -21,8 +21,8 @@ struct Life {
 pub struct TracksInFrame {
     /// Frames of the recording.
     pub frames: usize,
-    /// Numbers of the tracks in the track set.
-    pub track_ids: Arc<Vec<usize>>,
+    /// Indices of the tracks in the track set.
+    pub track_numbers: Arc<Vec<usize>>,
     /// The lives of all tracks, one after the other.
     seen: Vec<Option<BaseObservation>>,
     /// The frame of each observation.
@@ -34,24 +34,24 @@ pub struct TracksInFrame {
 
 impl TracksInFrame {
     /// The given tracks, in the base frame.
-    pub fn from_base(base: &EgoMotion, track_ids: Vec<usize>) -> Self {
+    pub fn from_base(base: &EgoMotion, track_numbers: Vec<usize>) -> Self {
         let frames = base.camera_from_base.len();
-        let mut lives = Vec::with_capacity(track_ids.len());
+        let mut lives = Vec::with_capacity(track_numbers.len());
         let mut start = 0;
-        for &id in &track_ids {
-            let track: &TrackInBase = &base.tracks[id];
+        for &number in &track_numbers {
+            let track: &TrackInBase = &base.tracks[number];
             let (first, end) = (track.first_frame, track.end_frame());
             lives.push(Life { first, end, start });
             start += end - first;
         }
         let mut seen = Vec::with_capacity(start);
-        for &id in &track_ids {
-            seen.extend_from_slice(&base.tracks[id].points);
+        for &number in &track_numbers {
+            seen.extend_from_slice(&base.tracks[number].points);
         }
         let frame_of = lives.iter().flat_map(|l| l.first as u32..l.end as u32).collect();
         let (frame_of, lives) = (Arc::new(frame_of), Arc::new(lives));
-        let track_ids = Arc::new(track_ids);
-        Self { frames, track_ids, seen, frame_of, lives, usable: vec![true; frames] }
+        let track_numbers = Arc::new(track_numbers);
+        Self { frames, track_numbers, seen, frame_of, lives, usable: vec![true; frames] }
     }
 
     /// The tracks that move in the base frame, as seen from there.
@@ -69,7 +69,7 @@ impl TracksInFrame {
         };
         Self {
             frames: self.frames,
-            track_ids: Arc::clone(&self.track_ids),
+            track_numbers: Arc::clone(&self.track_numbers),
             seen: self.seen.par_iter().zip(self.frame_of.par_iter()).map(from_part).collect(),
             frame_of: Arc::clone(&self.frame_of),
             lives: Arc::clone(&self.lives),
@@ -79,7 +79,7 @@ impl TracksInFrame {
 
     /// Number of tracks.
     pub fn len(&self) -> usize {
-        self.track_ids.len()
+        self.track_numbers.len()
     }
 
     /// The observation of a track in a frame.

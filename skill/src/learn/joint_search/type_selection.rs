@@ -3,8 +3,7 @@
 //! tell them apart. What does not advance is no screw.
 
 use super::association::{ADJUSTED_FRAMES, thinned};
-use super::bundle_adjustment::{locate_points, refine};
-use super::config::JointSearchConfig;
+use super::bundle_adjustment::{OUTLIER_CUT, locate_points, refine};
 use super::estimate::JointEstimate;
 use super::screw_joint::ScrewJoint;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -18,18 +17,17 @@ use std::collections::BTreeMap;
 const TRACKS: usize = 150;
 /// Distances of hinges that may imitate a slide, metres.
 const FAR_HINGES_M: [f64; 2] = [0.5, 2.0];
+/// Observations of a track that count as one independent observation: noise of neighbouring frames
+/// is alike.
+const CORRELATED_OBSERVATIONS: f64 = 10.0;
 /// Refinement steps of the other kinds.
 const STEPS: usize = 10;
 
 /// Probability of each type, by the BIC of all (Kass & Raftery 1995).
-pub fn type_probabilities(
-    joint: &JointEstimate,
-    view: &TracksInFrame,
-    config: &JointSearchConfig,
-) -> BTreeMap<JointKind, f64> {
+pub fn type_probabilities(joint: &JointEstimate, view: &TracksInFrame) -> BTreeMap<JointKind, f64> {
     let mut sampled = joint.clone();
     sampled.known = thinned(&joint.known, joint.anchor, ADJUSTED_FRAMES);
-    let sample = Sample::of(joint, &sampled, view, config);
+    let sample = Sample::of(joint, &sampled, view);
     let mut criteria = BTreeMap::from([(kind(joint), sample.criterion(&sampled))]);
     let explained = |start: JointEstimate| {
         let other = sample.refined(start);
@@ -56,7 +54,6 @@ fn kind(joint: &JointEstimate) -> JointKind {
 /// Some of a joint's tracks in some of its frames, which joints of all types are to explain.
 struct Sample<'s> {
     view: &'s TracksInFrame,
-    config: &'s JointSearchConfig,
     tracks: Vec<usize>,
     /// Observations that each sampled one stands for.
     stands_for: f64,
@@ -65,12 +62,7 @@ struct Sample<'s> {
 }
 
 impl<'s> Sample<'s> {
-    fn of(
-        joint: &JointEstimate,
-        sampled: &JointEstimate,
-        view: &'s TracksInFrame,
-        config: &'s JointSearchConfig,
-    ) -> Self {
+    fn of(joint: &JointEstimate, sampled: &JointEstimate, view: &'s TracksInFrame) -> Self {
         let stride = joint.members.len().div_ceil(TRACKS).max(1);
         let tracks: Vec<usize> = joint.members.iter().copied().step_by(stride).collect();
         let observed =
@@ -79,31 +71,29 @@ impl<'s> Sample<'s> {
         let all = observations(joint);
         Self {
             view,
-            config,
             stands_for: all / observations(sampled).max(1.0),
-            independent: (all / config.correlated_observations).max(1.0),
+            independent: (all / CORRELATED_OBSERVATIONS).max(1.0),
             tracks,
         }
     }
 
     fn refined(&self, mut joint: JointEstimate) -> JointEstimate {
-        locate_points(&mut joint, self.view, &self.tracks, 4.0 * self.config.cut);
-        refine(&mut joint, self.view, &self.tracks, self.config.cut, STEPS);
+        locate_points(&mut joint, self.view, &self.tracks, 4.0 * OUTLIER_CUT);
+        refine(&mut joint, self.view, &self.tracks, OUTLIER_CUT, STEPS);
         joint
     }
 
     /// Bayesian information criterion, less what all kinds share.
     fn criterion(&self, joint: &JointEstimate) -> f64 {
         let motions = joint.motions();
-        let cost = |&t: &usize| joint.cost_of(&motions, self.view, t, self.config.cut).sum;
+        let cost = |&t: &usize| joint.cost_of(&motions, self.view, t, OUTLIER_CUT).sum;
         let cost: f64 = self.tracks.par_iter().map(cost).sum();
         let more_parameters = match kind(joint) {
             JointKind::Helical => 3.0,
             JointKind::Revolute => 2.0,
             _ => 0.0,
         };
-        self.stands_for * cost / self.config.correlated_observations
-            + more_parameters * self.independent.ln()
+        self.stands_for * cost / CORRELATED_OBSERVATIONS + more_parameters * self.independent.ln()
     }
 }
 
@@ -172,7 +162,7 @@ mod tests {
 
     fn probability_of_a_hinge(angle: f64) -> f64 {
         let (view, joint) = seen_turning(&DOOR, angle);
-        type_probabilities(&joint, &view, &JointSearchConfig::default())[&JointKind::Revolute]
+        type_probabilities(&joint, &view)[&JointKind::Revolute]
     }
 
     #[test]
@@ -190,7 +180,7 @@ mod tests {
     fn what_advances_as_it_turns_is_a_screw() {
         let lift = ScrewJoint { pitch: Some(-0.02), ..DOOR };
         let (view, joint) = seen_turning(&lift, 1.2);
-        let of_types = type_probabilities(&joint, &view, &JointSearchConfig::default());
+        let of_types = type_probabilities(&joint, &view);
         assert!(of_types[&JointKind::Helical] > 0.99);
     }
 }

@@ -69,7 +69,7 @@ fn verified(
         return joint;
     }
     let parent_correlation = search.parent_correlation(&joint, joint.parent);
-    if !decision::is_worth_verifying(&joint, parent_correlation, search.config()) {
+    if !decision::is_worth_verifying(&joint, parent_correlation) {
         joint.evidence = Evidence { parent_correlation, ..joint.evidence };
         return joint;
     }
@@ -99,7 +99,7 @@ pub fn without_outliers(
     let inliers = search.free_space().inlier_members(&joint, &search.joints);
     if inliers.len() < joint.members.len() {
         joint.members.clone_from(&inliers);
-        associate(view, &mut joint, &inliers, search.config(), ROUNDS);
+        associate(view, &mut joint, &inliers, ROUNDS);
     }
     joint
 }
@@ -117,7 +117,7 @@ fn without_contradicted_frames(
         left.known[f] = false;
     }
     if left.known_frames().len() >= MIN_FRAMES_LEFT {
-        associate(view, &mut left, candidates, search.config(), ROUNDS);
+        associate(view, &mut left, candidates, ROUNDS);
         left = without_outliers(search, view, left);
         left.evidence = evaluate(search, view, &left);
     } else {

@@ -1,8 +1,7 @@
 //! What a search over the first frames of a recording found, for the next search over more of them, so
-//! that little is left to do after the last frame. Tracks are numbered as in the track set, since the
+//! that little is left to do after the last frame. Tracks are kept by their identity, since the
 //! next search has other tracks in other rows.
 
-use super::config::JointSearchConfig;
 use super::decision::max_segment_cost;
 use super::estimate::JointEstimate;
 use super::evidence::Evidence;
@@ -10,7 +9,7 @@ use super::motion_hypotheses::{COVERED, Hypothesis};
 use super::propagation::MAX_LOST;
 use super::tracks_in_part_frame::TracksInFrame;
 use super::type_selection;
-use crate::learn::tracking::TrackSet;
+use crate::learn::tracking::{TrackId, TrackSet};
 use crate::math::rigid::line_angle;
 use crate::math::robust::overlap;
 use nalgebra::Point3;
@@ -33,14 +32,15 @@ pub struct WarmStart {
     /// Rank of the strongest hypothesis.
     pub best_rank: f64,
     joints: Vec<CachedJoint>,
-    /// Hypotheses in the base frame that were rejected, their tracks by number in the track set.
-    rejected: Vec<RejectedHypothesis>,
+    /// Hypotheses in the base frame that were rejected.
+    rejected: Vec<RejectedHypothesis<TrackId>>,
 }
 
-/// Tracks of a motion hypothesis, and the frames over which they are no joint.
+/// Tracks of a motion hypothesis, by their rows in a view or by their identities, and the frames over
+/// which they are no joint.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RejectedHypothesis {
-    tracks: Vec<usize>,
+pub struct RejectedHypothesis<T = usize> {
+    tracks: Vec<T>,
     first: usize,
     last: usize,
     /// Frames that were searched.
@@ -51,17 +51,12 @@ pub struct RejectedHypothesis {
 
 impl RejectedHypothesis {
     /// A hypothesis and what it grew to, which is not accepted.
-    pub fn new(
-        h: &Hypothesis,
-        grown: Option<&JointEstimate>,
-        view: &TracksInFrame,
-        config: &JointSearchConfig,
-    ) -> Self {
+    pub fn new(h: &Hypothesis, grown: Option<&JointEstimate>, view: &TracksInFrame) -> Self {
         let known = grown.map(JointEstimate::known_frames).unwrap_or_default();
         let first = known.first().map_or(h.from, |f| h.from.min(*f));
         let last = known.last().map_or(h.to, |f| h.to.max(*f));
         let is_lost = last + MAX_LOST < view.frames;
-        let is_poor = grown.is_some_and(|j| j.cost > max_segment_cost(config));
+        let is_poor = grown.is_some_and(|j| j.cost > max_segment_cost());
         let tracks = h.tracks.clone();
         Self { tracks, first, last, frames: view.frames, for_good: is_lost || is_poor }
     }
@@ -76,9 +71,14 @@ impl RejectedHypothesis {
     pub fn covers(&self, h: &Hypothesis) -> bool {
         self.first <= h.from && h.to <= self.last && overlap(&h.tracks, &self.tracks) > COVERED
     }
+}
 
-    fn renumbered(&self, number: impl Fn(usize) -> Option<usize>) -> Self {
-        Self { tracks: self.tracks.iter().copied().filter_map(number).collect(), ..*self }
+impl<T: Copy> RejectedHypothesis<T> {
+    /// The same with its tracks named otherwise; without those that have no such name.
+    fn renamed<U>(&self, name: impl Fn(T) -> Option<U>) -> RejectedHypothesis<U> {
+        let Self { ref tracks, first, last, frames, for_good } = *self;
+        let tracks = tracks.iter().copied().filter_map(name).collect();
+        RejectedHypothesis { tracks, first, last, frames, for_good }
     }
 }
 
@@ -86,15 +86,15 @@ impl RejectedHypothesis {
 #[derive(Debug, Clone)]
 struct CachedJoint {
     joint: JointEstimate,
-    /// Its tracks by their numbers in the track set, with their points on the part.
-    members: Vec<(usize, Point3<f64>)>,
+    /// Its tracks, with their points on the part.
+    members: Vec<(TrackId, Point3<f64>)>,
     /// Its type is certain.
     is_certain: bool,
 }
 
 impl CachedJoint {
     fn new(joint: &JointEstimate, is_certain: bool, view: &TracksInFrame, set: &TrackSet) -> Self {
-        let id = |t: usize| set.tracks[view.track_ids[t]].id;
+        let id = |t: usize| set.tracks[view.track_numbers[t]].id;
         let members = joint.members.iter().map(|&t| (id(t), joint.points[t])).collect();
         let bare = JointEstimate {
             points: Vec::new(),
@@ -105,7 +105,7 @@ impl CachedJoint {
         Self { joint: bare, members, is_certain }
     }
 
-    fn in_view(&self, view: &TracksInFrame, rows: &HashMap<usize, usize>) -> JointEstimate {
+    fn in_view(&self, view: &TracksInFrame, rows: &HashMap<TrackId, usize>) -> JointEstimate {
         let mut joint = self.joint.clone();
         joint.points = vec![Point3::origin(); view.len()];
         for (id, point) in &self.members {
@@ -133,19 +133,18 @@ impl WarmStart {
         joints: &[JointEstimate],
         rejected: impl Iterator<Item = &'d RejectedHypothesis>,
         best_rank: f64,
-        config: &JointSearchConfig,
     ) -> Self {
         let view = view_from(None);
-        let id = |row: usize| Some(set.tracks[view.track_ids[row]].id);
+        let id = |row: usize| Some(set.tracks[view.track_numbers[row]].id);
         let cached = |j: &JointEstimate| {
-            let probabilities = type_selection::type_probabilities(j, &view_from(j.parent), config);
+            let probabilities = type_selection::type_probabilities(j, &view_from(j.parent));
             CachedJoint::new(j, probabilities.values().any(|p| *p >= CERTAIN), &view, set)
         };
         Self {
             frames: view.frames,
             best_rank,
             joints: joints.iter().map(cached).collect(),
-            rejected: rejected.map(|d| d.renumbered(id)).collect(),
+            rejected: rejected.map(|d| d.renamed(id)).collect(),
         }
     }
 
@@ -159,7 +158,7 @@ impl WarmStart {
         let rows = rows_by_id(view, set);
         self.rejected
             .iter()
-            .map(|d| d.renumbered(|id| rows.get(&id).copied()))
+            .map(|d| d.renamed(|id| rows.get(&id).copied()))
             .filter(|d| d.still_holds(view))
             .collect()
     }
@@ -193,8 +192,8 @@ impl WarmStart {
         view: &TracksInFrame,
         set: &TrackSet,
     ) -> Option<usize> {
-        let ids: HashSet<usize> =
-            joint.members.iter().map(|&t| set.tracks[view.track_ids[t]].id).collect();
+        let ids: HashSet<TrackId> =
+            joint.members.iter().map(|&t| set.tracks[view.track_numbers[t]].id).collect();
         self.joints.iter().position(|r| {
             let shared = r.members.iter().filter(|(id, _)| ids.contains(id)).count();
             shared as f64 > SAME_JOINT * r.members.len() as f64
@@ -204,8 +203,8 @@ impl WarmStart {
     }
 }
 
-fn rows_by_id(view: &TracksInFrame, set: &TrackSet) -> HashMap<usize, usize> {
-    view.track_ids.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect()
+fn rows_by_id(view: &TracksInFrame, set: &TrackSet) -> HashMap<TrackId, usize> {
+    view.track_numbers.iter().enumerate().map(|(row, &t)| (set.tracks[t].id, row)).collect()
 }
 
 #[cfg(test)]
@@ -238,7 +237,7 @@ mod tests {
 
     /// The tracks of the view.
     fn tracks() -> TrackSet {
-        let track = |id| Track { id, first_frame: 0, observations: Vec::new() };
+        let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
         TrackSet { frame_utimes: Vec::new(), tracks: (0..8).map(track).collect() }
     }
 
@@ -249,9 +248,7 @@ mod tests {
         door.members = vec![1, 4, 6];
         door.points[4] = Point3::new(0.3, 0.1, 1.5);
         door.known = vec![true; 20];
-        let config = JointSearchConfig::default();
-        let warm_start =
-            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0, &config);
+        let warm_start = WarmStart::of(&tracks(), |_| Arc::clone(&early), &[door], [].iter(), 7.0);
         let joints = warm_start.joints_of(None, &view(30), &tracks());
         let (door, _) = &joints[0];
         assert_eq!(door.members, [1, 4, 6]);
@@ -265,8 +262,7 @@ mod tests {
         let early = view(20);
         let still = JointEstimate::new(HINGE, &early, 0);
         let of = |joints: &[JointEstimate]| {
-            let config = JointSearchConfig::default();
-            WarmStart::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0, &config)
+            WarmStart::of(&tracks(), |_| Arc::clone(&early), joints, [].iter(), 7.0)
         };
         assert_eq!(of(&[still]).since(None), 0);
         assert_eq!(of(&[]).since(None), 20);
@@ -279,10 +275,9 @@ mod tests {
         let mut hand = JointEstimate::new(HINGE, &early, 0);
         hand.known = (0..40).map(|f| (5..=last).contains(&f)).collect();
         hand.cost = 3.0;
-        let config = JointSearchConfig::default();
-        let rejected = RejectedHypothesis::new(&hypothesis(6, 12), Some(&hand), &early, &config);
+        let rejected = RejectedHypothesis::new(&hypothesis(6, 12), Some(&hand), &early);
         let of_early =
-            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[], [rejected].iter(), 7.0, &config);
+            WarmStart::of(&tracks(), |_| Arc::clone(&early), &[], [rejected].iter(), 7.0);
         of_early.rejected_in(now, &tracks())
     }
 

@@ -1,7 +1,6 @@
 //! A slide and a hinge fitted to the short window of time in which a rigid motion was seen.
 
-use super::bundle_adjustment::refine;
-use super::config::JointSearchConfig;
+use super::bundle_adjustment::{OUTLIER_CUT, refine};
 use super::configuration_vote::{Voters, vote};
 use super::estimate::JointEstimate;
 use super::motion_hypotheses::Hypothesis;
@@ -20,11 +19,7 @@ const STEPS: usize = 6;
 /// Slide and hinge fitted to the window alone, with their mean cost of an observation. The slide is
 /// left out where the hinge explains the window clearly better, and the hinge where it does not
 /// explain it better.
-pub fn window_fits(
-    view: &TracksInFrame,
-    h: &Hypothesis,
-    config: &JointSearchConfig,
-) -> Vec<(JointEstimate, f64)> {
+pub fn window_fits(view: &TracksInFrame, h: &Hypothesis) -> Vec<(JointEstimate, f64)> {
     let at = |t: usize, f: usize| view.at(t, f).map(|s| s.point.coords);
     let n = h.tracks.len() as f64;
     let start: Vector3<f64> =
@@ -33,14 +28,14 @@ pub fn window_fits(
     let centre = Point3::from(start);
     let mut fits = Vec::new();
     if let Some(axis) = (end - start).try_normalize(1e-6) {
-        fits.push(window_fit(view, ScrewJoint::slide(axis, centre), h, config));
+        fits.push(window_fit(view, ScrewJoint::slide(axis, centre), h));
     }
     if let Some(screw) = screw_of(&h.motion)
         && screw.angle > MIN_SCREW_ANGLE
         && distance_to_line(&screw.origin, &screw.axis, &centre) < MAX_LEVER
     {
         let dof = ScrewJoint::hinge(screw.axis.into_inner(), screw.origin);
-        let hinge = window_fit(view, dof, h, config);
+        let hinge = window_fit(view, dof, h);
         let slide_cost = fits.first().map_or(f64::INFINITY, |(_, c)| *c);
         if slide_cost > 1.3 * hinge.1 + 0.2 {
             fits.clear();
@@ -52,12 +47,7 @@ pub fn window_fits(
     fits
 }
 
-fn window_fit(
-    view: &TracksInFrame,
-    dof: ScrewJoint,
-    h: &Hypothesis,
-    config: &JointSearchConfig,
-) -> (JointEstimate, f64) {
+fn window_fit(view: &TracksInFrame, dof: ScrewJoint, h: &Hypothesis) -> (JointEstimate, f64) {
     let mut joint = JointEstimate::new(dof, view, h.from);
     for &t in &h.tracks {
         if let Some(s) = view.at(t, h.from) {
@@ -73,7 +63,7 @@ fn window_fit(
         }
         let weights = vec![1.0; alive.len()];
         let voters = Voters { view, tracks: &alive, weights: &weights };
-        let outcome = vote(&joint, &voters, f, Some(q), 2.0 * config.cut);
+        let outcome = vote(&joint, &voters, f, Some(q), 2.0 * OUTLIER_CUT);
         q = outcome.q;
         if outcome.agreeing >= 3 {
             joint.q[f] = q;
@@ -81,11 +71,11 @@ fn window_fit(
         }
     }
     joint.members = h.tracks.clone();
-    refine(&mut joint, view, &h.tracks, config.cut, STEPS);
+    refine(&mut joint, view, &h.tracks, OUTLIER_CUT, STEPS);
     let (mut sum, mut observations) = (0.0, 0);
     let motions = joint.motions();
     for &t in &h.tracks {
-        let cost = joint.cost_of(&motions, view, t, config.cut);
+        let cost = joint.cost_of(&motions, view, t, OUTLIER_CUT);
         sum += cost.sum;
         observations += cost.observations;
     }
@@ -107,7 +97,7 @@ mod tests {
         let view = seen_moving(truth, &places, &q);
         let motion = truth.geometry().motion(q[12]);
         let h = Hypothesis { from: 0, to: 12, motion, tracks: (0..12).collect(), rank: 1.0 };
-        let fits = window_fits(&view, &h, &JointSearchConfig::default());
+        let fits = window_fits(&view, &h);
         fits.iter().map(|(joint, _)| joint.dof.hinge).collect()
     }
 

@@ -8,7 +8,6 @@
 //! Like the paper it grants the baseline the forward-backward check of its tracks and
 //! filtered depth. The camera's own motion is taken from [`crate::learn::ego_motion`].
 
-pub(crate) mod config;
 mod model;
 mod rigid_body;
 
@@ -16,29 +15,28 @@ use super::learned_joint::{LearnedJoint, LearnedJoints, orient, range_of};
 use super::recording::Recording;
 use super::tracking::TrackSet;
 use crate::object::model::Joint;
-use config::KatzConfig;
 use model::Fit;
 use rigid_body::Body;
 
 /// The joints between bodies, and between bodies and the base. The baseline does not say what it
 /// leaves out.
-pub fn learn(recording: &Recording, config: &KatzConfig) -> LearnedJoints {
+pub fn learn(recording: &Recording) -> LearnedJoints {
     let base = &recording.ego_motion;
-    let bodies: Vec<Body> = rigid_body::cluster(base, config)
+    let bodies: Vec<Body> = rigid_body::cluster(base)
         .into_iter()
-        .filter_map(|tracks| Body::follow(base, tracks, config))
+        .filter_map(|tracks| Body::follow(base, tracks))
         .collect();
     let mut joints: Vec<LearnedJoint> = Vec::new();
     // The joint of each body that was connected, by number.
     let mut number_of: Vec<Option<usize>> = vec![None; bodies.len()];
     for (i, child) in bodies.iter().enumerate() {
-        let to_base = model::fit(child, None, config);
+        let to_base = model::fit(child, None);
         let (parent, fit) = match to_base {
             Some(fit) => (None, fit),
             None => {
                 let Some((p, fit)) = (0..i)
                     .filter(|&p| number_of[p].is_some())
-                    .filter_map(|p| Some((p, model::fit(child, Some(&bodies[p]), config)?)))
+                    .filter_map(|p| Some((p, model::fit(child, Some(&bodies[p]))?)))
                     .min_by(|(_, a), (_, b)| a.residual.total_cmp(&b.residual))
                 else {
                     continue;
@@ -110,7 +108,7 @@ mod tests {
         let frame_utimes = (0..FRAMES as i64).collect();
         let tracks = TrackSet { frame_utimes, tracks: Vec::new() };
         let recording = Recording { tracks, ego_motion: base, keyframes: Keyframes::new(2) };
-        learn(&recording, &KatzConfig::default()).joints
+        learn(&recording).joints
     }
 
     fn q(frame: usize) -> f64 {

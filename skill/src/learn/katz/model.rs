@@ -1,10 +1,14 @@
 //! A slide first; a hinge when the slide leaves too much; else no joint.
 
-use super::config::KatzConfig;
-use super::rigid_body::Body;
+use super::rigid_body::{Body, MIN_COMMON_FRAMES};
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitVector3, Vector3};
+
+/// Residual of a slide, root mean square over features, from which a hinge is fitted, metres.
+const MAX_SLIDE_RESIDUAL_M: f64 = 0.01;
+/// Residual of a hinge from which two bodies are not connected, metres.
+const MAX_HINGE_RESIDUAL_M: f64 = 0.02;
 
 /// A joint between two bodies.
 pub struct Fit {
@@ -21,7 +25,7 @@ pub struct Fit {
 }
 
 /// Fits the motion of a body in the base (`None`) or in another body.
-pub fn fit(child: &Body, parent: Option<&Body>, config: &KatzConfig) -> Option<Fit> {
+pub fn fit(child: &Body, parent: Option<&Body>) -> Option<Fit> {
     let (frames, motions): (Vec<usize>, Vec<Pose>) = child
         .base_from_body
         .iter()
@@ -34,7 +38,7 @@ pub fn fit(child: &Body, parent: Option<&Body>, config: &KatzConfig) -> Option<F
             Some((f, relative(pose.as_ref()?, parent)))
         })
         .unzip();
-    if frames.len() < config.min_common_frames {
+    if frames.len() < MIN_COMMON_FRAMES {
         return None;
     }
     let rest = motions[0];
@@ -44,11 +48,11 @@ pub fn fit(child: &Body, parent: Option<&Body>, config: &KatzConfig) -> Option<F
         Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64);
     let slide = slide(&motions, centre)
         .map(|(geometry, q)| judged(geometry, &frames, q, &motions, &points))
-        .filter(|fit| fit.residual < config.max_slide_residual_m);
+        .filter(|fit| fit.residual < MAX_SLIDE_RESIDUAL_M);
     slide.or_else(|| {
         let (geometry, q) = hinge(&motions, centre)?;
         let fit = judged(geometry, &frames, q, &motions, &points);
-        (fit.residual < config.max_hinge_residual_m).then_some(fit)
+        (fit.residual < MAX_HINGE_RESIDUAL_M).then_some(fit)
     })
 }
 
@@ -114,4 +118,58 @@ fn judged(
 /// Motion of a body in the frame of another since its first frame.
 fn relative(pose: &Pose, parent: Option<&Pose>) -> Pose {
     parent.map_or(*pose, |p| p.inverse() * pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A body of eight features that moves as `pose` says, in so many frames.
+    fn body(frames: usize, pose: impl Fn(f64) -> Pose) -> Body {
+        let corner = |i: usize| {
+            Point3::new(0.2 * (i % 2) as f64, 0.2 * (i / 2 % 2) as f64, 1.0 + 0.1 * (i / 4) as f64)
+        };
+        Body {
+            tracks: (0..8).collect(),
+            base_from_body: (0..frames).map(|f| Some(pose(f as f64 / 29.0))).collect(),
+            points: (0..8).map(corner).collect(),
+        }
+    }
+
+    fn slides(t: f64) -> Pose {
+        Pose::translation(0.3 * t, 0.0, 0.0)
+    }
+
+    fn turns(t: f64) -> Pose {
+        JointGeometry::hinge(Vector3::y_axis(), Point3::new(-0.3, 0.0, 1.2)).motion(t)
+    }
+
+    #[test]
+    fn a_straight_motion_is_a_slide_with_its_way_as_configuration() {
+        let fit = fit(&body(30, slides), None).unwrap();
+        assert_eq!(fit.geometry.kind.name(), "prismatic");
+        assert!((fit.configuration[29].abs() - 0.3).abs() < 1e-9 && fit.residual < 1e-9);
+    }
+
+    #[test]
+    fn what_turns_is_a_hinge_where_it_turns_about() {
+        let fit = fit(&body(30, turns), None).unwrap();
+        assert_eq!(fit.geometry.kind.name(), "revolute");
+        let off = fit.geometry.origin - Point3::new(-0.3, 0.0, 1.2);
+        assert!((off - Vector3::y() * off.y).norm() < 1e-6, "{off}");
+        assert!((fit.configuration[29].abs() - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_body_is_fitted_in_the_frame_of_another_that_moves() {
+        let carried = body(30, |t| slides(t) * turns(t));
+        let fit = fit(&carried, Some(&body(30, slides))).unwrap();
+        assert_eq!(fit.geometry.kind.name(), "revolute");
+        assert!(fit.residual < 1e-6, "{}", fit.residual);
+    }
+
+    #[test]
+    fn too_few_common_frames_tell_nothing() {
+        assert!(fit(&body(MIN_COMMON_FRAMES - 1, slides), None).is_none());
+    }
 }

@@ -1,10 +1,18 @@
 //! Bodies: features that keep their distance, and how they move.
 
-use super::config::KatzConfig;
 use crate::learn::ego_motion::{EgoMotion, TrackInBase};
 use crate::learn::tracking::Trajectory;
 use crate::math::rigid::{Pose, rigid_fit};
 use nalgebra::Point3;
+
+/// Features of one body keep their distance within this, metres, over their common life.
+const MAX_DISTANCE_CHANGE_M: f64 = 0.025;
+/// Fewest frames that two features, or two bodies, must share.
+pub const MIN_COMMON_FRAMES: usize = 10;
+/// Smaller bodies are dropped.
+const MIN_FEATURES: usize = 10;
+/// Least way of a body's features, metres: what stays is background.
+const MIN_MOTION_M: f64 = 0.05;
 
 /// A rigid body.
 pub struct Body {
@@ -18,19 +26,19 @@ pub struct Body {
 
 /// Groups moving features, the longest-lived first: each takes all that keep their distance
 /// to it.
-pub fn cluster(base: &EgoMotion, config: &KatzConfig) -> Vec<Vec<usize>> {
+pub fn cluster(base: &EgoMotion) -> Vec<Vec<usize>> {
     let seen = |t: usize| base.tracks[t].points.iter().flatten().count();
     let mut left: Vec<usize> = (0..base.tracks.len())
-        .filter(|&t| base.tracks[t].moves && extent(&base.tracks[t]) > config.min_motion_m)
+        .filter(|&t| base.tracks[t].moves && extent(&base.tracks[t]) > MIN_MOTION_M)
         .collect();
     left.sort_by_key(|&t| std::cmp::Reverse(seen(t)));
     let mut bodies = Vec::new();
     while let Some(&seed) = left.first() {
-        let (body, rest): (Vec<usize>, Vec<usize>) = left.into_iter().partition(|&t| {
-            t == seed || keep_distance(&base.tracks[seed], &base.tracks[t], config)
-        });
+        let (body, rest): (Vec<usize>, Vec<usize>) = left
+            .into_iter()
+            .partition(|&t| t == seed || keep_distance(&base.tracks[seed], &base.tracks[t]));
         left = rest;
-        if body.len() >= config.min_features {
+        if body.len() >= MIN_FEATURES {
             bodies.push(body);
         }
     }
@@ -47,20 +55,20 @@ fn at(track: &TrackInBase, frame: usize) -> Option<Point3<f64>> {
     Some(point.as_ref()?.point)
 }
 
-fn keep_distance(a: &TrackInBase, b: &TrackInBase, config: &KatzConfig) -> bool {
+fn keep_distance(a: &TrackInBase, b: &TrackInBase) -> bool {
     let from = a.first_frame.max(b.first_frame);
     let to = (a.first_frame + a.points.len()).min(b.first_frame + b.points.len());
     let distances: Vec<f64> =
         (from..to).filter_map(|f| Some((at(a, f)? - at(b, f)?).norm())).collect();
     let low = distances.iter().copied().fold(f64::INFINITY, f64::min);
     let high = distances.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    distances.len() >= config.min_common_frames && high - low < config.max_distance_change_m
+    distances.len() >= MIN_COMMON_FRAMES && high - low < MAX_DISTANCE_CHANGE_M
 }
 
 impl Body {
     /// Follows features from frame to frame by least squares; `None` when fewer than three
     /// are ever seen together for long enough.
-    pub fn follow(base: &EgoMotion, tracks: Vec<usize>, config: &KatzConfig) -> Option<Self> {
+    pub fn follow(base: &EgoMotion, tracks: Vec<usize>) -> Option<Self> {
         let frames = base.camera_from_base.len();
         let mut base_from_body: Trajectory = vec![None; frames];
         let mut pose: Option<Pose> = None;
@@ -98,10 +106,74 @@ impl Body {
             })
             .collect();
         let known = base_from_body.iter().flatten().count();
-        (known >= config.min_common_frames && points.len() >= 3).then_some(Self {
+        (known >= MIN_COMMON_FRAMES && points.len() >= 3).then_some(Self {
             tracks,
             base_from_body,
             points,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::ego_motion::{BaseObservation, Information};
+    use nalgebra::Vector3;
+    use std::sync::Arc;
+
+    const FRAMES: usize = 30;
+
+    /// So many features in a row, each where `place` says in each frame.
+    fn features(
+        count: usize,
+        place: impl Fn(usize, usize) -> Point3<f64>,
+    ) -> Vec<Arc<TrackInBase>> {
+        let information = Information::new(&Vector3::z(), 0.001, 0.001);
+        let seen = |p| Some(BaseObservation::new(p, information, 0.001));
+        let track = |i: usize| {
+            let points = (0..FRAMES).map(|f| seen(place(i, f))).collect();
+            Arc::new(TrackInBase { points, moves: true, ..TrackInBase::default() })
+        };
+        (0..count).map(track).collect()
+    }
+
+    fn motion(tracks: Vec<Arc<TrackInBase>>) -> EgoMotion {
+        EgoMotion { camera_from_base: vec![Pose::identity(); FRAMES], tracks, static_count: 0 }
+    }
+
+    fn row(i: usize) -> f64 {
+        0.02 * i as f64
+    }
+
+    #[test]
+    fn features_that_keep_their_distance_are_a_body() {
+        let right = |i, f| Point3::new(row(i) + 0.01 * f as f64, 0.0, 1.0);
+        let up = |i, f| Point3::new(row(i), 0.5 + 0.01 * f as f64, 1.0);
+        let all = [features(14, right), features(12, up)].concat();
+        let bodies = cluster(&motion(all));
+        assert_eq!(bodies, [(0..14).collect::<Vec<_>>(), (14..26).collect::<Vec<_>>()]);
+    }
+
+    #[test]
+    fn few_features_and_what_stays_are_no_body() {
+        let moves = |i, f| Point3::new(row(i) + 0.01 * f as f64, 0.0, 1.0);
+        let stays = |i, _| Point3::new(row(i), 0.7, 1.0);
+        let all = [features(MIN_FEATURES - 1, moves), features(20, stays)].concat();
+        assert!(cluster(&motion(all)).is_empty());
+    }
+
+    #[test]
+    fn a_body_is_followed_by_the_motion_of_its_features() {
+        let hinge = Pose::new(Vector3::new(0.002, 0.0, 0.0), Vector3::y() * 0.01);
+        let place = |i: usize, f: usize| {
+            let start = Point3::new(row(i), 0.03 * (i % 3) as f64, 1.0);
+            (0..f).fold(start, |p, _| hinge * p)
+        };
+        let base = motion(features(12, place));
+        let body = Body::follow(&base, (0..12).collect()).unwrap();
+        let last = body.base_from_body[FRAMES - 1].unwrap();
+        let expected = (1..FRAMES).fold(Pose::identity(), |pose, _| hinge * pose);
+        assert!((last.inverse() * expected).translation.vector.norm() < 1e-9);
+        assert_eq!(body.points.len(), 12);
     }
 }

@@ -1,6 +1,5 @@
 //! A moving part with the joint that explains its motion relative to the base.
 
-use super::config::PaperSettings;
 use super::pose_optimisation::PartMotion;
 use crate::articulation::{FittedJoint, PoseSample, fit_models};
 use crate::learn::learned_joint::{RejectedCandidate, span_of};
@@ -25,14 +24,14 @@ impl Candidate {
 }
 
 /// Fits the joint models to the motion of a part in the base frame; `None` where no model fits.
-pub(super) fn fit_to_base(motion: PartMotion, settings: &PaperSettings) -> Option<Candidate> {
+pub(super) fn fit_to_base(motion: PartMotion) -> Option<Candidate> {
     let (frames, samples): (Vec<usize>, Vec<PoseSample>) = motion
         .base_from_part
         .iter()
         .enumerate()
         .filter_map(|(t, pose)| Some((t, PoseSample::from_pose(t as f64, pose.as_ref()?))))
         .unzip();
-    let fit = fit_models(&samples, settings.articulate).ok()?.into_iter().next()?;
+    let fit = fit_models(&samples).ok()?.into_iter().next()?;
     tracing::debug!(
         tracks = motion.tracks.len(),
         kind = fit.geometry.kind.name(),
@@ -75,4 +74,48 @@ pub(super) fn correlation(a: &Candidate, b: &Candidate) -> f64 {
         return 0.0;
     }
     Moments::of(&common).correlation_sq().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::object::joint_geometry::JointKind;
+
+    /// A part that is at `z(frame)`, metres before the camera, in the given frames of forty.
+    fn part(frames: std::ops::Range<usize>, z: impl Fn(usize) -> f64) -> PartMotion {
+        let pose = |f: usize| frames.contains(&f).then(|| Pose::translation(0.0, 0.0, z(f)));
+        PartMotion { base_from_part: (0..40).map(pose).collect(), tracks: vec![1] }
+    }
+
+    #[test]
+    fn a_part_that_moves_straight_is_a_slide_over_the_frames_that_show_it() {
+        let fitted = fit_to_base(part(5..40, |f| 1.0 - 0.01 * f as f64)).unwrap();
+        assert_eq!(fitted.fit.geometry.kind, JointKind::Prismatic);
+        assert_eq!(fitted.frames, (5..40).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_part_that_is_never_seen_is_fitted_by_nothing() {
+        assert!(fit_to_base(part(0..0, |_| 1.0)).is_none());
+    }
+
+    #[test]
+    fn parts_are_compared_in_their_common_frames() {
+        let (a, b) = (part(0..20, |_| 1.0), part(10..40, |f| 1.0 + 0.01 * f as f64));
+        let (frames, samples) = relative_samples(&a, &b).unwrap();
+        assert_eq!(frames, (10..20).collect::<Vec<_>>());
+        assert!((samples[0].position.z - 0.1).abs() < 1e-12);
+        assert!(relative_samples(&part(0..5, |_| 1.0), &b).is_none());
+    }
+
+    #[test]
+    fn what_moves_as_another_part_does_is_a_function_of_it() {
+        let steady = |f: usize| 1.0 - 0.01 * f as f64;
+        let to_and_fro = |f: usize| 1.0 + 0.2 * (0.6 * f as f64).sin();
+        let fitted = |z: &dyn Fn(usize) -> f64| fit_to_base(part(0..40, z)).unwrap();
+        let drawer = fitted(&steady);
+        assert!(correlation(&fitted(&|f| 3.0 - 0.02 * f as f64), &drawer) > 0.99);
+        assert!(correlation(&fitted(&to_and_fro), &drawer) < 0.5);
+    }
 }

@@ -1,30 +1,35 @@
 //! Candidates that are one part, or one joint seen in two segments of time, are merged.
 
 use super::candidate::{Candidate, fit_to_base, relative_samples};
-use super::config::{PaperConfig, PaperSettings};
 use super::pose_optimisation;
+use super::rejection::MIN_FRAMES;
 use super::segmentation::Cluster;
-use crate::articulation::fit_models;
+use crate::articulation::{POSITION_SIGMA_M, fit_models};
 use crate::learn::ego_motion::EgoMotion;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::JointKind;
 
+/// Largest angle between the axes of two segments of one joint, radians.
+const MERGE_ANGLE_RAD: f64 = 0.26;
+/// Largest distance between the lines of two segments of one hinge, metres.
+const MERGE_DISTANCE_M: f64 = 0.06;
+
 /// Clusters that keep still relative to one another are one part.
-pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, settings: &PaperSettings) {
+pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, seed: u64) {
     let mut i = 0;
     while i < parts.len() {
         let mut j = i + 1;
         while j < parts.len() {
             let rigid = relative_samples(&parts[i].motion, &parts[j].motion)
-                .filter(|(_, s)| s.len() >= settings.structure.min_frames)
-                .and_then(|(_, s)| fit_models(&s, settings.articulate).ok())
+                .filter(|(_, s)| s.len() >= MIN_FRAMES)
+                .and_then(|(_, s)| fit_models(&s).ok())
                 .and_then(|fits| fits.into_iter().next())
                 .is_some_and(|f| {
                     f.geometry.kind == JointKind::Fixed
-                        && f.position_rmse < settings.articulate.position_sigma_m * 2.0
+                        && f.position_rmse < POSITION_SIGMA_M * 2.0
                         && f.outlier_ratio < 0.2
                 });
-            match rigid.then(|| merged_cluster(base, &parts[i], &parts[j], settings)).flatten() {
+            match rigid.then(|| merged_cluster(base, &parts[i], &parts[j], seed)).flatten() {
                 Some(merged) => {
                     parts[i] = merged;
                     parts.remove(j);
@@ -38,17 +43,11 @@ pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, settings
 }
 
 /// One part of the tracks of both; `None` where it is seen for a shorter time than each alone.
-fn merged_cluster(
-    base: &EgoMotion,
-    a: &Candidate,
-    b: &Candidate,
-    settings: &PaperSettings,
-) -> Option<Candidate> {
+fn merged_cluster(base: &EgoMotion, a: &Candidate, b: &Candidate, seed: u64) -> Option<Candidate> {
     let mut tracks = [a.motion.tracks.clone(), b.motion.tracks.clone()].concat();
     tracks.sort_unstable();
-    let motion =
-        pose_optimisation::estimate(base, &Cluster { tracks }, settings.pose, settings.seed)?;
-    let merged = fit_to_base(motion, settings)?;
+    let motion = pose_optimisation::estimate(base, &Cluster { tracks }, seed)?;
+    let merged = fit_to_base(motion)?;
     let longest = a.frames.len().max(b.frames.len());
     (merged.frames.len() >= longest && merged.fit.geometry.kind != JointKind::Fixed)
         .then_some(merged)
@@ -56,13 +55,13 @@ fn merged_cluster(
 
 /// Opening and closing may be seen as two parts with hardly a common frame, since surfaces
 /// turn away: two segments of time with one line are one joint, continuous in between.
-pub(super) fn merge_segments(parts: &mut Vec<Candidate>, settings: &PaperSettings) {
+pub(super) fn merge_segments(parts: &mut Vec<Candidate>) {
     let mut i = 0;
     while i < parts.len() {
         let mut j = i + 1;
         while j < parts.len() {
-            if same_line(&parts[i], &parts[j], settings.structure)
-                && let Some(merged) = joined_in_time(&parts[i], &parts[j], settings)
+            if same_line(&parts[i], &parts[j])
+                && let Some(merged) = joined_in_time(&parts[i], &parts[j])
             {
                 parts[i] = merged;
                 parts.remove(j);
@@ -76,24 +75,24 @@ pub(super) fn merge_segments(parts: &mut Vec<Candidate>, settings: &PaperSetting
 }
 
 /// Both are joints of one type about near lines, and are hardly seen at the same time.
-fn same_line(a: &Candidate, b: &Candidate, config: &PaperConfig) -> bool {
+fn same_line(a: &Candidate, b: &Candidate) -> bool {
     let (ga, gb) = (&a.fit.geometry, &b.fit.geometry);
     if ga.kind != gb.kind || ga.kind == JointKind::Fixed {
         return false;
     }
-    if line_angle(&ga.axis, &gb.axis) > config.merge_angle_rad {
+    if line_angle(&ga.axis, &gb.axis) > MERGE_ANGLE_RAD {
         return false;
     }
     let common = a.frames.iter().filter(|f| b.frames.contains(f)).count();
     let near = match ga.kind {
         JointKind::Prismatic => distance_to_line(&ga.origin, &ga.axis, &gb.origin) < 0.3,
-        _ => distance_to_line(&ga.origin, &ga.axis, &gb.origin) < config.merge_distance_m,
+        _ => distance_to_line(&ga.origin, &ga.axis, &gb.origin) < MERGE_DISTANCE_M,
     };
     near && common * 4 < a.frames.len().min(b.frames.len())
 }
 
 /// The later segment is moved along the joint so that it starts where the earlier one ends.
-fn joined_in_time(a: &Candidate, b: &Candidate, settings: &PaperSettings) -> Option<Candidate> {
+fn joined_in_time(a: &Candidate, b: &Candidate) -> Option<Candidate> {
     let (early, late) = if a.frames.first()? <= b.frames.first()? { (a, b) } else { (b, a) };
     let mut motion = early.motion.clone();
     let geometry = early.fit.geometry;
@@ -110,5 +109,5 @@ fn joined_in_time(a: &Candidate, b: &Candidate, settings: &PaperSettings) -> Opt
     motion.tracks.extend(&late.motion.tracks);
     motion.tracks.sort_unstable();
     motion.tracks.dedup();
-    fit_to_base(motion, settings)
+    fit_to_base(motion)
 }

@@ -3,20 +3,18 @@
 //! not).
 
 mod candidate;
-pub(crate) mod config;
 mod merge;
 mod part_evidence;
 mod part_motions;
-pub mod pose_optimisation;
+pub(crate) mod pose_optimisation;
 mod rejection;
-pub mod segmentation;
+pub(crate) mod segmentation;
 mod tree;
 
 use super::learned_joint::{LearnedJoints, RejectedCandidate};
 use super::recording::Recording;
 use super::stage_times::StageTimes;
 use candidate::{Candidate, fit_to_base};
-use config::PaperSettings;
 use merge::{merge_rigid, merge_segments};
 use part_motions::motions_of;
 use pose_optimisation::PartMotion;
@@ -27,19 +25,15 @@ use tree::build_tree;
 
 /// Clusters of tracks (III-B), their poses (III-C), and the kinematic tree of the joints between
 /// them (III-D); with the moving things that are no part of an object.
-pub fn learn(
-    recording: &Recording,
-    settings: &PaperSettings,
-    times: &mut StageTimes,
-) -> LearnedJoints {
+pub fn learn(recording: &Recording, seed: u64, times: &mut StageTimes) -> LearnedJoints {
     let Recording { tracks, ego_motion, .. } = recording;
-    let clusters = times.measure("segment", || segment(tracks, ego_motion, settings.segment));
+    let clusters = times.measure("segment", || segment(tracks, ego_motion));
     let motions: Vec<PartMotion> = times.measure("pose", || {
-        clusters.par_iter().flat_map_iter(|c| motions_of(recording, c, settings)).collect()
+        clusters.par_iter().flat_map_iter(|c| motions_of(recording, c, seed)).collect()
     });
     times.measure("articulate", || {
-        let (parts, rejections) = believed(recording, motions, settings);
-        LearnedJoints { joints: build_tree(recording, parts, settings), rejections }
+        let (parts, rejections) = believed(recording, motions, seed);
+        LearnedJoints { joints: build_tree(recording, parts), rejections }
     })
 }
 
@@ -47,16 +41,15 @@ pub fn learn(
 fn believed(
     recording: &Recording,
     motions: Vec<PartMotion>,
-    settings: &PaperSettings,
+    seed: u64,
 ) -> (Vec<Candidate>, Vec<RejectedCandidate>) {
-    let mut fitted: Vec<Candidate> =
-        motions.into_iter().filter_map(|m| fit_to_base(m, settings)).collect();
-    merge_rigid(&recording.ego_motion, &mut fitted, settings);
-    merge_segments(&mut fitted, settings);
+    let mut fitted: Vec<Candidate> = motions.into_iter().filter_map(fit_to_base).collect();
+    merge_rigid(&recording.ego_motion, &mut fitted, seed);
+    merge_segments(&mut fitted);
     fitted.sort_by_key(|c| std::cmp::Reverse(c.motion.tracks.len()));
     let (mut believed, mut rejections) = (Vec::new(), Vec::new());
     for candidate in fitted {
-        let reason = doubt(recording, &candidate, &believed, settings);
+        let reason = doubt(recording, &candidate, &believed);
         tracing::debug!(
             tracks = candidate.motion.tracks.len(),
             kind = candidate.fit.geometry.kind.name(),

@@ -1,10 +1,9 @@
 //! The motions in a cluster of tracks (paper, section III-C), without the tracks that do not
 //! belong to it (outliers).
 
-use super::config::PaperSettings;
 use super::pose_optimisation;
 use super::pose_optimisation::PartMotion;
-use super::segmentation::Cluster;
+use super::segmentation::{Cluster, MIN_CLUSTER};
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::recording::Recording;
 use crate::math::robust::median_point;
@@ -13,28 +12,23 @@ use nalgebra::Point3;
 /// The motions in a cluster, the clearest first. A hand and what it holds move as one for a while, so
 /// that a cluster may hold several things: tracks that depart from its motion, or that the pictures
 /// contradict, are a cluster of their own in the next round.
-pub(super) fn motions_of(
-    recording: &Recording,
-    cluster: &Cluster,
-    settings: &PaperSettings,
-) -> Vec<PartMotion> {
+pub(super) fn motions_of(recording: &Recording, cluster: &Cluster, seed: u64) -> Vec<PartMotion> {
     let mut motions = Vec::new();
     let mut rest = cluster.tracks.clone();
     for round in 0..MOTIONS_OF_A_CLUSTER {
-        let seed = settings.seed + round;
+        let seed = seed + round;
         let Some(motion) = pose_optimisation::estimate(
             &recording.ego_motion,
             &Cluster { tracks: rest.clone() },
-            settings.pose,
             seed,
         ) else {
             break;
         };
-        let motion = without_outliers(recording, motion, settings);
+        let motion = without_outliers(recording, motion, seed);
         let before = rest.len();
         rest.retain(|t| !motion.tracks.contains(t));
         motions.push(motion);
-        if rest.len() < settings.segment.min_cluster || rest.len() == before {
+        if rest.len() < MIN_CLUSTER || rest.len() == before {
             break;
         }
     }
@@ -47,21 +41,17 @@ const MOTIONS_OF_A_CLUSTER: u64 = 5;
 /// Takes out tracks that depart from the motion and tracks that the pictures contradict one by
 /// one (a hand moves with what it holds, but comes and leaves), and estimates the motion anew
 /// from the rest.
-fn without_outliers(
-    recording: &Recording,
-    mut motion: PartMotion,
-    settings: &PaperSettings,
-) -> PartMotion {
+fn without_outliers(recording: &Recording, mut motion: PartMotion, seed: u64) -> PartMotion {
     let base = &recording.ego_motion;
     for round in 0..OUTLIER_ROUNDS {
         let all = motion.tracks.len();
-        let mut kept = pose_optimisation::followers(base, &motion, settings.pose);
+        let mut kept = pose_optimisation::followers(base, &motion);
         kept = uncontradicted(recording, &motion, &kept);
-        if kept.len() == all || kept.len() < settings.segment.min_cluster {
+        if kept.len() == all || kept.len() < MIN_CLUSTER {
             break;
         }
-        let seed = settings.seed + round;
-        match pose_optimisation::estimate(base, &Cluster { tracks: kept }, settings.pose, seed) {
+        let seed = seed + round;
+        match pose_optimisation::estimate(base, &Cluster { tracks: kept }, seed) {
             Some(again) => motion = again,
             None => break,
         }

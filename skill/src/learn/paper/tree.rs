@@ -4,7 +4,6 @@
 //! the base frame at the first frame.
 
 use super::candidate::{Candidate, relative_samples};
-use super::config::PaperSettings;
 use crate::articulation::{FittedJoint, Link, fit_models, spanning_tree};
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
 use crate::learn::recording::Recording;
@@ -28,12 +27,8 @@ struct PossibleJoint {
 }
 
 /// The minimum spanning tree over base and parts (paper, Eq. 7).
-pub(super) fn build_tree(
-    recording: &Recording,
-    parts: Vec<Candidate>,
-    settings: &PaperSettings,
-) -> Vec<LearnedJoint> {
-    let possible = possible_joints(&parts, settings);
+pub(super) fn build_tree(recording: &Recording, parts: Vec<Candidate>) -> Vec<LearnedJoint> {
+    let possible = possible_joints(&parts);
     let links: Vec<Link> = possible.iter().map(|p| p.link).collect();
     let mut learned: Vec<LearnedJoint> = Vec::new();
     let mut number_of_node = vec![0; parts.len() + 1];
@@ -60,7 +55,7 @@ pub(super) fn build_tree(
 }
 
 /// The joints of each part with the base, and those between two parts.
-fn possible_joints(parts: &[Candidate], settings: &PaperSettings) -> Vec<PossibleJoint> {
+fn possible_joints(parts: &[Candidate]) -> Vec<PossibleJoint> {
     let with_base = |(i, part): (usize, &Candidate)| PossibleJoint {
         link: Link { a: 0, b: i + 1, cost: per_frame(&part.fit, part.frames.len()) },
         fit: part.fit.clone(),
@@ -69,7 +64,7 @@ fn possible_joints(parts: &[Candidate], settings: &PaperSettings) -> Vec<Possibl
     let mut possible: Vec<PossibleJoint> = parts.iter().enumerate().map(with_base).collect();
     for i in 0..parts.len() {
         for j in i + 1..parts.len() {
-            if let Some((fit, frames)) = fit_between(&parts[i], &parts[j], settings) {
+            if let Some((fit, frames)) = fit_between(&parts[i], &parts[j]) {
                 let cost = per_frame(&fit, frames.len()) + PREFER_BASE;
                 possible.push(PossibleJoint {
                     link: Link { a: i + 1, b: j + 1, cost },
@@ -84,16 +79,12 @@ fn possible_joints(parts: &[Candidate], settings: &PaperSettings) -> Vec<Possibl
 
 /// The joint that explains the motion of `b` in the frame of `a` best; `None` where they were seen
 /// together for a small part of the time, which explains little.
-fn fit_between(
-    a: &Candidate,
-    b: &Candidate,
-    settings: &PaperSettings,
-) -> Option<(FittedJoint, Vec<usize>)> {
+fn fit_between(a: &Candidate, b: &Candidate) -> Option<(FittedJoint, Vec<usize>)> {
     let (frames, samples) = relative_samples(&a.motion, &b.motion)?;
     if 2 * frames.len() < a.frames.len().max(b.frames.len()) {
         return None;
     }
-    let fits = fit_models(&samples, settings.articulate).ok()?;
+    let fits = fit_models(&samples).ok()?;
     let fit = fits.into_iter().find(|f| f.geometry.kind != JointKind::Fixed)?;
     Some((fit, frames))
 }
@@ -147,32 +138,20 @@ fn to_learned(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::articulation::ArticulateConfig;
     use crate::learn::ego_motion::EgoMotion;
     use crate::learn::keyframes::Keyframes;
     use crate::learn::paper::candidate::fit_to_base;
-    use crate::learn::paper::config::PaperConfig;
-    use crate::learn::paper::pose_optimisation::{PartMotion, PoseConfig};
-    use crate::learn::paper::segmentation::SegmentConfig;
+    use crate::learn::paper::pose_optimisation::PartMotion;
     use crate::learn::tracking::TrackSet;
 
     const FRAMES: usize = 40;
 
     /// The joints of a drawer that opens by 8 mm a frame, after something was done to its part.
     fn joints_of_drawer(change: impl Fn(&mut Candidate)) -> Vec<LearnedJoint> {
-        let (segment, pose) = (SegmentConfig::default(), PoseConfig::default());
-        let (articulate, structure) = (ArticulateConfig::default(), PaperConfig::default());
-        let settings = PaperSettings {
-            segment: &segment,
-            pose: &pose,
-            articulate: &articulate,
-            structure: &structure,
-            seed: 1,
-        };
         let pose = |f: usize| Some(Pose::translation(0.0, 0.0, 1.5 - 0.008 * f as f64));
         let base_from_part = (0..FRAMES).map(pose).collect();
-        let motion = PartMotion { base_from_part, reference_frame: 0, tracks: vec![3, 4] };
-        let mut drawer = fit_to_base(motion, &settings).unwrap();
+        let motion = PartMotion { base_from_part, tracks: vec![3, 4] };
+        let mut drawer = fit_to_base(motion).unwrap();
         change(&mut drawer);
         let recording = Recording {
             tracks: TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks: Vec::new() },
@@ -182,7 +161,7 @@ mod tests {
             },
             keyframes: Keyframes::new(2),
         };
-        build_tree(&recording, vec![drawer], &settings)
+        build_tree(&recording, vec![drawer])
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 

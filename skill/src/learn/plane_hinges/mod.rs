@@ -10,7 +10,6 @@
 //! normal could be any of many: only hinges are sought.
 
 mod axis_direction;
-pub(crate) mod config;
 mod depth_following;
 mod extend_range;
 mod hinge;
@@ -25,7 +24,6 @@ use super::recording::Recording;
 use crate::math::rigid::{distance_to_line, line_angle};
 use crate::math::robust::Moments;
 use crate::object::model::Joint;
-use config::PlanesConfig;
 use extend_range::{extend, extend_to};
 use hinge::candidates;
 use plain_part::{PlainPart, follow_candidate};
@@ -44,28 +42,25 @@ const MOST_FOLLOWED: usize = 10;
 const MAX_CORRELATION: f64 = 0.8;
 /// Fewest common times that tell how two configurations correlate.
 const MIN_COMMON: usize = 5;
+/// Gain up to which a joint of tracks gives way to a plain part that moves together with it.
+const MEAGRE_GAIN: f64 = 1000.0;
 /// Times of one frame differ by less than this, seconds.
 const SAME_TIME_S: f64 = 1e-4;
 
 /// What planes add to the joints that tracks showed: hinges that no track showed, and configurations
 /// where tracks were lost.
-pub fn complete(
-    mut joints: Vec<LearnedJoint>,
-    recording: &Recording,
-    config: &PlanesConfig,
-) -> Vec<LearnedJoint> {
+pub fn complete(mut joints: Vec<LearnedJoint>, recording: &Recording) -> Vec<LearnedJoint> {
     extend(&mut joints, recording);
     let is_chain = joints.iter().any(|j| j.joint.parent != 0);
     let mut plain: Vec<LearnedJoint> = Vec::new();
     let mut known: Vec<LearnedJoint> = Vec::new();
-    for part in search(recording, config) {
+    for part in search(recording) {
         let mut learned = part.to_learned(recording);
         if !is_chain {
-            take_over(&mut joints, &mut learned, config);
+            take_over(&mut joints, &mut learned);
         }
         let is_known = |j: &LearnedJoint| {
-            is_same_hinge(&j.joint, &learned.joint)
-                || !is_meagre(j, config) && moves_together(j, &learned)
+            is_same_hinge(&j.joint, &learned.joint) || !is_meagre(j) && moves_together(j, &learned)
         };
         if !joints.iter().any(is_known) {
             extend_to(part.reach(), &mut learned, recording);
@@ -79,10 +74,9 @@ pub fn complete(
         !is_same_hinge(&j.joint, &part.joint) && moves_together(part, j)
     };
     let is_hand = |j: &LearnedJoint| {
-        is_meagre(j, config) && plain.iter().chain(&known).any(|part| is_held_by(j, part))
+        is_meagre(j) && plain.iter().chain(&known).any(|part| is_held_by(j, part))
     };
-    let stays: Vec<bool> =
-        joints.iter().map(|j| !is_hand(j) && !is_double(j, &joints, config)).collect();
+    let stays: Vec<bool> = joints.iter().map(|j| !is_hand(j) && !is_double(j, &joints)).collect();
     if !is_chain {
         let mut stays = stays.into_iter();
         joints.retain(|_| stays.next().unwrap_or(true));
@@ -95,10 +89,10 @@ pub fn complete(
 
 /// A plain part takes the place of a joint whose tracks show less of the same hinge: they were lost as
 /// it turned away. A few tracks are the hand's on the part, or its edge's; many are its own.
-fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint, config: &PlanesConfig) {
+fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint) {
     let Some(i) = joints.iter().position(|j| shows_less(&j.joint, &plain.joint)) else { return };
     let tracked = joints.remove(i);
-    if !is_meagre(&tracked, config) {
+    if !is_meagre(&tracked) {
         plain.joint.log_likelihood = tracked.joint.log_likelihood;
         plain.tracks = tracked.tracks;
     }
@@ -113,19 +107,19 @@ fn number(joints: &mut [LearnedJoint], first: usize) {
 }
 
 /// Few tracks show the joint.
-fn is_meagre(learned: &LearnedJoint, config: &PlanesConfig) -> bool {
-    learned.joint.log_likelihood < config.meagre_gain
+fn is_meagre(learned: &LearnedJoint) -> bool {
+    learned.joint.log_likelihood < MEAGRE_GAIN
 }
 
 /// Few tracks show the hinge that many tracks of another joint show as well, and they turn together: they
 /// are on the same part, badly placed.
-fn is_double(learned: &LearnedJoint, all: &[LearnedJoint], config: &PlanesConfig) -> bool {
+fn is_double(learned: &LearnedJoint, all: &[LearnedJoint]) -> bool {
     let is_of = |other: &LearnedJoint| {
-        !is_meagre(other, config)
+        !is_meagre(other)
             && is_same_hinge(&learned.joint, &other.joint)
             && moves_together(learned, other)
     };
-    is_meagre(learned, config) && all.iter().any(is_of)
+    is_meagre(learned) && all.iter().any(is_of)
 }
 
 /// The configuration of one joint is a function of the other's.
@@ -154,14 +148,14 @@ fn shows_less(tracked: &Joint, plain: &Joint) -> bool {
 
 /// Finds plain parts that turn, those that tracks showed among them: what their planes explain must
 /// not suggest other parts.
-fn search(recording: &Recording, config: &PlanesConfig) -> Vec<PlainPart> {
+fn search(recording: &Recording) -> Vec<PlainPart> {
     let mut patches = moving_patches(recording, Sampling::Coarse, None);
     let mut found = Vec::new();
     let mut followed = 0;
     'next: while followed < MOST_FOLLOWED {
         for candidate in candidates(&patches, MOST_FOLLOWED - followed) {
             followed += 1;
-            if let Some(part) = follow_candidate(&candidate, &patches, recording, config) {
+            if let Some(part) = follow_candidate(&candidate, &patches, recording) {
                 // What the plane of one part explains, no other joint needs to explain.
                 patches = without(patches, &part.support);
                 if !part.jumps() {
@@ -190,7 +184,7 @@ mod tests {
     use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
     use crate::test_data::seen;
-    use linkage_driver::RgbdFrame;
+    use linkage_frames::RgbdFrame;
     use nalgebra::{Point3, UnitVector3, Vector3};
 
     fn hinge(direction: [f64; 3], origin: [f64; 3]) -> JointGeometry {
@@ -243,7 +237,7 @@ mod tests {
     #[test]
     fn a_plain_door_is_learned_by_its_planes_alone() {
         let recording = recording(24, turn);
-        let learned = complete(Vec::new(), &recording, &PlanesConfig::default());
+        let learned = complete(Vec::new(), &recording);
         assert_eq!(learned.len(), 1);
         let LearnedJoint { joint, base_from_part, plain_surface, .. } = &learned[0];
         let (axis, origin) = (Vector3::from(joint.axis), Point3::from(joint.origin));
@@ -265,7 +259,7 @@ mod tests {
     fn a_door_that_stays_closed_or_stands_open_is_no_joint() {
         for stays in [0.0, 1.0] {
             let recording = recording(24, |_| stays);
-            assert!(complete(Vec::new(), &recording, &PlanesConfig::default()).is_empty());
+            assert!(complete(Vec::new(), &recording).is_empty());
         }
     }
 
@@ -296,20 +290,16 @@ mod tests {
 
     #[test]
     fn a_few_tracks_of_a_lid_that_many_show_are_no_joint_of_their_own() {
-        let config = PlanesConfig::default();
         let of_gain = |gain: f64, q: fn(f64) -> f64| {
             let mut learned = learned(q);
             learned.joint.log_likelihood = gain;
             learned
         };
-        let lid = of_gain(10.0 * config.meagre_gain, |t| 0.1 * t);
-        let double = of_gain(0.5 * config.meagre_gain, |t| 0.3 - 0.05 * t);
+        let lid = of_gain(10.0 * MEAGRE_GAIN, |t| 0.1 * t);
+        let double = of_gain(0.5 * MEAGRE_GAIN, |t| 0.3 - 0.05 * t);
         let seat =
-            of_gain(
-                0.5 * config.meagre_gain,
-                |t| if t < 15.0 { 0.0 } else { 0.4 * (t * 1.5).sin() },
-            );
+            of_gain(0.5 * MEAGRE_GAIN, |t| if t < 15.0 { 0.0 } else { 0.4 * (t * 1.5).sin() });
         let all = [lid, double, seat];
-        assert_eq!([0, 1, 2].map(|i| is_double(&all[i], &all, &config)), [false, true, false]);
+        assert_eq!([0, 1, 2].map(|i| is_double(&all[i], &all)), [false, true, false]);
     }
 }

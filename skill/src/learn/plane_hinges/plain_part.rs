@@ -1,7 +1,6 @@
 //! A plain part that turns: the planes about a candidate's line are followed in the depth pictures,
 //! the line is aligned to them, and the part is believed where all of them bear it out.
 
-use super::config::PlanesConfig;
 use super::depth_following::{Following, Surface, follow};
 use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
@@ -15,6 +14,16 @@ use crate::object::model::{Joint, covariance_rows};
 use nalgebra::{Matrix6, Point3};
 use std::collections::BTreeMap;
 
+/// Fewest keyframes that show the part.
+const MIN_KEYFRAMES: usize = 8;
+/// Least turn, radians.
+const MIN_TURN_RAD: f64 = 0.35;
+/// Largest root mean square distance of the planes from where the hinge puts them, metres.
+const MAX_RMSE_M: f64 = 0.008;
+/// Largest share of the part's points that may be seen through.
+const MAX_VIOLATION: f64 = 0.1;
+/// Least share of them that must be seen through if the part were turned aside by half its range.
+const MIN_DISCRIMINABILITY: f64 = 0.5;
 /// Turn by which a plane may differ from where its part was followed to, radians.
 const SAME_TURN_RAD: f64 = 0.12;
 /// How far beyond the range of its planes a part is followed, radians: a little, and far. The second
@@ -63,11 +72,10 @@ pub fn follow_candidate(
     candidate: &Candidate,
     patches: &[PlanePatch],
     recording: &Recording,
-    config: &PlanesConfig,
 ) -> Option<PlainPart> {
     let rough = candidate.hinge(patches, &candidate.support)?;
     let [low, high] = rough.range();
-    if rough.turns.len() < config.min_keyframes || high - low < config.min_turn_rad {
+    if rough.turns.len() < MIN_KEYFRAMES || high - low < MIN_TURN_RAD {
         return None;
     }
     let within = |beyond: f64| {
@@ -75,7 +83,7 @@ pub fn follow_candidate(
         let parts = rough.ends().into_iter().filter_map(|seed| {
             let surface = surface_of(seed, &rough, candidate, patches);
             let part = followed(&surface, &rough, range, candidate, patches, recording)?;
-            let doubt = part.doubt(config);
+            let doubt = part.doubt();
             part.trace(doubt);
             doubt.is_none().then_some(part)
         });
@@ -138,16 +146,16 @@ impl PlainPart {
     }
 
     /// Why it is no part of an object; `None` where it is one.
-    fn doubt(&self, config: &PlanesConfig) -> Option<&'static str> {
+    fn doubt(&self) -> Option<&'static str> {
         let seen = &self.followed;
         let [low, high] = seen.range();
         let max_violation =
-            if self.has_many_planes() { config.max_through } else { FEW_PLANES_VIOLATION };
+            if self.has_many_planes() { MAX_VIOLATION } else { FEW_PLANES_VIOLATION };
         let reasons = [
-            (self.support.len() < config.min_keyframes, "few planes lie about the line"),
-            (high - low < config.min_turn_rad, "it hardly turns"),
+            (self.support.len() < MIN_KEYFRAMES, "few planes lie about the line"),
+            (high - low < MIN_TURN_RAD, "it hardly turns"),
             (self.turn_of_planes() < MIN_TURN_OF_PLANES_RAD, "its planes do not turn"),
-            (self.hinge.rmse > config.max_rmse_m, "its planes do not keep their distance"),
+            (self.hinge.rmse > MAX_RMSE_M, "its planes do not keep their distance"),
             (
                 self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M,
                 "it turns too little to tell about which line",
@@ -156,7 +164,7 @@ impl PlainPart {
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
             (seen.free_space_violation() > max_violation, "it is seen through"),
             (
-                seen.discriminability() < config.min_tells,
+                seen.discriminability() < MIN_DISCRIMINABILITY,
                 "the pictures tell nothing of where it is",
             ),
             (seen.shown_ratio() < LEAST_KEYFRAMES, "few pictures show it"),

@@ -4,8 +4,8 @@ use crate::learn::ego_motion::{EgoMotion, coarse_sigma};
 use crate::learn::recording::Recording;
 use crate::math::rigid::{distance_to_line, matrix_pose, plane_through};
 use crate::object::joint_geometry::JointGeometry;
-use linkage_driver::RgbdFrame;
-use linkage_driver::depth::SurfacePatch;
+use linkage_frames::RgbdFrame;
+use linkage_frames::depth::SurfacePatch;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 

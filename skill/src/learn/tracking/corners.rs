@@ -7,6 +7,8 @@ use opencv::core::{Mat, Point, Point2f, Scalar, Size, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
 
+/// Free radius round a feature, in pixels: the detection mask.
+const SPACING_PX: f64 = 6.0;
 /// Side of a cell of [`TrackConfig::max_per_cell`], pixels.
 const CELL_PX: usize = 32;
 /// Pixels at the border in which no feature starts.
@@ -23,7 +25,7 @@ pub fn corners(
     let mut mask = empty_mask(gray.width(), gray.height(), 255.0)?;
     let mut cells = CellCount::new(gray, config.max_per_cell);
     for p in occupied {
-        block(&mut mask, p, config.spacing_px)?;
+        block(&mut mask, p, SPACING_PX)?;
         cells.take(p);
     }
     let mut found = Vec::new();
@@ -44,7 +46,7 @@ pub fn corners(
                 && corner.x <= gray.width() as f32 - 1.0 - BORDER_PX
                 && corner.y <= gray.height() as f32 - 1.0 - BORDER_PX;
             if inside && is_free(&mask, &corner) && cells.take(&corner) {
-                block(&mut mask, &corner, config.spacing_px)?;
+                block(&mut mask, &corner, SPACING_PX)?;
                 found.push(corner);
             }
         }
@@ -68,7 +70,7 @@ fn level_corners(
         // Cells may refuse some: ask for more than are wanted.
         (wanted * 2) as i32,
         config.quality,
-        (config.spacing_px / f64::from(factor)).max(2.0),
+        (SPACING_PX / f64::from(factor)).max(2.0),
         &level_mask,
         5,
         false,
@@ -106,5 +108,51 @@ impl CellCount {
         let Some(count) = self.counts.get_mut(cell) else { return false };
         *count += 1;
         self.limit == 0 || *count <= self.limit
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chequerboard with squares of 16 pixels.
+    fn chequerboard() -> Gray {
+        let at =
+            |i: usize| if ((i % 160) / 16 + (i / 160) / 16).is_multiple_of(2) { 200 } else { 50 };
+        Gray::new(160, 128, &(0..160 * 128).map(at).collect::<Vec<u8>>()).unwrap()
+    }
+
+    fn config() -> TrackConfig {
+        TrackConfig { max_per_cell: 0, ..TrackConfig::default() }
+    }
+
+    #[test]
+    fn corners_are_where_four_squares_meet() {
+        let found = corners(&chequerboard(), &[], 20, &config()).unwrap();
+        assert_eq!(found.len(), 20);
+        for corner in &found {
+            let off = |x: f32| (x - 15.5 - 16.0 * ((x - 15.5) / 16.0).round()).abs();
+            assert!(off(corner.x) < 2.0 && off(corner.y) < 2.0, "{corner}");
+        }
+    }
+
+    #[test]
+    fn none_are_found_beside_those_that_are_there() {
+        let first = corners(&chequerboard(), &[], 10, &config()).unwrap();
+        let more = corners(&chequerboard(), &first, 10, &config()).unwrap();
+        let near = |a: &Point2<f32>| first.iter().any(|b| (a - b).norm() < SPACING_PX as f32);
+        assert!(!more.is_empty() && !more.iter().any(near));
+    }
+
+    #[test]
+    fn a_cell_holds_no_more_than_it_may() {
+        let few = TrackConfig { max_per_cell: 1, ..config() };
+        let found = corners(&chequerboard(), &[], 1000, &few).unwrap();
+        let mut cells: Vec<(usize, usize)> =
+            found.iter().map(|p| (p.x as usize / CELL_PX, p.y as usize / CELL_PX)).collect();
+        let all = cells.len();
+        cells.sort_unstable();
+        cells.dedup();
+        assert!(all > 10 && cells.len() == all, "{all} corners in {} cells", cells.len());
     }
 }

@@ -1,8 +1,8 @@
 //! From a place in the picture to a place in space.
 
 use super::track::Observation;
-use linkage_driver::depth::{BilateralConfig, SurfacePatch, depth_sigma, smooth};
-use linkage_driver::{DepthImage, RgbdFrame};
+use linkage_frames::depth::{BilateralConfig, SurfacePatch, depth_sigma, smooth};
+use linkage_frames::{DepthImage, RgbdFrame};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -88,5 +88,43 @@ impl<'f> Lifter<'f> {
             agreeing += 1;
         }
         (5 * agreeing >= 4 * count as i32).then(|| f64::from(agreeing) / inverse)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{board, seen};
+
+    #[test]
+    fn a_feature_on_a_surface_is_lifted_to_where_it_is() {
+        let frame = seen(0, |_, _| 1.5);
+        let observed =
+            Lifter::new(&frame, &DepthLift::RobustMean).observe(Point2::new(220.0, 90.0));
+        let point = observed.point_in_camera.unwrap();
+        let expected = frame.camera.back_project(220.0, 90.0, 1.5);
+        assert!((point - expected).norm() < 1e-5, "{point}");
+        assert!(observed.normal_in_camera.unwrap().z < -0.99, "towards the camera");
+    }
+
+    #[test]
+    fn at_an_edge_of_depth_there_is_no_place() {
+        // The board's right edge is 0.2 m from the line of sight: 260 * 0.2 / 1.0 pixels.
+        let frame = seen(0, board(0.2, 1.0, 2.0));
+        let at = |u: f32| {
+            let lifter = Lifter::new(&frame, &DepthLift::RobustMean);
+            lifter.observe(Point2::new(u, 120.0)).point_in_camera
+        };
+        assert!(at(160.0 + 52.0).is_none());
+        assert!((at(160.0 + 40.0).unwrap().z - 1.0).abs() < 1e-5);
+        assert!((at(160.0 + 64.0).unwrap().z - 2.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn where_most_readings_are_missing_there_is_no_place() {
+        let frame = seen(0, |x, _| if x.abs() < 0.006 { 1.0 } else { f64::NAN });
+        let lifter = Lifter::new(&frame, &DepthLift::RobustMean);
+        assert!(lifter.observe(Point2::new(163.0, 120.0)).point_in_camera.is_none());
+        assert!(lifter.observe(Point2::new(0.0, 0.0)).point_in_camera.is_none(), "the border");
     }
 }

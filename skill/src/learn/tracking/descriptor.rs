@@ -1,6 +1,7 @@
 //! Descriptions of features, as unit vectors compared by Euclidean distance.
 
-use super::surf::{Surf, SurfPoint};
+#[cfg(feature = "paper")]
+use super::surf::{SURF_LENGTH, Surf, SurfPoint};
 use crate::image::gray::Gray;
 use nalgebra::Point2;
 use opencv::core::{KeyPoint, KeyPointTraitConst, Mat, Vector};
@@ -9,6 +10,7 @@ use opencv::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Scale at which tracked features are described, pixels (the described square is 20 wide).
+#[cfg(feature = "paper")]
 const SURF_SCALE: f32 = 1.2;
 
 /// Which descriptor verifies a tracked feature.
@@ -16,6 +18,7 @@ const SURF_SCALE: f32 = 1.2;
 #[serde(rename_all = "snake_case")]
 pub enum DescriptorKind {
     /// Upright SURF, the paper's choice (between two frames nothing rolls).
+    #[cfg(feature = "paper")]
     Surf,
     /// SIFT, upright.
     Sift,
@@ -50,11 +53,12 @@ pub fn describe(
 ) -> opencv::Result<Descriptors> {
     match kind {
         DescriptorKind::None => Ok(Descriptors::default()),
+        #[cfg(feature = "paper")]
         DescriptorKind::Surf => {
             let points: Vec<SurfPoint> =
                 points.iter().map(|p| SurfPoint { x: p.x, y: p.y, scale: SURF_SCALE }).collect();
             let values = Surf::new(gray)?.describe(&points, true).concat();
-            Ok(Descriptors { length: crate::learn::tracking::surf::SURF_LENGTH, values })
+            Ok(Descriptors { length: SURF_LENGTH, values })
         }
         DescriptorKind::Sift => describe_sift(gray, points),
     }

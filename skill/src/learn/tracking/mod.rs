@@ -5,20 +5,23 @@
 
 pub(crate) mod config;
 mod corners;
+#[cfg(feature = "paper")]
+mod dense_flow;
 mod depth_lift;
 mod descriptor;
 mod flow;
 mod lucas_kanade;
+mod prediction;
+#[cfg(feature = "paper")]
 mod surf;
 mod thin;
 mod track;
 mod tracker;
 
 pub use config::TrackConfig;
-pub use depth_lift::{DepthLift, Lifter};
-pub use descriptor::{DescriptorKind, Descriptors, describe};
-pub use flow::{FlowMethod, Picture, Prediction};
-pub use surf::{Surf, SurfPoint};
+pub use depth_lift::DepthLift;
+pub use descriptor::DescriptorKind;
+pub use flow::{FlowMethod, Picture};
 pub use thin::informative_frames;
-pub use track::{Observation, Track, TrackSet, Trajectory};
+pub use track::{Observation, Track, TrackId, TrackSet, Trajectory};
 pub use tracker::Tracker;

@@ -122,7 +122,7 @@ impl TrackSet {
 
 #[cfg(test)]
 mod tests {
-    use super::super::track::Observation;
+    use super::super::track::{Observation, TrackId};
     use super::*;
     use nalgebra::Point2;
     use proptest::prelude::*;
@@ -139,7 +139,7 @@ mod tests {
         let track = |id: usize| {
             let part = f32::from(u8::from(id < 10));
             let observations = x.iter().map(|x| seen(part * x, id as f32)).collect();
-            Track { id, first_frame: 0, observations }
+            Track { id: TrackId(id), first_frame: 0, observations }
         };
         TrackSet {
             frame_utimes: (0..x.len() as i64).map(|i| i * FRAME_US).collect(),

@@ -15,11 +15,16 @@ pub struct Observation {
     pub normal_in_camera: Option<Vector3<f64>>,
 }
 
+/// Identity of a track: its number in order of birth. It stays when other tracks are dropped, unlike
+/// the track's index in a [`TrackSet`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TrackId(pub usize);
+
 /// A feature followed through consecutive frames.
 #[derive(Debug, Clone)]
 pub struct Track {
-    /// Number in order of birth; stays when other tracks are dropped.
-    pub id: usize,
+    /// Which track it is.
+    pub id: TrackId,
     /// Index of its first frame.
     pub first_frame: usize,
     /// One observation a frame from there on.
@@ -83,3 +88,43 @@ impl TrackSet {
 
 /// A pose for each frame in which one is known.
 pub type Trajectory = Vec<Option<Pose>>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A track born in frame 3, of which some frames have depth.
+    fn track(has_depth: &[bool]) -> Track {
+        let seen = |lifted: &bool| Observation {
+            pixel: Point2::new(4.0, 5.0),
+            point_in_camera: lifted.then(|| Point3::new(0.0, 0.0, 1.5)),
+            normal_in_camera: None,
+        };
+        let observations = has_depth.iter().map(seen).collect();
+        Track { id: TrackId(8), first_frame: 3, observations }
+    }
+
+    #[test]
+    fn a_track_is_seen_from_its_birth_to_its_end() {
+        let track = track(&[true, true]);
+        assert!(track.at(2).is_none() && track.at(3).is_some() && track.at(4).is_some());
+        assert!(track.at(5).is_none());
+        assert_eq!(track.end_frame(), 5);
+    }
+
+    #[test]
+    fn only_frames_with_depth_count_for_its_length() {
+        let track = track(&[true, false, true, true]);
+        assert_eq!(track.lifted().map(|(frame, _)| frame).collect::<Vec<_>>(), [3, 5, 6]);
+        assert!(track.is_long(3) && !track.is_long(4));
+        let mut set = TrackSet { frame_utimes: vec![0; 7], tracks: vec![track.clone(), track] };
+        set.retain_long(4);
+        assert!(set.tracks.is_empty());
+    }
+
+    #[test]
+    fn configurations_are_told_with_the_time_of_their_frame_in_seconds() {
+        let set = TrackSet { frame_utimes: vec![0, 500_000, 1_000_000], tracks: Vec::new() };
+        assert_eq!(set.timed(&[0, 2], &[0.1, 0.2]), [[0.0, 0.1], [1.0, 0.2]]);
+    }
+}

@@ -4,13 +4,18 @@ use super::config::TrackConfig;
 use super::corners;
 use super::depth_lift::Lifter;
 use super::descriptor::{Descriptors, describe, distance};
-use super::flow::{Picture, Prediction};
-use super::track::{Track, TrackSet};
+use super::flow::Picture;
+use super::prediction::Prediction;
+use super::track::{Track, TrackId, TrackSet};
 use crate::image::gray::Gray;
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use nalgebra::{Point2, Point3};
 use std::collections::HashSet;
 
+/// Largest distance between unit descriptors of one feature. Ours.
+const MAX_DESCRIPTOR_DISTANCE: f64 = 0.45;
+/// Fewest observations of a track that takes part in learning. Original code: 5.
+const MIN_LENGTH: usize = 6;
 /// Pixels at the border in which a feature is given up.
 const BORDER_PX: f32 = 5.0;
 
@@ -72,7 +77,7 @@ impl Tracker {
     pub fn keep_frames(&mut self, marks: &[bool]) -> Vec<Option<usize>> {
         let is_alive: HashSet<usize> = self.live.iter().map(|f| f.track).collect();
         for (number, track) in self.set.tracks.iter_mut().enumerate() {
-            if !is_alive.contains(&number) && !track.is_long(self.config.min_length) {
+            if !is_alive.contains(&number) && !track.is_long(MIN_LENGTH) {
                 track.observations.clear();
             }
         }
@@ -101,7 +106,7 @@ impl Tracker {
 
     /// Tracks that are long enough to learn from already.
     pub fn snapshot(&self) -> TrackSet {
-        let long = |t: &&Track| t.is_long(self.config.min_length);
+        let long = |t: &&Track| t.is_long(MIN_LENGTH);
         TrackSet {
             frame_utimes: self.set.frame_utimes.clone(),
             tracks: self.set.tracks.iter().filter(long).cloned().collect(),
@@ -110,7 +115,7 @@ impl Tracker {
 
     /// All tracks that are long enough to learn from.
     pub fn finish(mut self) -> TrackSet {
-        self.set.retain_long(self.config.min_length);
+        self.set.retain_long(MIN_LENGTH);
         self.set
     }
 
@@ -162,7 +167,7 @@ impl Tracker {
         let mut kept = Vec::with_capacity(features.len());
         for (i, mut feature) in features.into_iter().enumerate() {
             let now = descriptions.get(i);
-            if distance(&feature.description, now) <= self.config.max_descriptor_distance {
+            if distance(&feature.description, now) <= MAX_DESCRIPTOR_DISTANCE {
                 feature.description.clear();
                 feature.description.extend_from_slice(now);
                 kept.push(feature);
@@ -190,7 +195,7 @@ impl Tracker {
             let number = self.set.tracks.len();
             let description = descriptions.get(i).to_vec();
             self.live.push(Feature { track: number, pixel, description });
-            let track = Track { id: self.born, first_frame, observations: Vec::new() };
+            let track = Track { id: TrackId(self.born), first_frame, observations: Vec::new() };
             self.set.tracks.push(track);
             self.born += 1;
         }

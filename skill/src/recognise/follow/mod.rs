@@ -14,11 +14,9 @@
 
 mod align;
 mod answer;
-mod config;
 mod lightness;
 
 pub use answer::Asked;
-pub use config::FollowConfig;
 
 use super::ambiguity::withdraw_ambiguous;
 use super::config::RecogniseConfig;
@@ -33,9 +31,10 @@ use super::stillness::EdgeView;
 use super::verdict::Verdict;
 use super::verify::verify;
 use crate::object::joint_geometry::JointKind;
+use crate::vision_error::VisionError;
 use align::Aligner;
 use answer::{Answer, state_of, told_by};
-use linkage_driver::RgbdFrame;
+use linkage_frames::RgbdFrame;
 use std::sync::Arc;
 
 /// Where the object is in a frame.
@@ -49,6 +48,7 @@ pub struct Followed {
 
 /// Why following ends.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Lost {
     /// The object has not been seen for too long.
     #[error("{object} has not been seen for {frames} frames; recognise it again")]
@@ -60,7 +60,7 @@ pub enum Lost {
     },
     /// The vision library failed.
     #[error("vision: {0}")]
-    Vision(#[from] opencv::Error),
+    Vision(#[from] VisionError),
 }
 
 /// Follows one object.
@@ -89,9 +89,14 @@ pub struct Follower {
     last_utime: Option<i64>,
     /// What recognition found meanwhile.
     answer: Option<Answer>,
-    config: FollowConfig,
 }
 
+/// Steps of the alignment a frame.
+const STEPS: usize = 8;
+/// Share of the last step of a configuration that is expected again.
+const PERSISTENCE: f64 = 0.8;
+/// Score below which a frame does not show the object.
+const MIN_SCORE: f64 = 0.2;
 /// How fast a hinge of which nothing in the picture tells may be moving meanwhile, rad/s.
 const UNSEEN_TURN_RATE: f64 = 0.05;
 /// How fast a slide of which nothing in the picture tells may be moving meanwhile, m/s.
@@ -102,8 +107,12 @@ const LONGEST_GAP_S: f64 = 5.0;
 const UNSURE_SHARE: f64 = 0.5;
 
 impl Follower {
+    /// Frames in a row without the object after which it is lost.
+    pub const PATIENCE: usize = 15;
+
     /// Starts where an object was recognised; `None` if its pose is none.
-    pub fn new(object: Arc<KnownObject>, found: &Recognised, config: FollowConfig) -> Option<Self> {
+    #[must_use]
+    pub fn new(object: Arc<KnownObject>, found: &Recognised) -> Option<Self> {
         let articulated = Articulated::new(&object.model);
         let state = state_of(found, &articulated)?;
         let step = vec![0.0; articulated.joints.len()];
@@ -122,7 +131,6 @@ impl Follower {
             articulated,
             state,
             told,
-            config,
         })
     }
 
@@ -161,9 +169,9 @@ impl Follower {
         let answer = self.answer.take();
         let (state, verdict) = self.best_state(&scene, answer.as_ref());
         let score = surface_score(&verdict);
-        let seen = score >= self.config.min_score;
+        let seen = score >= MIN_SCORE;
         self.unseen = if seen { 0 } else { self.unseen + 1 };
-        if self.unseen > self.config.patience {
+        if self.unseen > Self::PATIENCE {
             let object = self.object.model.object.clone();
             return Err(Lost::Unseen { object, frames: self.unseen });
         }
@@ -199,7 +207,7 @@ impl Follower {
             .into_iter()
             .chain(answer.map(|c| c.state.clone()))
             .map(|start| {
-                let state = aligner.align(start, self.config.steps);
+                let state = aligner.align(start, STEPS);
                 let verdict = verify(scene, &self.articulated, &self.object.cloud, &state);
                 let fit = verdict.fit() - self.articulated.range_penalty(&state);
                 (fit, state, verdict)
@@ -256,6 +264,7 @@ impl Follower {
             cloud,
             coarse,
             matches: &[],
+            min_inliers: 0,
             config: &RecogniseConfig::default(),
         };
         let hoped = found.evident.clone();
@@ -296,7 +305,7 @@ impl Follower {
             .joints
             .iter()
             .zip(self.state.q.iter().zip(&self.step))
-            .map(|(j, (q, step))| (q + self.config.persistence * step).clamp(j.low, j.high))
+            .map(|(j, (q, step))| (q + PERSISTENCE * step).clamp(j.low, j.high))
             .collect();
         State { camera_from_object: self.state.camera_from_object, q }
     }
@@ -317,7 +326,7 @@ mod tests {
     use crate::recognise::matching::FeatureTable;
     use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use crate::test_data::seen;
-    use linkage_driver::ColorImage;
+    use linkage_frames::ColorImage;
     use nalgebra::{Point3, Vector3};
 
     /// Grey of horizontal stripes, 0 to 1.
@@ -377,7 +386,7 @@ mod tests {
             deviations: vec![Some(0.001)],
         };
         let found = report(&object, &articulated, &found);
-        let mut follower = Follower::new(object, &found, FollowConfig::default()).unwrap();
+        let mut follower = Follower::new(object, &found).unwrap();
         let followed = follower.follow(&picture(stripes_end)).unwrap();
         assert!(followed.seen);
         followed.recognised.joints[0].configuration

@@ -7,7 +7,7 @@ mod vocabulary;
 mod words;
 
 pub(crate) use postings::{Posting, Postings};
-pub use vocabulary::{NotAVocabulary, Vocabulary};
+pub use vocabulary::Vocabulary;
 pub use words::Words;
 
 use crate::features::quantised::quantise;

@@ -15,6 +15,7 @@ pub struct Posting {
 }
 
 /// Bytes of a posting as it is kept.
+#[cfg(any(test, feature = "store"))]
 const POSTING_BYTES: usize = 3 * size_of::<u32>();
 
 impl Posting {
@@ -29,6 +30,7 @@ impl Posting {
     }
 
     /// As it is kept.
+    #[cfg(any(test, feature = "store"))]
     pub fn to_bytes(self) -> [u8; POSTING_BYTES] {
         let [low, high] = self.code;
         let mut bytes = [0; POSTING_BYTES];
@@ -40,6 +42,7 @@ impl Posting {
     }
 
     /// Those whose [`Self::to_bytes`] follow each other; of what is damaged as many as are whole.
+    #[cfg(any(test, feature = "store"))]
     pub fn all_from_bytes(bytes: &[u8]) -> impl Iterator<Item = Self> {
         let (postings, _) = bytes.as_chunks::<POSTING_BYTES>();
         postings.iter().map(|posting| {
@@ -80,6 +83,7 @@ impl Postings {
     }
 
     /// All lists with something in them, in their order.
+    #[cfg(any(test, feature = "store"))]
     pub fn lists(&self) -> impl Iterator<Item = (usize, &[Posting])> {
         (0..LISTS).map(|list| (list, self.list(list))).filter(|(_, postings)| !postings.is_empty())
     }

@@ -5,11 +5,12 @@ use super::stills::Still;
 use crate::bench::dir::{ConfigurationScore, configuration_scores};
 use crate::truth::Truth;
 use linkage_driver::RgbdFrame;
-use linkage_skill::features::DescribedFeature;
-use linkage_skill::math::rigid::{distance_to_line, pose_from_array};
-use linkage_skill::object::joint_geometry::JointKind;
+use linkage_skill::internals::DescribedFeature;
+use linkage_skill::internals::distance_to_line;
+use linkage_skill::object::JointKind;
+use linkage_skill::object::StoredObject;
+use linkage_skill::pose_from_array;
 use linkage_skill::recognise::Recognised;
-use linkage_skill::store::StoredObject;
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 

@@ -3,10 +3,12 @@
 use super::question::Question;
 use crate::outcome::Outcome;
 use anyhow::{Context, anyhow};
-use linkage_skill::math::robust::median;
-use linkage_skill::object::appearance::{Appearance, ModelFeature};
-use linkage_skill::recognise::{Index, Words};
-use linkage_skill::store::{Store, StoredObject};
+use linkage_skill::internals::ModelFeature;
+use linkage_skill::internals::median;
+use linkage_skill::internals::{Index, Words};
+use linkage_skill::object::Appearance;
+use linkage_skill::object::StoredObject;
+use linkage_skill::store::Store;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;

@@ -4,11 +4,13 @@ use super::question::{Learned, Question};
 use super::scale::made_up;
 use crate::outcome::Outcome;
 use linkage_skill::SkillConfig;
-use linkage_skill::learn::stage_times::StageTimes;
-use linkage_skill::math::robust::median;
-use linkage_skill::object::appearance::{Appearance, ModelFeature};
+use linkage_skill::internals::ModelFeature;
+use linkage_skill::internals::median;
+use linkage_skill::learn::StageTimes;
+use linkage_skill::object::Appearance;
+use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Scene;
-use linkage_skill::store::{Library, StoredObject};
+use linkage_skill::store::Library;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

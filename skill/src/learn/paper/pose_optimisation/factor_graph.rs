@@ -1,11 +1,10 @@
 //! The factor graph of one part: relative motions with a robust loss, and constant velocity.
 
-use super::config::PoseConfig;
 use super::relative_motion::RelativeMotion;
 use crate::math::rigid::Pose;
 use factrs::core::{
-    BetweenResidual, Factor, GaussNewton, GaussianNoise, GemanMcClure, Graph, PriorResidual, SE3,
-    SO3, Values,
+    BetweenResidual, GaussNewton, GaussianNoise, GemanMcClure, Graph, PriorResidual, SE3, SO3,
+    Values,
 };
 use factrs::linalg::{Const, ForwardProp, Numeric, VectorX};
 use factrs::optimizers::OptError;
@@ -16,6 +15,13 @@ use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 assign_symbols!(X: SE3);
+
+/// Expected change of velocity between two frames: rotation, radians. Ours.
+const VELOCITY_SIGMA_RAD: f64 = 0.03;
+/// The same for translation, metres. Ours.
+const VELOCITY_SIGMA_M: f64 = 0.01;
+/// Geman-McClure width of a relative motion's loss, in standard deviations.
+const ROBUST_WIDTH: f64 = 3.0;
 
 /// Constant velocity: the motion from a to b equals that from b to c.
 #[derive(Clone, Debug)]
@@ -44,7 +50,6 @@ pub fn optimise(
     motions: &[RelativeMotion],
     frames: &[usize],
     reference: usize,
-    config: &PoseConfig,
 ) -> Option<Vec<Pose>> {
     let slot: BTreeMap<usize, usize> = frames.iter().enumerate().map(|(i, &f)| (f, i)).collect();
     let initial = chain(motions, &slot, reference);
@@ -52,7 +57,7 @@ pub fn optimise(
     for (i, pose) in initial.iter().enumerate() {
         values.insert(X(i as u32), to_factrs(&pose.inverse()));
     }
-    let mut graph = build(motions, frames, &slot, reference, config);
+    let mut graph = build(motions, frames, &slot, reference);
     hold_loosely(&mut graph, &initial);
     let mut optimiser: GaussNewton = GaussNewton::new_default(graph);
     // The solver panics where a system cannot be solved: that part then has no trajectory.
@@ -89,7 +94,6 @@ fn build(
     frames: &[usize],
     slot: &BTreeMap<usize, usize>,
     reference: usize,
-    config: &PoseConfig,
 ) -> Graph {
     let mut graph = Graph::new();
     let anchor = GaussianNoise::<6>::from_scalar_sigma(1e-4);
@@ -99,15 +103,9 @@ fn build(
         let residual = BetweenResidual::new(to_factrs(&m.motion.inverse()));
         let noise = GaussianNoise::<6>::from_split_sigma(m.sigma_rad, m.sigma_m);
         let (a, b) = (X(a as u32), X(b as u32));
-        let factor: Factor = if config.robust_width > 0.0 {
-            fac![residual, (a, b), noise, GemanMcClure::new(config.robust_width)]
-        } else {
-            fac![residual, (a, b), noise]
-        };
-        graph.add_factor(factor);
+        graph.add_factor(fac![residual, (a, b), noise, GemanMcClure::new(ROBUST_WIDTH)]);
     }
-    let smooth =
-        GaussianNoise::<6>::from_split_sigma(config.velocity_sigma_rad, config.velocity_sigma_m);
+    let smooth = GaussianNoise::<6>::from_split_sigma(VELOCITY_SIGMA_RAD, VELOCITY_SIGMA_M);
     for i in 2..frames.len() {
         if frames[i] == frames[i - 2] + 2 {
             let (a, b, c) = (X(i as u32 - 2), X(i as u32 - 1), X(i as u32));
@@ -182,7 +180,7 @@ mod tests {
         }
         motions[20].motion = Pose::translation(0.3, 0.0, 0.0) * motions[20].motion;
         let frames: Vec<usize> = (0..30).collect();
-        let poses = optimise(&motions, &frames, 0, &PoseConfig::default()).unwrap();
+        let poses = optimise(&motions, &frames, 0).unwrap();
         for (found, expected) in poses.iter().zip(&truth) {
             let error = found.inverse() * expected;
             assert!(error.translation.vector.norm() < 0.005 && error.rotation.angle() < 0.01);

@@ -4,7 +4,6 @@
 //! Poses are those of the part in the base frame; a part's own frame has the base's
 //! directions and the part's centroid, at its reference frame, as origin.
 
-pub(crate) mod config;
 mod factor_graph;
 mod relative_motion;
 
@@ -13,7 +12,6 @@ use crate::learn::ego_motion::EgoMotion;
 use crate::learn::tracking::Trajectory;
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
-pub use config::PoseConfig;
 use nalgebra::{Point3, Translation3};
 
 /// A part's motion.
@@ -21,43 +19,39 @@ use nalgebra::{Point3, Translation3};
 pub struct PartMotion {
     /// Maps part coordinates into the base frame, where the part was seen.
     pub base_from_part: Trajectory,
-    /// The frame in which part and base axes agree.
-    pub reference_frame: usize,
     /// Tracks that lie on the part.
     pub tracks: Vec<usize>,
 }
 
 /// Estimates a cluster's trajectory; `None` when it is seen too little to have one.
-pub fn estimate(
-    base: &EgoMotion,
-    cluster: &Cluster,
-    config: &PoseConfig,
-    seed: u64,
-) -> Option<PartMotion> {
+pub fn estimate(base: &EgoMotion, cluster: &Cluster, seed: u64) -> Option<PartMotion> {
     let origin = centroid(base, cluster)?;
-    let motions = relative_motion::measure(base, cluster, &origin, config, seed);
+    let motions = relative_motion::measure(base, cluster, &origin, seed);
     let segment = relative_motion::largest_connected(&motions, base.camera_from_base.len());
     let reference_frame = best_seen(base, cluster, &segment)?;
-    let poses = factor_graph::optimise(&motions, &segment, reference_frame, config)?;
+    let poses = factor_graph::optimise(&motions, &segment, reference_frame)?;
     let shift = Pose::from_parts(Translation3::from(origin.coords), Default::default());
     let mut base_from_part: Trajectory = vec![None; base.camera_from_base.len()];
     for (&frame, pose) in segment.iter().zip(poses) {
         // `pose` is the motion about the centroid since the reference frame.
         base_from_part[frame] = Some(shift * pose);
     }
-    Some(PartMotion { base_from_part, reference_frame, tracks: cluster.tracks.clone() })
+    Some(PartMotion { base_from_part, tracks: cluster.tracks.clone() })
 }
 
 /// The tracks that keep to a motion: in most of the frames in which both are known they are
 /// within twice the inlier distance of one place on the part.
-pub fn followers(base: &EgoMotion, motion: &PartMotion, config: &PoseConfig) -> Vec<usize> {
+pub fn followers(base: &EgoMotion, motion: &PartMotion) -> Vec<usize> {
     let follows = |id: usize| {
         let on_part: Vec<Point3<f64>> = base.tracks[id]
             .seen()
             .filter_map(|(t, p)| Some(motion.base_from_part[t]?.inverse_transform_point(&p.point)))
             .collect();
         let Some(place) = median_point(&on_part) else { return false };
-        let near = on_part.iter().filter(|p| (*p - place).norm() < 2.0 * config.inlier_m).count();
+        let near = on_part
+            .iter()
+            .filter(|p| (*p - place).norm() < 2.0 * relative_motion::INLIER_M)
+            .count();
         10 * near >= 8 * on_part.len()
     };
     motion.tracks.iter().copied().filter(|&id| follows(id)).collect()

@@ -1,6 +1,5 @@
 //! Relative motions of a cluster between pairs of frames.
 
-use super::config::PoseConfig;
 use crate::learn::ego_motion::EgoMotion;
 use crate::learn::paper::segmentation::Cluster;
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
@@ -8,6 +7,15 @@ use crate::math::rigid::Pose;
 use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+
+/// Frame gaps over which relative motions are measured. The paper's, III-C: 1 and 10.
+const GAPS: [usize; 2] = [1, 10];
+/// RANSAC inlier distance, metres. The paper's, III-C: 1 cm.
+pub const INLIER_M: f64 = 0.01;
+/// RANSAC samples. Original code: 50.
+const RANSAC_ITERATIONS: usize = 50;
+/// Fewest tracks that give a relative motion.
+const MIN_TRACKS: usize = 4;
 
 /// How a cluster moved between two frames, in base axes about a fixed centre.
 #[derive(Debug, Clone)]
@@ -24,23 +32,22 @@ pub struct RelativeMotion {
     pub sigma_m: f64,
 }
 
-/// Measures all relative motions over the configured gaps (paper: `t-1,t` and `t-10,t`),
-/// rejecting correspondences beyond `inlier_m`.
+/// Measures all relative motions over the gaps (`t-1,t` and `t-10,t`), rejecting
+/// correspondences beyond the inlier distance.
 pub fn measure(
     base: &EgoMotion,
     cluster: &Cluster,
     centre: &Point3<f64>,
-    config: &PoseConfig,
     seed: u64,
 ) -> Vec<RelativeMotion> {
     let frames = base.camera_from_base.len();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut motions = Vec::new();
     for to in 0..frames {
-        for &gap in &config.gaps {
+        for &gap in &GAPS {
             if let Some(from) = to.checked_sub(gap) {
-                let pairs = correspondences(base, cluster, centre, (from, to), config);
-                motions.extend(relative_motion(&pairs, (from, to), config, &mut rng));
+                let pairs = correspondences(base, cluster, centre, (from, to));
+                motions.extend(relative_motion(&pairs, (from, to), &mut rng));
             }
         }
     }
@@ -53,7 +60,6 @@ fn correspondences(
     cluster: &Cluster,
     centre: &Point3<f64>,
     (from, to): (usize, usize),
-    config: &PoseConfig,
 ) -> Vec<Correspondence> {
     cluster
         .tracks
@@ -63,7 +69,7 @@ fn correspondences(
             Some(Correspondence {
                 from: a.point - centre.coords,
                 to: b.point - centre.coords,
-                sigma: config.inlier_m,
+                sigma: INLIER_M,
                 weight: 1.0,
             })
         })
@@ -74,15 +80,14 @@ fn correspondences(
 fn relative_motion(
     pairs: &[Correspondence],
     (from, to): (usize, usize),
-    config: &PoseConfig,
     rng: &mut ChaCha8Rng,
 ) -> Option<RelativeMotion> {
-    if pairs.len() < config.min_tracks {
+    if pairs.len() < MIN_TRACKS {
         return None;
     }
-    let options = RansacOptions { cut: 1.0, iterations: config.ransac_iterations, locality: None };
+    let options = RansacOptions { cut: 1.0, iterations: RANSAC_ITERATIONS, locality: None };
     let found = ransac_rigid(pairs, &options, Some(&Pose::identity()), rng)?;
-    if found.inliers.len() < config.min_tracks {
+    if found.inliers.len() < MIN_TRACKS {
         return None;
     }
     let (spread, residual) = spread_and_residual(pairs, &found.inliers, &found.motion);

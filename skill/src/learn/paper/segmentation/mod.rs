@@ -17,56 +17,33 @@ use dbscan::dbscan;
 use nalgebra::{DMatrix, Point3, Vector3};
 use pair_evidence::PairEvidence;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use split_chains::split_chained_clusters;
 use std::cmp::Ordering;
 
-/// Values of the segmentation stage.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SegmentConfig {
-    /// Kernel width of Eq. 1 for distances (Eq. 2), metres: gamma = 1 / (2 sigma^2). The
-    /// paper says "1/2cm", the original code sigma = 1 cm.
-    pub distance_sigma_m: f64,
-    /// Kernel width of Eq. 1 for normals (Eq. 3, 1 - cos), radians of the angle at which
-    /// the kernel has fallen to exp(-1/2); 0 leaves normals out. The paper: 15 degrees.
-    pub normal_sigma_rad: f64,
-    /// Fewest frames two tracks must share. Original code: 10.
-    pub min_common_frames: usize,
-    /// A track moves in a frame when its smoothed place changes by this much from three
-    /// frames before to three after, metres, and by more than noise explains. Ours.
-    pub min_motion_m: f64,
-    /// Way that each of two tracks must make in their common frames, metres: a hand and what
-    /// it holds keep their distance for a little while only. Ours.
-    pub min_common_motion_m: f64,
-    /// Fewest common frames in which each of two tracks must move. Ours.
-    pub min_moving_frames: usize,
-    /// DBSCAN radius on 1 - L. Original code: 0.2.
-    pub epsilon: f64,
-    /// DBSCAN core size. Original code: 3.
-    pub min_neighbours: usize,
-    /// Smaller clusters are dropped. Original code: 3; ours: 5.
-    pub min_cluster: usize,
-    /// Most tracks that are compared pairwise, longest paths first.
-    pub max_tracks: usize,
-}
-
-impl Default for SegmentConfig {
-    fn default() -> Self {
-        Self {
-            distance_sigma_m: 0.01,
-            normal_sigma_rad: 0.262,
-            min_common_frames: 10,
-            min_motion_m: 0.012,
-            min_common_motion_m: 0.08,
-            min_moving_frames: 5,
-            epsilon: 0.2,
-            min_neighbours: 3,
-            min_cluster: 5,
-            max_tracks: 2500,
-        }
-    }
-}
+/// Kernel width of Eq. 1 for distances (Eq. 2), metres: gamma = 1 / (2 sigma^2). The paper says
+/// "1/2cm", the original code sigma = 1 cm.
+const DISTANCE_SIGMA_M: f64 = 0.01;
+/// Kernel width of Eq. 1 for normals (Eq. 3, 1 - cos), radians of the angle at which the kernel has
+/// fallen to exp(-1/2). The paper: 15 degrees.
+const NORMAL_SIGMA_RAD: f64 = 0.262;
+/// Fewest frames two tracks must share. Original code: 10.
+const MIN_COMMON_FRAMES: usize = 10;
+/// A track moves in a frame when its smoothed place changes by this much from three frames before to
+/// three after, metres, and by more than noise explains. Ours.
+const MIN_MOTION_M: f64 = 0.012;
+/// Way that each of two tracks must make in their common frames, metres: a hand and what it holds
+/// keep their distance for a little while only. Ours.
+const MIN_COMMON_MOTION_M: f64 = 0.08;
+/// Fewest common frames in which each of two tracks must move. Ours.
+const MIN_MOVING_FRAMES: usize = 5;
+/// DBSCAN radius on 1 - L. Original code: 0.2.
+const EPSILON: f64 = 0.2;
+/// DBSCAN core size. Original code: 3.
+const MIN_NEIGHBOURS: usize = 3;
+/// Smaller clusters are dropped. Original code: 3; ours: 5.
+pub const MIN_CLUSTER: usize = 5;
+/// Most tracks that are compared pairwise, longest paths first: the time grows with their square.
+const MAX_TRACKS: usize = 2500;
 
 /// Tracks of one rigidly moving thing, as indices into the track set; largest first.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -76,17 +53,17 @@ pub struct Cluster {
 }
 
 /// Clusters the tracks that move in the base.
-pub fn segment(set: &TrackSet, base: &EgoMotion, config: &SegmentConfig) -> Vec<Cluster> {
-    let moving = longest_moving(base, config.max_tracks);
+pub fn segment(set: &TrackSet, base: &EgoMotion) -> Vec<Cluster> {
+    let moving = longest_moving(base, MAX_TRACKS);
     let motion: Vec<Vec<bool>> =
-        moving.par_iter().map(|&t| frames_of_motion(&base.tracks[t], config)).collect();
-    let evidence = evidence(set, base, &moving, &motion, config);
+        moving.par_iter().map(|&t| frames_of_motion(&base.tracks[t])).collect();
+    let evidence = evidence(set, base, &moving, &motion);
     let neighbours: Vec<Vec<usize>> = (0..moving.len())
         .map(|i| (0..moving.len()).filter(|&j| evidence[(i, j)] == PairEvidence::Similar).collect())
         .collect();
-    let mut clusters: Vec<Cluster> = dbscan(&neighbours, config.min_neighbours)
+    let mut clusters: Vec<Cluster> = dbscan(&neighbours, MIN_NEIGHBOURS)
         .into_iter()
-        .flat_map(|members| split_chained_clusters(&evidence, members, config.min_cluster))
+        .flat_map(|members| split_chained_clusters(&evidence, members, MIN_CLUSTER))
         .map(|members| {
             let mut tracks: Vec<usize> = members.into_iter().map(|i| moving[i]).collect();
             tracks.sort_unstable();
@@ -96,7 +73,7 @@ pub fn segment(set: &TrackSet, base: &EgoMotion, config: &SegmentConfig) -> Vec<
     clusters.sort_by_key(|c| std::cmp::Reverse(c.tracks.len()));
     tracing::debug!(
         moving = moving.len(),
-        linked = neighbours.iter().filter(|n| n.len() >= config.min_neighbours).count(),
+        linked = neighbours.iter().filter(|n| n.len() >= MIN_NEIGHBOURS).count(),
         clusters = ?clusters.iter().map(|c| c.tracks.len()).collect::<Vec<_>>(),
         "segmented"
     );
@@ -120,7 +97,6 @@ fn evidence(
     base: &EgoMotion,
     moving: &[usize],
     motion: &[Vec<bool>],
-    config: &SegmentConfig,
 ) -> DMatrix<PairEvidence> {
     let n = moving.len();
     let rows: Vec<Vec<PairEvidence>> = (0..n)
@@ -129,9 +105,9 @@ fn evidence(
             (i + 1..n)
                 .map(|j| {
                     let common = Common::of(base, (moving[i], &motion[i]), (moving[j], &motion[j]));
-                    match similarity(set, base, &common, config) {
+                    match similarity(set, base, &common) {
                         None => PairEvidence::None,
-                        Some(l) if 1.0 - l <= config.epsilon => PairEvidence::Similar,
+                        Some(l) if 1.0 - l <= EPSILON => PairEvidence::Similar,
                         Some(_) => PairEvidence::Different,
                     }
                 })
@@ -174,14 +150,9 @@ impl Common {
 
 /// Eq. 1 over positions (Eq. 2) times Eq. 1 over normals (Eq. 3); `None` where the two
 /// tracks hold no evidence about each other.
-fn similarity(
-    set: &TrackSet,
-    base: &EgoMotion,
-    common: &Common,
-    config: &SegmentConfig,
-) -> Option<f64> {
-    if common.frames.len() < config.min_common_frames
-        || common.moving.iter().any(|&m| m < config.min_moving_frames)
+fn similarity(set: &TrackSet, base: &EgoMotion, common: &Common) -> Option<f64> {
+    if common.frames.len() < MIN_COMMON_FRAMES
+        || common.moving.iter().any(|&m| m < MIN_MOVING_FRAMES)
     {
         return None;
     }
@@ -190,7 +161,7 @@ fn similarity(
         let track = &base.tracks[id];
         extent(common.frames.iter().filter_map(|&t| track.at(t)).map(|p| p.point.coords))
     };
-    if way(a).min(way(b)) < config.min_common_motion_m {
+    if way(a).min(way(b)) < MIN_COMMON_MOTION_M {
         return None;
     }
     let distances: Vec<f64> = common
@@ -198,8 +169,8 @@ fn similarity(
         .iter()
         .filter_map(|&t| Some((base.tracks[a].at(t)?.point - base.tracks[b].at(t)?.point).norm()))
         .collect();
-    let by_distance = mean_kernel(&distances, config.distance_sigma_m);
-    if 1.0 - by_distance > config.epsilon || config.normal_sigma_rad <= 0.0 {
+    let by_distance = mean_kernel(&distances, DISTANCE_SIGMA_M);
+    if 1.0 - by_distance > EPSILON {
         return Some(by_distance);
     }
     let normal =
@@ -209,16 +180,16 @@ fn similarity(
         .iter()
         .filter_map(|&t| Some(1.0 - normal(a, t)?.dot(&normal(b, t)?)))
         .collect();
-    if angles.len() < config.min_common_frames {
+    if angles.len() < MIN_COMMON_FRAMES {
         return Some(by_distance);
     }
-    let width = 1.0 - config.normal_sigma_rad.cos();
+    let width = 1.0 - NORMAL_SIGMA_RAD.cos();
     // Normals of small patches are noisy: they may veto, not improve.
     Some(by_distance * mean_kernel(&angles, 4.0 * width).max(0.5).powf(0.25))
 }
 
 /// For each frame of a track's life: does it move then?
-fn frames_of_motion(track: &TrackInBase, config: &SegmentConfig) -> Vec<bool> {
+fn frames_of_motion(track: &TrackInBase) -> Vec<bool> {
     const REACH: usize = 3;
     let place = |i: usize| {
         let near = i.saturating_sub(2)..(i + 3).min(track.points.len());
@@ -231,9 +202,7 @@ fn frames_of_motion(track: &TrackInBase, config: &SegmentConfig) -> Vec<bool> {
             let before = smoothed[i.saturating_sub(REACH)];
             let after = smoothed[(i + REACH).min(smoothed.len() - 1)];
             let sigma = track.points[i].as_ref().map_or(0.0, BaseObservation::sigma);
-            before
-                .zip(after)
-                .is_some_and(|(a, b)| (b - a).norm() > config.min_motion_m.max(3.0 * sigma))
+            before.zip(after).is_some_and(|(a, b)| (b - a).norm() > MIN_MOTION_M.max(3.0 * sigma))
         })
         .collect()
 }

@@ -1,6 +1,5 @@
 //! The pinhole camera with lens distortion.
 
-use crate::error::SourceError;
 use crate::text_table;
 use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -153,18 +152,6 @@ impl PinholeCamera {
         let camera: Self = toml::from_str(text).map_err(|e| one_line(&e.to_string()))?;
         camera.check().map_err(|e| e.to_string())?;
         Ok(camera)
-    }
-
-    /// Reads `camera.toml`, with the keys that it may hold in the error.
-    ///
-    /// # Errors
-    /// [`SourceError::Recording`].
-    pub fn read_or_explain(path: &Path) -> Result<Self, SourceError> {
-        Self::read(path).map_err(|e| SourceError::Recording {
-            path: e.to_string(),
-            reason: "known keys: width height fx fy cx cy depth_units_per_metre distortion"
-                .to_owned(),
-        })
     }
 
     /// Refuses values that make no camera.

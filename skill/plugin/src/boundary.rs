@@ -1,4 +1,4 @@
-//! The border: results, error texts, panics that stay inside, pointers that are checked.
+//! The boundary to C: results, error texts, panics that stay inside, pointers that are checked.
 
 use std::cell::RefCell;
 use std::ffi::{CStr, CString, c_char};

@@ -1,7 +1,7 @@
 //! One RGB-D frame: colour and depth of the same instant, in the same pixels.
 
 use crate::camera::PinholeCamera;
-pub use crate::error::{FrameError, PictureFault};
+use crate::frame_error::FrameError;
 use nalgebra::Point3;
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Surface normals from depth: a plane fitted in *inverse* depth, where a plane of the world
 //! is a plane of the picture whatever its slant, so that sums over a window give the fit.
 
-use super::depth_sigma;
+use super::noise::depth_sigma;
 use crate::camera::PinholeCamera;
 use crate::frame::DepthImage;
 use nalgebra::Vector3;

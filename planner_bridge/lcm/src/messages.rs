@@ -1,0 +1,3 @@
+//! The messages, a module a package.
+
+include!(concat!(env!("OUT_DIR"), "/messages.rs"));
