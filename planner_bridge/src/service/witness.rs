@@ -129,7 +129,7 @@ impl Sights {
     /// The next finding, else the next frame.
     ///
     /// # Errors
-    /// [`Nothing`] came in time, or ever will.
+    /// [`RecvError`]: none came in time, or none will come any more.
     pub fn next(&self, timeout: Duration) -> Result<Sight, RecvError> {
         match self.findings.pop(Duration::ZERO) {
             Ok(finding) => Ok(Sight::Finding(finding)),
