@@ -43,7 +43,7 @@ const KINDS: &str = "a recording's path, tum:DIR, mcap:FILE, bag:FILE or rosbag2
     (each with [#COLOR_TOPIC,DEPTH_TOPIC]), oni:FILE, \
     lcmlog:FILE[#CHANNEL], lcm:URL[#CHANNEL], freenect:N, openni2:[URI], v4l:COLOUR,DEPTH";
 
-/// Opens a source by name (DESIGN 4.2) with default options.
+/// Opens a source by name with default options.
 ///
 /// # Errors
 /// As [`open_with`].
@@ -51,7 +51,7 @@ pub fn open(name: &str) -> Result<Box<dyn RgbdSource>, SourceError> {
     open_with(name, &SourceOptions::default())
 }
 
-/// Opens a source by name (DESIGN 4.2).
+/// Opens a source by name.
 ///
 /// # Errors
 /// [`SourceError::Name`] for a name that is not understood, [`SourceError::Recording`] for

@@ -1,4 +1,4 @@
-//! A recorded directory in the layout of the TUM RGB-D benchmark (DESIGN 4.1).
+//! A recorded directory in the layout of the TUM RGB-D benchmark.
 //!
 //! `rgb.txt` and `depth.txt` list `timestamp filename` in seconds; colour and depth are paired by
 //! the nearest time stamp. Pictures are decoded one frame ahead on a thread of their own, so
@@ -17,7 +17,7 @@ use linkage_frames::text_table;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, mpsc};
 
-/// Largest difference of time stamps within a pair, in microseconds (DESIGN 4.1).
+/// Largest difference of time stamps within a pair, in microseconds.
 pub const DEFAULT_MAX_PAIR_GAP_US: i64 = 20_000;
 
 /// Frames decoded ahead of the reader.

@@ -1,4 +1,4 @@
-//! Channels of DESIGN 4.7.
+//! Channels on the LCM network.
 
 /// `linkage.model_t`.
 pub const MODEL: &str = "LINKAGE_MODEL";

@@ -1,5 +1,5 @@
 //! A prediction: the recognition, each joint's trajectory, and where the moving parts are
-//! along it. Its JSON form is `linkage.prediction/1` (DESIGN 4.6).
+//! along it. Its JSON form is `linkage.prediction/1`.
 
 use crate::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
 use crate::limits::{Rig, Safety};

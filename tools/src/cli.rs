@@ -1,4 +1,4 @@
-//! Options, as DESIGN 4.3 fixes them.
+//! Options of the command line.
 
 use crate::console::LogFormat;
 use clap::{Args, Parser, Subcommand, ValueEnum};

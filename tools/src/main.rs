@@ -1,4 +1,4 @@
-//! The `linkage` command line (DESIGN 4.3).
+//! The `linkage` command line.
 
 mod allocator;
 mod bench;

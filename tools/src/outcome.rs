@@ -1,10 +1,10 @@
 //! How a command ends: its answer, or a failure with the exit status that the program returns
-//! (DESIGN 4.3).
+//!.
 
 use anyhow::anyhow;
 use linkage_skill::VisionError;
 
-/// A command that failed, with its exit status (DESIGN 4.3).
+/// A command that failed, with its exit status.
 pub struct Failure {
     /// 1: no answer; 2: usage or bad input; 3: internal.
     pub status: u8,

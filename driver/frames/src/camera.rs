@@ -99,7 +99,7 @@ fn write_distortion<S: Serializer>(distortion: &[f64; 8], output: S) -> Result<S
 }
 
 impl PinholeCamera {
-    /// The usual values of a Kinect registered to its colour camera (DESIGN 4.1).
+    /// The usual values of a Kinect registered to its colour camera.
     pub fn kinect() -> Self {
         Self {
             width: 640,

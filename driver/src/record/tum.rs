@@ -1,4 +1,4 @@
-//! The layout of the TUM RGB-D benchmark (DESIGN 4.1).
+//! The layout of the TUM RGB-D benchmark.
 
 use super::recorder::{LineFile, RecordError, Recorder, new_folder, write_camera, write_whole};
 use crate::{image_file, jpeg};

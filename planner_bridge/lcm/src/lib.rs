@@ -21,5 +21,5 @@ pub use packet::{Packet, Reception};
 pub use subscriptions::Subscriptions;
 pub use transport::{DEFAULT_MAX_BYTES, Lcm, Subscription};
 
-/// The default network: this host only (DESIGN 4.7).
+/// The default network: this host only.
 pub const DEFAULT_URL: &str = "udpm://239.255.76.67:7667?ttl=0";

@@ -1,5 +1,6 @@
 //! Keeps a flood of errors from filling a disk: the more of them come without a pause, the fewer are
-//! logged, and each line tells how many were left out before it.
+//! logged, and each line tells how many others were left out before it. An error that repeats the one
+//! before it is none.
 
 use std::time::{Duration, Instant};
 

@@ -325,7 +325,7 @@ impl<'q> Perception<'q> {
         "cancelled".to_owned()
     }
 
-    /// RecvError is looked for, what moves is braked.
+    /// Nothing is looked for, what moves is braked.
     fn become_idle(&mut self, why: Reason) {
         let pending = match &mut self.state {
             State::Watching(w) => w.pending.take(),

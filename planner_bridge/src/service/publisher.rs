@@ -59,7 +59,7 @@ pub struct Situation {
 pub struct Answer {
     pub utime: i64,
     pub accepted: bool,
-    /// RecvError more will become of it.
+    /// Nothing more will become of it.
     pub done: bool,
     pub text: String,
 }
@@ -76,8 +76,10 @@ impl Outbox {
     /// Tells something for the status.
     pub fn note(&self, note: Note) {
         match &note {
-            Note::Answer(answer) => self.witness.say(!answer.accepted, &answer.text),
-            Note::Error(reason) | Note::Refused { reason, .. } => self.witness.say(true, reason),
+            Note::Answer(answer) => self.witness.say(!answer.accepted, || harmless(&answer.text)),
+            Note::Error(reason) | Note::Refused { reason, .. } => {
+                self.witness.say(true, || harmless(reason));
+            }
             Note::Situation(_) | Note::Again(_) | Note::NotTaken(_) => {}
         }
         self.notes.push(note);
@@ -98,8 +100,10 @@ pub struct Publisher {
     answer: Answer,
     refused: u64,
     last_error: String,
-    /// Which errors are logged.
-    log_limit: LogLimit,
+    /// Which refusals of packets are logged.
+    refusal_log: LogLimit,
+    /// Which errors of the service itself are logged: a flood of refusals must not hide them.
+    error_log: LogLimit,
     told: Option<Instant>,
     changed: bool,
 }
@@ -135,7 +139,8 @@ impl Publisher {
             answer: Answer::default(),
             refused: 0,
             last_error: String::new(),
-            log_limit: LogLimit::default(),
+            refusal_log: LogLimit::default(),
+            error_log: LogLimit::default(),
             told: None,
             changed: false,
         }
@@ -164,7 +169,7 @@ impl Publisher {
 
     fn publish(&mut self, channel: &str, bytes: &[u8]) {
         if let Err(e) = self.lcm.publish_bytes(channel, bytes) {
-            self.error(e.to_string());
+            self.error(e.to_string(), false);
         }
     }
 
@@ -194,7 +199,7 @@ impl Publisher {
             }
             Note::Refused { count, reason } => {
                 self.refused += count;
-                self.error(reason);
+                self.error(reason, true);
             }
             Note::NotTaken(answer) => {
                 // Whoever repeats a command's name does not speak for that command.
@@ -202,7 +207,7 @@ impl Publisher {
                     self.say(answer);
                 }
             }
-            Note::Error(reason) => self.error(reason),
+            Note::Error(reason) => self.error(reason, false),
         }
     }
 
@@ -216,10 +221,11 @@ impl Publisher {
         self.changed = true;
     }
 
-    fn error(&mut self, reason: String) {
+    fn error(&mut self, reason: String, is_refusal: bool) {
         let reason = harmless(&reason);
         if self.last_error != reason {
-            match self.log_limit.admit(Instant::now()) {
+            let log = if is_refusal { &mut self.refusal_log } else { &mut self.error_log };
+            match log.admit(Instant::now()) {
                 Some(0) => tracing::warn!("{reason}"),
                 Some(left_out) => tracing::warn!(left_out, "{reason}"),
                 None => {}

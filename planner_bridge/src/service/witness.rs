@@ -115,11 +115,11 @@ impl Witness {
         }
     }
 
-    /// Says something, at the time of the newest frame.
-    pub fn say(&self, is_warning: bool, text: &str) {
+    /// Says something, at the time of the newest frame; it is made only where somebody looks.
+    pub fn say(&self, is_warning: bool, text: impl FnOnce() -> String) {
         if let Some(queues) = &self.0 {
             let utime = queues.newest_utime.load(Ordering::Relaxed);
-            let what = Found::Said { is_warning, text: text.to_owned() };
+            let what = Found::Said { is_warning, text: text() };
             queues.findings.push(Finding { utime, what });
         }
     }
@@ -160,7 +160,7 @@ mod tests {
     fn a_viewer_that_does_not_look_loses_the_oldest_frames_and_findings() {
         let (witness, sights) = witness();
         (0..100).for_each(|utime| witness.frame(frame(utime)));
-        (0..100).for_each(|i| witness.say(false, &i.to_string()));
+        (0..100).for_each(|i| witness.say(false, || i.to_string()));
         let (mut frames, mut said) = (Vec::new(), Vec::new());
         while let Ok(sight) = sights.next(Duration::ZERO) {
             match sight {

@@ -1,5 +1,5 @@
 //! The learned object: parts, joints, and how each joint was seen to move. Its JSON form is
-//! `linkage.model/1` (DESIGN 4.4).
+//! `linkage.model/1`.
 
 use super::joint_geometry::{JointGeometry, JointKind};
 use crate::math::rigid::{Pose, pose_from_array, pose_to_array};

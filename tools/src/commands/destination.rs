@@ -125,7 +125,7 @@ fn existing(path: &Path) -> Outcome<Option<Store>> {
 
 /// True where files are asked for, and neither a store nor what is to become of what it holds.
 fn is_for_files(args: &LearnArgs) -> bool {
-    let files = [&args.json, &args.poses, &args.tum, &args.report, &args.tag_poses];
+    let files = [&args.json, &args.poses, &args.tum, &args.report, &args.tag_poses, &args.mcap];
     let says_nothing_of_stores = args.store.is_none() && !args.replace && !args.add;
     says_nothing_of_stores && files.iter().any(|file| file.is_some())
 }

@@ -155,7 +155,7 @@ fn report_tags(tags: &TagLog, poses: Option<&Path>) -> Outcome {
     write_text(path, &text)
 }
 
-/// `t,part,x,y,z,qx,qy,qz,qw`: camera_from_part (DESIGN 4.4).
+/// `t,part,x,y,z,qx,qy,qz,qw`: camera_from_part.
 fn poses_csv(demonstration: &Demonstration) -> String {
     let mut text = String::from("t,part,x,y,z,qx,qy,qz,qw\n");
     for (frame, utime) in demonstration.frame_utimes.iter().enumerate() {

@@ -14,6 +14,7 @@ use linkage_planner_bridge::service::{
     Playback, ServiceConfig, ServiceReport, Witness, serve_before, witness,
 };
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
@@ -52,18 +53,31 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
         None => serve(Witness::default())?,
         Some(view) => {
             let (witness, sights) = witness();
+            let is_over = AtomicBool::new(false);
             let report = std::thread::scope(|scope| {
-                scope.spawn(|| view.follow(&sights, &args.store));
+                scope.spawn(|| view.follow(&sights, &args.store, &is_over));
+                let _over = SetOnDrop(&is_over);
                 serve(witness)
             });
-            view.close()?;
-            report?
+            let closed = view.close();
+            let report = report?;
+            closed?;
+            report
         }
     };
     if !common.quiet {
         eprint!("{}", summary(&report));
     }
     Ok(())
+}
+
+/// Tells that something is over, even where it ends by a panic.
+struct SetOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for SetOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 /// What was done, for people.

@@ -1,7 +1,7 @@
 //! A short animation: small pictures that follow each other, by style alone.
 //!
-//! It plays without a network and without a script. It is bounded in bytes, can be stopped, and is a
-//! still picture on paper and for those who asked their system for less motion.
+//! It plays without a network and without a script. It is bounded in bytes, stops while the pointer is
+//! on it, and is a still picture on paper and for those who asked their system for less motion.
 
 use anyhow::anyhow;
 use base64::Engine;
@@ -59,13 +59,14 @@ fn within(pictures: &[Vec<u8>], still: usize) -> Vec<usize> {
     let mut chosen: Vec<usize> = (0..pictures.len()).collect();
     let bytes = |chosen: &[usize]| chosen.iter().map(|&i| pictures[i].len()).sum::<usize>();
     while bytes(&chosen) > MOST_BYTES && chosen.len() > 1 {
+        let before = chosen.len();
         let mut place = 0;
         chosen.retain(|&i| {
             place += 1;
             place % 2 == 1 || i == still
         });
-        // The still one alone, where two are left that do not fit.
-        if chosen.len() <= 2 && bytes(&chosen) > MOST_BYTES {
+        // The still one alone, where no others can be left out.
+        if chosen.len() == before || (chosen.len() <= 2 && bytes(&chosen) > MOST_BYTES) {
             chosen.retain(|&i| i == still);
             break;
         }

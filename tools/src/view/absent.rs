@@ -10,6 +10,7 @@ use linkage_skill::object::Appearance;
 use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Recognition;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
 /// There is none.
 pub enum View {}
@@ -45,7 +46,7 @@ impl View {
         match *self {}
     }
 
-    pub fn follow(&self, _sights: &Sights, _store: &Path) {
+    pub fn follow(&self, _sights: &Sights, _store: &Path, _is_over: &AtomicBool) {
         match *self {}
     }
 

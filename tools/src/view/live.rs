@@ -10,6 +10,7 @@ use linkage_skill::store::Store;
 use linkage_skill::{Pose, pose_from_array};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Longest wait without a look whether the service is over.
@@ -20,14 +21,17 @@ const KEPT_OBJECTS: usize = 16;
 const AGAIN_US: i64 = 500_000;
 
 impl View {
-    /// Shows what a service sees and finds until it is over. `store` is where its objects are.
-    pub fn follow(&self, sights: &Sights, store: &Path) {
+    /// Shows what a service sees and finds until it is over: `is_over` is set, or nothing more can
+    /// come. `store` is where its objects are.
+    pub fn follow(&self, sights: &Sights, store: &Path, is_over: &AtomicBool) {
         let mut objects = Objects { store, kept: BTreeMap::new() };
         let mut target = None;
         loop {
             match sights.next(POLL) {
                 Ok(Sight::Frame(frame)) => self.frame(&frame),
                 Ok(Sight::Finding(finding)) => self.show(finding, &mut objects, &mut target),
+                // A thread that learns may hold the other end for longer than the service runs.
+                Err(RecvError::Timeout) if is_over.load(Ordering::Relaxed) => break,
                 Err(RecvError::Timeout) => {}
                 Err(RecvError::Closed) => break,
             }
@@ -55,6 +59,11 @@ impl View {
                 self.objects(utime, &[Shown::learned(&model, camera_from_part, None)]);
             }
             Found::Recognised(recognition) => {
+                let is_gone =
+                    |ghost: &Ghost| recognition.matches.iter().all(|m| m.object != ghost.object);
+                if at.as_ref().is_some_and(is_gone) {
+                    *at = None;
+                }
                 for m in &recognition.matches {
                     objects.keep(&m.object);
                 }

@@ -279,7 +279,7 @@ fn listen(context: &Arc<Context>, address: &str) -> Outcome<WebSocketServerHandl
     let server = server.bind(host, port).start_blocking().with_context(|| {
         format!("--view {address}: cannot listen there; is the port taken? name another one")
     })?;
-    tracing::info!("a viewer finds ws://{host}:{}", server.port());
+    eprintln!("a viewer finds ws://{host}:{}", server.port());
     Ok(server)
 }
 

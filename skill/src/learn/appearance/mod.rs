@@ -146,7 +146,8 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     let swept = swept_volume(demonstration, &tracked);
     let described: Vec<usize> =
         (0..posed.len()).step_by(posed.len().div_ceil(DESCRIBED_KEYFRAMES).max(1)).collect();
-    let strangers = Strangers::new(demonstration, &posed[0].frame.camera);
+    let Some(first) = posed.first() else { return Ok(Appearance::default()) };
+    let strangers = Strangers::new(demonstration, &first.frame.camera);
     let labelled: Vec<(usize, LabelGrid)> = described
         .into_par_iter()
         .map(|index| {

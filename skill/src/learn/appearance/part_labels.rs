@@ -192,14 +192,15 @@ fn support(
             .map(|(p, rest)| Some(other.camera_from_part[*p].as_ref()? * rest))
             .collect();
         let Some(rivals) = rivals else { continue };
+        let through = || usize::from(part == 0 && is_seen_through(other.frame, &claimed));
         if rivals.iter().any(|rival| (rival - claimed).norm() <= MIN_DIFFERENCE_M) {
-            clearly_through += usize::from(part == 0 && is_seen_through(other.frame, &claimed));
+            clearly_through += through();
             continue;
         }
         let Some(verdict) = Verdict::at(other.frame, &claimed) else { continue };
         match verdict {
             Verdict::SeenThrough => {
-                clearly_through += usize::from(part == 0 && is_seen_through(other.frame, &claimed));
+                clearly_through += through();
                 against += 1.0;
                 decisive += 1.0;
             }
