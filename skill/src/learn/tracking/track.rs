@@ -16,7 +16,7 @@ pub struct Observation {
 }
 
 /// Identity of a track: its number in order of birth. It stays when other tracks are dropped, unlike
-/// the track's index in a [`TrackSet`].
+/// the track's index in a `TrackSet`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TrackId(pub usize);
 
