@@ -16,7 +16,7 @@ use linkage_frames::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
 use occlusion_edges::edges;
 use paint::{Piece, SeenColour, paints};
-use part_labels::{LabelGrid, PosedFrame, STEP, belongs, label};
+use part_labels::{LabelGrid, NearPart, PosedFrame, STEP, belongs, label};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -151,7 +151,9 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     let labelled: Vec<(usize, LabelGrid)> = described
         .into_par_iter()
         .map(|index| {
-            let strangers = strangers.in_frame(posed[index].number);
+            let mut strangers = strangers.in_frame(posed[index].number);
+            // What moves beside a part may be its own.
+            strangers.moving.retain(|p| !is_near_a_part(&posed[index], p, &near_part));
             (index, label(&posed, index, &near_part, &strangers))
         })
         .collect();
@@ -178,6 +180,14 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
         surfels: thinned(&surface, MAX_SURFELS_PER_PART),
         edges: edges(&posed, &beside, &demonstration.model, MAX_EDGES_PER_PART),
     })
+}
+
+/// A place in the camera frame may lie on a part that moves.
+fn is_near_a_part(posed: &PosedFrame, place: &Point3<f64>, near_part: &NearPart) -> bool {
+    let parts = posed.camera_from_part.iter().enumerate().skip(1);
+    parts
+        .filter_map(|(part, pose)| Some((part, pose.as_ref()?.inverse_transform_point(place))))
+        .any(|(part, at_rest)| near_part(part, &at_rest))
 }
 
 /// Coarse cells of the base's surface that are enough to know it by.

@@ -31,6 +31,9 @@ const MIN_DECISIVE: f64 = 3.0;
 const MAX_LUMA_DIFFERENCE: u8 = 18;
 /// Largest share of these frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
+/// Turn of a part after which other light may fall on it, radians. A drawer does not turn: what looks
+/// different where it was is the hand that pulled it.
+const OTHER_LIGHT_RAD: f64 = 0.15;
 /// What rests is seen through in fewer frames than this: a person who stands beside the object for
 /// most of the time bends down at last.
 const SEEN_THROUGH_FRAMES: usize = 2;
@@ -169,8 +172,9 @@ fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
 ///
 /// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the
 /// frame that the place was seen in, and its luma there: a surface that slides in its own plane
-/// agrees in depth with any claim, but shows another place of its pattern. Where the surface lies
-/// at the place of this claim alone, the luma may differ: a door that turns reflects more or less light.
+/// agrees in depth with any claim, but shows another place of its pattern. Where the part has turned
+/// and the surface lies at the place of this claim alone, the luma may differ: a door that turns reflects
+/// more or less light.
 fn support(
     frames: &[PosedFrame],
     seen: Option<(usize, u8)>,
@@ -213,7 +217,9 @@ fn support(
                 };
                 let looks_alike =
                     || seen.is_none_or(|(_, luma)| shows(other.frame, &claimed, luma));
-                agree += f64::from(u8::from(looks_alike() || is_alone()));
+                let turned =
+                    || seen.is_some_and(|(index, _)| has_turned(&frames[index], other, part));
+                agree += f64::from(u8::from(looks_alike() || turned() && is_alone()));
                 decisive += 1.0;
             }
             Verdict::Hidden => {}
@@ -226,6 +232,18 @@ fn support(
         return None;
     }
     Some(if against > MAX_CONTRADICTION * decisive { 0.0 } else { agree / decisive })
+}
+
+/// A part is turned in one frame against the other, as the base has it, so far that it may reflect
+/// other light.
+fn has_turned(a: &PosedFrame, b: &PosedFrame, part: usize) -> bool {
+    let base_from_part = |frame: &PosedFrame| {
+        let camera_from_base = frame.camera_from_part[0].as_ref()?;
+        Some(camera_from_base.inverse() * frame.camera_from_part[part].as_ref()?)
+    };
+    base_from_part(a)
+        .zip(base_from_part(b))
+        .is_some_and(|(a, b)| a.rotation.angle_to(&b.rotation) > OTHER_LIGHT_RAD)
 }
 
 /// What a depth picture says of a place, in the camera frame.
@@ -269,6 +287,7 @@ mod tests {
     use super::*;
     use crate::test_data::{board, seen};
     use linkage_frames::ColorImage;
+    use nalgebra::Vector3;
 
     const FRAMES: i64 = 20;
     const MIDDLE: (usize, usize) = (160, 120);
@@ -290,11 +309,11 @@ mod tests {
     }
 
     #[test]
-    fn a_plain_drawer_is_the_parts_though_the_light_on_it_changes() {
+    fn a_plain_part_that_turns_is_learned_though_the_light_on_it_changes() {
         let frame = |i: i64| {
             let slid = 0.02 * i as f64;
             let picture = with_luma(seen(i + 1, board(0.2, 1.5 - slid, 1.5)), 40 + 8 * i as u8);
-            let front = Pose::translation(0.0, 0.0, -slid);
+            let front = Pose::new(Vector3::z() * -slid, Vector3::z() * (0.06 * i as f64));
             (picture, vec![Some(Pose::identity()), Some(front)])
         };
         let frames: Vec<_> = (0..FRAMES).map(frame).collect();
