@@ -28,7 +28,7 @@ use strangers::Strangers;
 /// farther ones are seen in fewer, noisier pixels.
 const VOXEL_M: f64 = 0.006;
 /// Keyframes whose depth is asked which part a pixel belongs to.
-const LABEL_FRAMES: usize = 48;
+const LABEL_FRAMES: usize = 32;
 /// Side of a cell of the coarse occupancy that stands for "near", metres.
 const COARSE_M: f64 = 0.04;
 /// How far beyond its tracked features a part may extend, metres.
@@ -235,8 +235,8 @@ fn is_room(room: &[Plane], p: &Point3<f64>, z: f64) -> bool {
     room.iter().any(|plane| plane.holds(p, z))
 }
 
-/// Where several of the labelled keyframes show surface that rests and is not the room's, and where at
-/// least as many show somebody who moves as show what rests.
+/// Where several of the labelled keyframes show surface that rests and is not the room's, and where
+/// more show somebody who moves than show what rests.
 fn resting_surface(
     posed: &[PosedFrame],
     labelled: &[(usize, LabelGrid)],
@@ -250,10 +250,10 @@ fn resting_surface(
         let mut here = HashSet::new();
         for v in (STEP / 2..frame.camera.height).step_by(STEP) {
             for u in (STEP / 2..frame.camera.width).step_by(STEP) {
-                let moves = grid.is_stranger(u, v);
-                if !moves && grid.at(u, v) != Some(0) {
+                if grid.at(u, v) != Some(0) {
                     continue;
                 }
+                let moves = grid.is_stranger(u, v);
                 let Some(p) = frame.point_at(u, v) else { continue };
                 let in_base = camera_from_base.inverse_transform_point(&p);
                 if !is_room(room, &in_base, p.z) {
@@ -269,7 +269,7 @@ fn resting_surface(
     let cells = |is_meant: &dyn Fn(&[usize; 2]) -> bool| {
         Occupancy(shown.iter().filter(|(_, n)| is_meant(n)).map(|(c, _)| *c).collect())
     };
-    (cells(&|[rests, _]| *rests >= often), cells(&|[rests, moves]| moves >= rests && *moves > 0))
+    (cells(&|[rests, _]| *rests >= often), cells(&|[rests, moves]| moves > rests))
 }
 
 /// A plane of the room, in the object frame.
