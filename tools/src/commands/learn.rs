@@ -43,12 +43,14 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
     if let Some(dir) = &args.tum {
         write_tum(dir, first)?;
     }
+    let looks = match args.report.is_some() || view.is_some() {
+        true => looks_of_first(known, object.as_ref(), &all, &config)?,
+        false => None,
+    };
     if let Some(path) = &args.report {
-        let looks = looks_of_first(known, object.as_ref(), &all, &config)?;
         write_text(path, &report::demonstration_page(first, looks.as_ref())?)?;
     }
     if let Some(view) = view {
-        let looks = looks_of_first(known, object.as_ref(), &all, &config)?;
         view.demonstration(first, looks.as_ref());
         view.close()?;
     }

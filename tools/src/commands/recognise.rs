@@ -25,16 +25,19 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     if let Some(path) = &args.json {
         write_json(path, &recognition)?;
     }
+    let objects = match args.report.is_some() || view.is_some() {
+        true => recognised_objects(&store, &recognition)?,
+        false => Vec::new(),
+    };
     if let Some(view) = view {
         view.frame(&frame);
-        view.recognition(frame.utime, &recognition, &recognised_objects(&store, &recognition)?);
+        view.recognition(frame.utime, &recognition, &objects);
         for m in &recognition.matches {
             view.say(frame.utime, false, describe(m).trim_end());
         }
         view.close()?;
     }
     if let Some(path) = &args.report {
-        let objects = recognised_objects(&store, &recognition)?;
         let min_score = config.recognise.min_score;
         let asked = Asked { known: library.len(), min_score, objects: &objects };
         write_text(path, &report::recognition_page(&frame, &recognition, &asked)?)?;

@@ -16,11 +16,18 @@ impl Fault {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
+    fn is_set(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+
     /// Keeps the first one; hands on what came.
     fn keep<T>(&self, result: io::Result<T>) -> io::Result<T> {
         if let Err(e) = &result {
             let mut first = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            first.get_or_insert_with(|| io::Error::new(e.kind(), e.to_string()));
+            if first.is_none() {
+                tracing::warn!("the view's file ends here, it cannot be written: {e}");
+                *first = Some(io::Error::new(e.kind(), e.to_string()));
+            }
         }
         result
     }
@@ -52,7 +59,8 @@ impl Drop for Unfinished {
     }
 }
 
-/// A buffered file.
+/// A buffered file. After its first fault it takes what is written and drops it: the library would
+/// log a warning for each message else, hundreds in a second.
 pub struct CheckedFile {
     file: BufWriter<File>,
     fault: Fault,
@@ -67,16 +75,25 @@ impl CheckedFile {
 
 impl Write for CheckedFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.fault.is_set() {
+            return Ok(bytes.len());
+        }
         self.fault.keep(self.file.write(bytes))
     }
 
     fn flush(&mut self) -> io::Result<()> {
+        if self.fault.is_set() {
+            return Ok(());
+        }
         self.fault.keep(self.file.flush())
     }
 }
 
 impl Seek for CheckedFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        if self.fault.is_set() {
+            return Ok(0);
+        }
         self.fault.keep(self.file.seek(to))
     }
 }
@@ -108,6 +125,7 @@ mod tests {
         let mut file = CheckedFile::new(full, fault.clone());
         let written = file.write_all(&[0; 100]).and_then(|()| file.flush());
         assert!(written.is_err());
+        assert!(file.write_all(&[0; 100]).is_ok(), "what comes later is dropped in silence");
         assert_eq!(fault.take().unwrap().kind(), io::ErrorKind::StorageFull);
         assert!(fault.take().is_none());
     }

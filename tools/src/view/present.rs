@@ -6,7 +6,7 @@ use super::file::{CheckedFile, Fault, Unfinished};
 use super::pictures::{self, CAMERA};
 use super::readings::{readings, states};
 use super::scene;
-use super::shown::{Configuration, Shown};
+use super::shown::{Configuration, Shown, number_those_of_one_make};
 use super::topics::Topics;
 use super::wanted::Wanted;
 use crate::outcome::Outcome;
@@ -14,7 +14,7 @@ use crate::report::{deviations_by_frame, part_colour, summary};
 use anyhow::{Context as _, anyhow};
 use foxglove::messages::log::Level;
 use foxglove::messages::{FrameTransforms, Log, PoseInFrame};
-use foxglove::{Context, McapWriterHandle, WebSocketServerHandle};
+use foxglove::{Context, McapWriteOptions, McapWriterHandle, WebSocketServerHandle};
 use linkage_driver::RgbdFrame;
 use linkage_skill::object::Appearance;
 use linkage_skill::object::StoredObject;
@@ -28,6 +28,8 @@ use std::sync::Arc;
 
 /// Messages that wait for a viewer; more push out the oldest.
 const BACKLOG: usize = 64;
+/// Size of a chunk of the file, bytes.
+const CHUNK_BYTES: u64 = 16 << 20;
 /// Objects of a frame that are shown, the best first.
 const MOST_OBJECTS: usize = 16;
 /// Of a demonstration's frames, one in so many shows the parts at their target.
@@ -91,7 +93,7 @@ impl View {
             let poses = seen.camera_from_part.iter().map(|t| t.get(index).copied().flatten());
             let mut shown = Shown::learned(model, poses.collect(), appearance);
             let known = |(joint, by_frame): (&Joint, &Vec<Option<f64>>)| {
-                let q = configuration_at(joint, utime)?;
+                let q = configuration_in_frame(joint, utime)?;
                 Some(Configuration { q, deviation: by_frame.get(index).copied().flatten() })
             };
             shown.configurations = model.joints.iter().zip(&deviations).map(known).collect();
@@ -165,10 +167,11 @@ impl View {
         let at = nanoseconds(utime);
         let known = found.matches.iter().take(MOST_OBJECTS);
         let known: Vec<_> = known.filter_map(|m| Some((m, object(&m.object)?))).collect();
-        let shown: Vec<Shown> = known
+        let mut shown: Vec<Shown> = known
             .iter()
             .map(|(m, o)| Shown::recognised(&o.model, m, Some(&o.appearance)))
             .collect();
+        number_those_of_one_make(&mut shown);
         let dots = known.iter().zip(&shown).flat_map(|((_, object), shown)| {
             surface(&object.appearance, &shown.camera_from_part, 255)
         });
@@ -250,7 +253,7 @@ fn surface<'a>(
 }
 
 /// The configuration that a joint was seen at in a frame.
-fn configuration_at(joint: &Joint, utime: i64) -> Option<f64> {
+fn configuration_in_frame(joint: &Joint, utime: i64) -> Option<f64> {
     // Model times are seconds: half a microsecond is lost on the way.
     let stamp = |[t, _]: &[f64; 2]| (t * 1e6).round() as i64;
     let next = joint.configuration.partition_point(|c| stamp(c) < utime);
@@ -267,7 +270,10 @@ fn create(context: &Arc<Context>, path: &Path) -> Outcome<OpenFile> {
         _ => anyhow::Error::new(e).context(format!("{}: cannot be made", named())),
     })?;
     let (fault, unfinished) = (Fault::default(), Unfinished::new(path));
-    let writer = context.mcap_writer().create(CheckedFile::new(file, fault.clone()));
+    // Few large chunks: an index of each is kept in memory until the file ends.
+    let options = McapWriteOptions::new().chunk_size(Some(CHUNK_BYTES));
+    let writer = context.mcap_writer_with_options(options);
+    let writer = writer.create(CheckedFile::new(file, fault.clone()));
     let writer = writer.with_context(|| format!("{}: cannot be written", named()))?;
     Ok(OpenFile { path: path.to_owned(), writer, fault, unfinished })
 }
@@ -279,6 +285,7 @@ fn listen(context: &Arc<Context>, address: &str) -> Outcome<WebSocketServerHandl
     let server = server.bind(host, port).start_blocking().with_context(|| {
         format!("--view {address}: cannot listen there; is the port taken? name another one")
     })?;
+    let host = if host.contains(':') { format!("[{host}]") } else { host.to_owned() };
     eprintln!("a viewer finds ws://{host}:{}", server.port());
     Ok(server)
 }
@@ -323,8 +330,8 @@ mod tests {
         let line = JointGeometry::hinge(nalgebra::Vector3::y_axis(), Point3::origin());
         let configuration = vec![[1_700_000_000.033_333, 0.1], [1_700_000_000.1, 0.2]];
         let joint = Joint { configuration, ..Joint::of(&line) };
-        assert_eq!(configuration_at(&joint, 1_700_000_000_033_333), Some(0.1));
-        assert_eq!(configuration_at(&joint, 1_700_000_000_066_667), None);
-        assert_eq!(configuration_at(&joint, 1_700_000_000_100_000), Some(0.2));
+        assert_eq!(configuration_in_frame(&joint, 1_700_000_000_033_333), Some(0.1));
+        assert_eq!(configuration_in_frame(&joint, 1_700_000_000_066_667), None);
+        assert_eq!(configuration_in_frame(&joint, 1_700_000_000_100_000), Some(0.2));
     }
 }

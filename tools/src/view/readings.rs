@@ -27,13 +27,13 @@ pub struct JointReading {
 }
 
 /// Joints whose configuration is known.
-pub fn readings<'s>(all: impl IntoIterator<Item = &'s Shown<'s>>) -> JointReadings {
-    let of = |shown: &'s Shown<'s>| {
+pub fn readings<'s>(all: impl IntoIterator<Item = &'s Shown>) -> JointReadings {
+    let of = |shown: &'s Shown| {
         let joints = shown.joints.iter().zip(&shown.configurations);
         joints.filter_map(|(joint, known)| {
             let known = known.as_ref()?;
             Some(JointReading {
-                joint: format!("{}/{}", shown.object, joint.name),
+                joint: format!("{}/{}", shown.name, joint.name),
                 unit: joint.line.kind.unit().to_owned(),
                 configuration: known.q,
                 deviation: known.deviation.unwrap_or(f64::NAN),

@@ -41,8 +41,8 @@ pub fn transforms(utime: i64, shown: &Shown) -> Vec<FrameTransform> {
 }
 
 /// The joints of objects.
-pub fn joints<'s>(utime: i64, all: impl IntoIterator<Item = &'s Shown<'s>>) -> SceneUpdate {
-    let of = |shown: &'s Shown<'s>| {
+pub fn joints<'s>(utime: i64, all: impl IntoIterator<Item = &'s Shown>) -> SceneUpdate {
+    let of = |shown: &'s Shown| {
         let known = shown.joints.iter().zip(&shown.configurations);
         known.map(|(joint, configuration)| entity(utime, shown, joint, configuration.as_ref()))
     };
@@ -79,7 +79,7 @@ fn entity(
     SceneEntity {
         timestamp: Some(timestamp(utime)),
         frame_id: shown.frame_of(joint.parent),
-        id: format!("{}/{}", shown.object, joint.name),
+        id: format!("{}/{}", shown.name, joint.name),
         lifetime: Some(Duration::new(LIFETIME_S, 0)),
         frame_locked: true,
         lines: vec![line(&axis, rgb, 1.0), line(&way, rgb, 0.7)],
@@ -134,7 +134,7 @@ mod tests {
             anchor: Point3::new(0.5, 0.0, 0.0),
         };
         let shown = Shown {
-            object: "door",
+            name: "door".into(),
             camera_from_part: vec![Some(Pose::identity())],
             joints: vec![door],
             configurations: vec![Some(Configuration { q: FRAC_PI_2, deviation: Some(0.0175) })],

@@ -8,13 +8,15 @@ use linkage_skill::object::Joint;
 use linkage_skill::object::JointGeometry;
 use linkage_skill::recognise::Recognised;
 use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
 
 /// How far beside its axis a joint's way is drawn where its part's surface is not known, metres.
 const BESIDE_M: f64 = 0.2;
 
 /// An object in one frame.
-pub struct Shown<'s> {
-    pub object: &'s str,
+pub struct Shown {
+    /// The object's name; a second one of its make has a number too, for each needs a frame of its own.
+    pub name: String,
     /// Where each part is, where that is known; the base's is that of the object frame.
     pub camera_from_part: Vec<Option<Pose>>,
     pub joints: Vec<ShownJoint>,
@@ -41,15 +43,15 @@ pub struct Configuration {
     pub deviation: Option<f64>,
 }
 
-impl<'s> Shown<'s> {
+impl Shown {
     /// A model whose parts are where they were tracked; no configuration is known yet.
     pub fn learned(
-        model: &'s ObjectModel,
+        model: &ObjectModel,
         camera_from_part: Vec<Option<Pose>>,
         appearance: Option<&Appearance>,
     ) -> Self {
         Self {
-            object: &model.object,
+            name: model.object.clone(),
             camera_from_part,
             joints: model.joints.iter().map(|j| ShownJoint::new(j, model, appearance)).collect(),
             configurations: model.joints.iter().map(|_| None).collect(),
@@ -58,7 +60,7 @@ impl<'s> Shown<'s> {
 
     /// An object as it was recognised.
     pub fn recognised(
-        model: &'s ObjectModel,
+        model: &ObjectModel,
         found: &Recognised,
         appearance: Option<&Appearance>,
     ) -> Self {
@@ -74,7 +76,19 @@ impl<'s> Shown<'s> {
 
     /// The name of a part's frame; that of the base is the object's.
     pub fn frame_of(&self, part: usize) -> String {
-        if part == 0 { self.object.to_owned() } else { format!("{}/part{part}", self.object) }
+        if part == 0 { self.name.clone() } else { format!("{}/part{part}", self.name) }
+    }
+}
+
+/// Gives objects of one name numbers from the second on.
+pub fn number_those_of_one_make(shown: &mut [Shown]) {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for object in shown {
+        let count = counts.entry(object.name.clone()).or_default();
+        *count += 1;
+        if *count > 1 {
+            object.name += &format!("#{count}");
+        }
     }
 }
 
@@ -103,4 +117,25 @@ fn middle_of(appearance: &Appearance, part: usize) -> Option<Point3<f64>> {
 fn beside(line: &JointGeometry) -> Point3<f64> {
     let (across, _) = linkage_skill::internals::orthonormal_basis(&line.axis);
     line.origin + across * BESIDE_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_of_two_drawers_of_one_make_has_its_own_frames() {
+        let object = |name: &str| Shown {
+            name: name.to_owned(),
+            camera_from_part: Vec::new(),
+            joints: Vec::new(),
+            configurations: Vec::new(),
+        };
+        let mut shown = ["drawer", "door", "drawer"].map(object);
+        number_those_of_one_make(&mut shown);
+        assert_eq!(
+            shown.each_ref().map(|s| s.frame_of(1)),
+            ["drawer/part1", "door/part1", "drawer#2/part1"]
+        );
+    }
 }
