@@ -2,6 +2,7 @@
 //! takes frames as they come and one function that finishes.
 
 pub(crate) mod appearance;
+pub(crate) mod attachment;
 mod background_search;
 pub(crate) mod demonstration;
 pub(crate) mod ego_motion;

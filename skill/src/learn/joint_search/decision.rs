@@ -10,6 +10,7 @@ use super::correlation::{ALLOWED_CORRELATION, MAX_CORRELATION};
 use super::estimate::JointEstimate;
 use super::evidence::Evidence;
 use super::free_space_check::SILENT;
+use crate::learn::attachment::MAX_UNATTACHED;
 
 /// Fewest tracks of a joint.
 const MIN_TRACKS: usize = 5;
@@ -187,6 +188,17 @@ pub enum Rejection {
         /// The largest share.
         allowed: f64,
     },
+    /// It turns about a line that nothing is seen to hold.
+    #[error(
+        "{:.0} % of the line that it turns about is in the air or outside the pictures, as it is of a \
+         person who leans; at most {:.0} % are allowed",
+        100.0 * share,
+        100.0 * MAX_UNATTACHED
+    )]
+    Unattached {
+        /// Share of the line beside the part.
+        share: f64,
+    },
     /// Another candidate explains the same tracks in more frames, with another parent.
     #[error("a candidate with another parent explains the same tracks in more frames")]
     ExplainedWithAnotherParent,
@@ -246,6 +258,10 @@ pub fn decide(
         (
             evidence.uncovered_ratio <= config.max_unruly,
             Rejection::Uncovered { share: evidence.uncovered_ratio, allowed: config.max_unruly },
+        ),
+        (
+            evidence.unattached_ratio <= MAX_UNATTACHED,
+            Rejection::Unattached { share: evidence.unattached_ratio },
         ),
     ];
     table.into_iter().find(|(is_kept, _)| !is_kept).map_or(Ok(()), |(_, rejection)| Err(rejection))

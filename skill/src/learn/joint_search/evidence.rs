@@ -11,6 +11,9 @@ pub struct Evidence {
     pub discriminability: f64,
     /// Share of its points that are not found in pictures in which its configuration is unknown.
     pub unobserved_ratio: f64,
+    /// Share of a hinge's line beside its part that pictures show to be in the air, or do not show at
+    /// all; 0 for a slide.
+    pub unattached_ratio: f64,
     /// Share of the variance of its configuration that its parent's configuration explains; negative
     /// where the parent rests whenever the joint is known.
     pub parent_correlation: f64,
@@ -31,6 +34,7 @@ impl Evidence {
             free_space_violation: 0.0,
             discriminability: 0.0,
             unobserved_ratio: 0.0,
+            unattached_ratio: 0.0,
             parent_correlation: 0.0,
             uncovered_ratio: 0.0,
             configuration_from_depth: vec![f64::NAN; frames],

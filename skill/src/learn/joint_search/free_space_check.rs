@@ -3,6 +3,7 @@
 //! where another configuration would put them say nothing.
 
 use super::estimate::{JointEstimate, base_from_part};
+use crate::learn::attachment::unattached_ratio;
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;
@@ -36,6 +37,8 @@ pub struct FreeSpaceEvidence {
     pub discriminability: f64,
     /// Share of them that is not found in frames of unknown configuration.
     pub unobserved_ratio: f64,
+    /// Share of a hinge's line that is attached to nothing that pictures show; 0 for a slide.
+    pub unattached_ratio: f64,
     /// Keyframes with the configuration there, from depth where tracks do not give it.
     pub configurations: Vec<(usize, f64)>,
     /// Frames in which the joint is contradicted.
@@ -66,7 +69,14 @@ impl FreeSpaceCheck<'_> {
             return None;
         }
         let frames = self.by_frame(joint, &points, joints);
-        Some(summed_up(&frames, points.len(), joint.known.len()))
+        let mut evidence = summed_up(&frames, points.len(), joint.known.len());
+        if joint.dof.hinge {
+            let camera_from_parent = |frame| self.camera_from_parent(joint, joints, frame);
+            let line = joint.dof.geometry();
+            evidence.unattached_ratio =
+                unattached_ratio(&line, &points, self.recording, camera_from_parent);
+        }
+        Some(evidence)
     }
 
     /// What each picture says of a joint's points.
@@ -198,6 +208,7 @@ fn summed_up(pictures: &[FrameEvidence], points: usize, frames: usize) -> FreeSp
             0 => 0.0,
             _ => 1.0 - found_in_unknown as f64 / (unknown * points) as f64,
         },
+        unattached_ratio: 0.0,
         configurations: pictures.iter().map(|p| (p.frame, p.q)).collect(),
         contradicted_frames,
     }

@@ -26,10 +26,6 @@ const OFFSET_M: f64 = 0.03;
 const PRIOR_RAD: f64 = 0.01;
 /// Largest standard deviation of the place that the planes gave, metres.
 const PRIOR_M: f64 = 0.05;
-/// Standard deviation of a line's place, if it lies in the face of its part, below which it is not
-/// aligned, metres. Aligned lines of doors whose planes were good were 3 to 7 cm off, their planes' 1 cm:
-/// depth cameras err together where a surface is seen from its edge.
-const WELL_KNOWN_M: f64 = 0.01;
 /// Residual from which a reading counts no more (Tukey's biweight), metres.
 const CUT_M: f64 = 0.02;
 /// Step for derivatives, radians or metres.
@@ -56,7 +52,7 @@ pub fn align_line(
 ) -> AlignedLine {
     let mut geometry = from_planes.geometry();
     let covariance = line_covariance(&geometry, &prior(surface, from_planes, &geometry).left);
-    if from_planes.place_sigma_in_face() < WELL_KNOWN_M {
+    if from_planes.is_well_known() {
         return AlignedLine { geometry, covariance, rmse: from_planes.rmse };
     }
     let mut q: Vec<(usize, f64)> = following.shown().map(|p| (p.frame, p.q)).collect();

@@ -12,6 +12,7 @@
 mod axis_direction;
 mod depth_following;
 mod extend_range;
+mod face_edge;
 mod hinge;
 mod line_alignment;
 mod part_plane;

@@ -2,9 +2,11 @@
 //! the line is aligned to them, and the part is believed where all of them bear it out.
 
 use super::depth_following::{Following, Surface, follow};
+use super::face_edge::{FaceEdge, near_edge};
 use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
+use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
 use crate::learn::recording::Recording;
 use crate::learn::tracking::Trajectory;
@@ -63,6 +65,8 @@ pub struct PlainPart {
     pub support: Vec<usize>,
     /// Configuration of the hinge's first plane.
     first_turn: f64,
+    /// Share of its line that is attached to nothing that pictures show.
+    unattached_ratio: f64,
 }
 
 /// The part that is seen to turn about a candidate's line. Two parts may turn about one line (a
@@ -73,7 +77,7 @@ pub fn follow_candidate(
     patches: &[PlanePatch],
     recording: &Recording,
 ) -> Option<PlainPart> {
-    let rough = candidate.hinge(patches, &candidate.support)?;
+    let rough = candidate.hinge(patches, &candidate.support, &FaceEdge::default())?;
     let [low, high] = rough.range();
     if rough.turns.len() < MIN_KEYFRAMES || high - low < MIN_TURN_RAD {
         return None;
@@ -132,11 +136,20 @@ fn followed(
     let support: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
     let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
     let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
-    let hinge = candidate.hinge(patches, &support)?;
+    let mut hinge = candidate.hinge(patches, &support, &FaceEdge::default())?;
+    if !hinge.is_well_known() {
+        let planes: Vec<&PlanePatch> = support.iter().map(|&k| &patches[k]).collect();
+        let edge = near_edge(&hinge.geometry(), &planes, recording);
+        hinge = candidate.hinge(patches, &support, &edge)?;
+    }
     let again = follow(few, &hinge.geometry(), range, hinge.reach(), recording);
     let line = align_line(few, &hinge, &again, recording);
     let followed = follow(few, &line.geometry, range, hinge.reach(), recording);
-    Some(PlainPart { hinge, line, surface: surface.clone(), followed, support, first_turn })
+    let camera_from_base = |frame: usize| recording.ego_motion.camera_from_base[frame];
+    let unattached_ratio =
+        unattached_ratio(&line.geometry, &few.points, recording, camera_from_base);
+    let surface = surface.clone();
+    Some(PlainPart { hinge, line, surface, followed, support, first_turn, unattached_ratio })
 }
 
 impl PlainPart {
@@ -168,6 +181,7 @@ impl PlainPart {
                 "the pictures tell nothing of where it is",
             ),
             (seen.shown_ratio() < LEAST_KEYFRAMES, "few pictures show it"),
+            (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
     }
@@ -211,6 +225,7 @@ impl PlainPart {
             free_space_violation = self.followed.free_space_violation(),
             discriminability = self.followed.discriminability(),
             shown = self.followed.shown_ratio(),
+            unattached = self.unattached_ratio,
             place_sigma = self.place_sigma(),
             axis = ?self.line.geometry.axis.as_slice(),
             origin = ?self.line.geometry.origin.coords.as_slice(),

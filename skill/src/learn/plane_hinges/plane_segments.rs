@@ -32,9 +32,14 @@ const SAME_NORMAL: f64 = 0.97;
 /// what the plane may be off, and the sample from its plane.
 const MAX_TILT: f64 = 0.37;
 /// Keyframes that are asked what moves.
-const MOST_ASKED: usize = 20;
-/// Share of them that must see through a place for it to count as moving.
-const MOVING_SHARE: f64 = 0.15;
+const MOST_ASKED: usize = 48;
+/// Share of them that must see through a place for it to count as moving, and the fewest: a door that is
+/// opened for two seconds of a demonstration of fifteen is in three of 37 keyframes.
+const MOVING_SHARE: f64 = 0.08;
+const FEWEST_THROUGH: usize = 3;
+/// Of the eight neighbours of a moving sample so many must move as well: noise of a wall far away is
+/// scattered.
+const MOVING_NEIGHBOURS: usize = 3;
 
 /// A flat piece in the base frame.
 #[derive(Debug, Clone)]
@@ -107,22 +112,38 @@ fn samples(
 ) -> Vec<Sample> {
     let (depth, camera) = (&picture.depth, &picture.camera);
     let base_from_camera = base.camera_from_base[frame].inverse();
-    let mut found = Vec::new();
-    for v in (0..depth.height()).step_by(sampling as usize) {
-        for u in (0..depth.width()).step_by(sampling as usize) {
-            let at = |z: f64| camera.back_project(u as f64, v as f64, z);
+    let stride = sampling as usize;
+    let (columns, rows) = (depth.width().div_ceil(stride), depth.height().div_ceil(stride));
+    let pixel = |i: usize| (i % columns * stride, i / columns * stride);
+    let wanted: Vec<bool> = (0..columns * rows)
+        .map(|i| {
+            let (u, v) = pixel(i);
             let reading = f64::from(depth.as_metres()[v * depth.width() + u]);
-            let in_camera = at(reading);
-            if reading.is_nan() || !is_wanted(&in_camera, &(base_from_camera * in_camera)) {
-                continue;
-            }
-            if let Some(surface) = SurfacePatch::at(depth, camera, u, v) {
-                let normal = base_from_camera * surface.normal;
-                found.push(Sample { point: base_from_camera * at(surface.z), normal });
-            }
-        }
-    }
-    found
+            let in_camera = camera.back_project(u as f64, v as f64, reading);
+            !reading.is_nan() && is_wanted(&in_camera, &(base_from_camera * in_camera))
+        })
+        .collect();
+    (0..columns * rows)
+        .filter(|&i| wanted[i] && neighbours(&wanted, columns, i) >= MOVING_NEIGHBOURS)
+        .filter_map(|i| {
+            let (u, v) = pixel(i);
+            let surface = SurfacePatch::at(depth, camera, u, v)?;
+            let point = base_from_camera * camera.back_project(u as f64, v as f64, surface.z);
+            Some(Sample { point, normal: base_from_camera * surface.normal })
+        })
+        .collect()
+}
+
+/// How many of the eight neighbours of a cell of a grid are set.
+fn neighbours(grid: &[bool], columns: usize, cell: usize) -> usize {
+    let (column, row) = (cell % columns, cell / columns);
+    let rows = row.saturating_sub(1)..(row + 2).min(grid.len() / columns);
+    let set = |r: usize| {
+        let from = r * columns + column.saturating_sub(1);
+        let to = r * columns + (column + 2).min(columns);
+        grid[from..to].iter().filter(|set| **set).count()
+    };
+    rows.map(set).sum::<usize>() - usize::from(grid[cell])
 }
 
 /// Another keyframe, as seen from one.
@@ -149,7 +170,7 @@ fn seen_from<'k>(
 
 /// Enough others see something behind the place.
 fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
-    let mut needed = (MOVING_SHARE * others.len() as f64).ceil().max(3.0) as usize;
+    let mut needed = ((MOVING_SHARE * others.len() as f64).ceil() as usize).max(FEWEST_THROUGH);
     for (i, Other { picture, other_from_camera }) in others.iter().enumerate() {
         if needed > others.len() - i {
             return false;
@@ -197,10 +218,16 @@ fn some_of(samples: &[Sample], most: usize) -> impl Iterator<Item = &Sample> {
 }
 
 fn fitted(frame: usize, samples: &[Sample]) -> PlanePatch {
-    let points: Vec<Point3<f64>> = samples.iter().map(|s| s.point).collect();
-    let (mean, mut normal) = plane_through(&points);
-    if normal.dot(&samples[0].normal) < 0.0 {
-        normal = -normal;
+    PlanePatch::through(samples.iter().map(|s| s.point).collect(), frame, &samples[0].normal)
+}
+
+impl PlanePatch {
+    /// The plane through some points, its normal to the side of another.
+    pub fn through(points: Vec<Point3<f64>>, frame: usize, towards: &Vector3<f64>) -> Self {
+        let (mean, mut normal) = plane_through(&points);
+        if normal.dot(towards) < 0.0 {
+            normal = -normal;
+        }
+        Self { frame, normal, offset: normal.dot(&mean.coords), points }
     }
-    PlanePatch { frame, normal, offset: normal.dot(&mean.coords), points }
 }
