@@ -71,11 +71,8 @@ mod tests {
     fn unattached_at(x: f64, z: f64) -> f64 {
         let mut keyframes = Keyframes::new(3);
         (0..3).for_each(|f| keyframes.offer(f, &seen(f as i64, board(0.25, 2.0, 4.0))));
-        let recording = Recording {
-            tracks: TrackSet::default(),
-            ego_motion: EgoMotion::default(),
-            keyframes,
-        };
+        let recording =
+            Recording { tracks: TrackSet::default(), ego_motion: EgoMotion::default(), keyframes };
         let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(x, 0.0, z));
         let points: Vec<Point3<f64>> =
             (0..10).map(|k| Point3::new(0.0, 0.02 * f64::from(k) - 0.1, 2.0)).collect();

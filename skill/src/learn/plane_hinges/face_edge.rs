@@ -101,8 +101,7 @@ impl Face {
         let normal = plane.normal;
         let along = pose.arm.cross(&normal);
         let origin = line.origin + normal * (plane.offset - normal.dot(&line.origin.coords));
-        let mut places: Vec<f64> =
-            plane.points.iter().map(|p| along.dot(&(p - origin))).collect();
+        let mut places: Vec<f64> = plane.points.iter().map(|p| along.dot(&(p - origin))).collect();
         places.sort_by(f64::total_cmp);
         let row = |k: usize| places[(places.len() - 1) * (k + 1) / (ROWS + 1)];
         Self { origin, along, arm: pose.arm, normal, rows: (0..ROWS).map(row).collect() }
@@ -150,12 +149,7 @@ impl Face {
     }
 
     /// What a picture shows along the rows at a distance from the line.
-    fn residuals(
-        &self,
-        out: f64,
-        picture: &RgbdFrame,
-        camera_from_base: &Isometry3<f64>,
-    ) -> Row {
+    fn residuals(&self, out: f64, picture: &RgbdFrame, camera_from_base: &Isometry3<f64>) -> Row {
         let normal = camera_from_base * self.normal;
         let mut row = Row { residuals: Vec::with_capacity(ROWS), hidden: 0 };
         for along in &self.rows {

@@ -66,6 +66,13 @@ pub fn complete(mut joints: Vec<LearnedJoint>, recording: &Recording) -> Vec<Lea
         if !is_chain {
             take_over(&mut joints, &mut learned);
         }
+        // Both faces of a lid are one part.
+        let is_double = |p: &LearnedJoint| {
+            is_same_hinge(&p.joint, &learned.joint) && moves_together(p, &learned)
+        };
+        if plain.iter().chain(&known).any(is_double) {
+            continue;
+        }
         let is_known = |j: &LearnedJoint| {
             is_same_hinge(&j.joint, &learned.joint) || !is_meagre(j) && moves_together(j, &learned)
         };

@@ -48,6 +48,10 @@ const MAX_STEP_RAD: f64 = 1.3;
 /// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must
 /// not pull about a line that is less known.
 const MAX_PLACE_SIGMA_M: f64 = 0.02;
+/// The planes of a hinge may lie so much farther from where the edge of their face puts them than from
+/// where they put themselves, as a factor and metres: else the edge is not that next to the hinge.
+const EDGE_AGREES: f64 = 1.5;
+const EDGE_AGREES_M: f64 = 0.001;
 /// Error of a line's place that all planes share, metres: ledges and the part's thickness shift its
 /// planes.
 const SYSTEMATIC_M: f64 = 0.005;
@@ -93,7 +97,7 @@ pub fn follow_candidate(
         });
         parts.max_by(|a, b| {
             let less_known = b.place_sigma().total_cmp(&a.place_sigma());
-            a.support.len().cmp(&b.support.len()).then(less_known)
+            a.agreement().total_cmp(&b.agreement()).then(less_known)
         })
     };
     let [near, far] = BEYOND_RAD.map(within);
@@ -136,12 +140,7 @@ fn followed(
     let support: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
     let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
     let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
-    let mut hinge = candidate.hinge(patches, &support, &FaceEdge::default())?;
-    if !hinge.is_well_known() {
-        let planes: Vec<&PlanePatch> = support.iter().map(|&k| &patches[k]).collect();
-        let edge = near_edge(&hinge.geometry(), &planes, recording);
-        hinge = candidate.hinge(patches, &support, &edge)?;
-    }
+    let hinge = refined(candidate, patches, &support, recording)?;
     let again = follow(few, &hinge.geometry(), range, hinge.reach(), recording);
     let line = align_line(few, &hinge, &again, recording);
     let followed = follow(few, &line.geometry, range, hinge.reach(), recording);
@@ -152,10 +151,34 @@ fn followed(
     Some(PlainPart { hinge, line, surface, followed, support, first_turn, unattached_ratio })
 }
 
+/// The hinge that planes tell, with the edge of their face where they do not tell its place well and the
+/// edge agrees with them.
+fn refined(
+    candidate: &Candidate,
+    patches: &[PlanePatch],
+    support: &[usize],
+    recording: &Recording,
+) -> Option<Hinge> {
+    let hinge = candidate.hinge(patches, support, &FaceEdge::default())?;
+    if hinge.is_well_known() {
+        return Some(hinge);
+    }
+    let planes: Vec<&PlanePatch> = support.iter().map(|&k| &patches[k]).collect();
+    let edge = near_edge(&hinge.geometry(), &planes, recording);
+    let at_edge = candidate.hinge(patches, support, &edge)?;
+    let agrees = at_edge.rmse < EDGE_AGREES * hinge.rmse + EDGE_AGREES_M;
+    Some(if agrees { at_edge } else { hinge })
+}
+
 impl PlainPart {
     /// Distance from the line up to which the part reaches.
     pub fn reach(&self) -> f64 {
         self.hinge.reach()
+    }
+
+    /// How many planes agree with it, each the less the farther they are from where it puts them.
+    fn agreement(&self) -> f64 {
+        self.support.len() as f64 * (1.0 - (self.hinge.rmse / MAX_RMSE_M).powi(2))
     }
 
     /// Why it is no part of an object; `None` where it is one.
