@@ -1,9 +1,9 @@
 //! Builds an object's appearance from its demonstration.
 
 pub(crate) mod occlusion_edges;
+mod dynamic_features;
 mod paint;
 mod part_labels;
-mod strangers;
 
 use super::demonstration::Demonstration;
 use crate::features::quantised::{product, quantise, similarity};
@@ -14,6 +14,7 @@ use crate::math::robust::without_strays;
 use crate::object::appearance::{Appearance, ModelFeature, Surfel};
 use linkage_frames::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
+use dynamic_features::DynamicFeatures;
 use occlusion_edges::edges;
 use paint::{Piece, SeenColour, paints};
 use part_labels::{LabelGrid, NearPart, PosedFrame, STEP, belongs, label};
@@ -22,7 +23,6 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
-use strangers::Strangers;
 
 /// Side of a voxel in which surface is averaged, metres, for an object one metre away;
 /// farther ones are seen in fewer, noisier pixels.
@@ -147,14 +147,14 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     let described: Vec<usize> =
         (0..posed.len()).step_by(posed.len().div_ceil(DESCRIBED_KEYFRAMES).max(1)).collect();
     let Some(first) = posed.first() else { return Ok(Appearance::default()) };
-    let strangers = Strangers::new(demonstration, &first.frame.camera);
+    let dynamic_features = DynamicFeatures::new(demonstration, &first.frame.camera);
     let labelled: Vec<(usize, LabelGrid)> = described
         .into_par_iter()
         .map(|index| {
-            let mut strangers = strangers.in_frame(posed[index].number);
-            // What moves beside a part may be its own.
-            strangers.moving.retain(|p| !is_near_a_part(&posed[index], p, &near_part));
-            (index, label(&posed, index, &near_part, &strangers))
+            let mut features = dynamic_features.in_frame(posed[index].number);
+            // A feature that moves near a part may lie on that part.
+            features.dynamic.retain(|p| !is_near_a_part(&posed[index], p, &near_part));
+            (index, label(&posed, index, &near_part, &features))
         })
         .collect();
     let region = Region::new(&swept, &posed, &labelled);
@@ -205,7 +205,7 @@ struct Region {
     features: Occupancy,
     surface: Occupancy,
     room: Vec<Plane>,
-    strange: Occupancy,
+    dynamic: Occupancy,
 }
 
 impl Region {
@@ -214,7 +214,7 @@ impl Region {
     fn new(swept: &Occupancy, posed: &[PosedFrame], labelled: &[(usize, LabelGrid)]) -> Self {
         let room = room_planes(posed.first(), swept);
         let near = swept.grown(SURFACE_MARGIN_M);
-        let (resting, strange) = resting_surface(posed, labelled, &room);
+        let (resting, dynamic) = resting_surface(posed, labelled, &room);
         let little = near.0.intersection(&resting.0).count() < LITTLE_SURFACE;
         let reach = if little { BASE_REACH_M } else { 0.0 };
         let connected = near.extended_along(&resting, reach);
@@ -222,12 +222,12 @@ impl Region {
             features: swept.grown(FEATURE_MARGIN_M).with(&connected),
             surface: near.with(&connected),
             room,
-            strange,
+            dynamic,
         }
     }
 
     fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
-        region.holds(p) && !self.strange.holds(p) && !is_room(&self.room, p, z)
+        region.holds(p) && !self.dynamic.holds(p) && !is_room(&self.room, p, z)
     }
 }
 
@@ -235,14 +235,14 @@ fn is_room(room: &[Plane], p: &Point3<f64>, z: f64) -> bool {
     room.iter().any(|plane| plane.holds(p, z))
 }
 
-/// Where several of the labelled keyframes show surface that rests and is not the room's, and where
-/// more show somebody who moves than show what rests.
+/// Two sets of cells: where several of the labelled keyframes show surface that rests and is not the
+/// room's, and where more keyframes show a dynamic object than show surface that rests.
 fn resting_surface(
     posed: &[PosedFrame],
     labelled: &[(usize, LabelGrid)],
     room: &[Plane],
 ) -> (Occupancy, Occupancy) {
-    // Keyframes that show what rests in a cell, and that show who moves there.
+    // Number of keyframes that show in a cell what rests, and of those that show what is dynamic.
     let mut shown: HashMap<[i32; 3], [usize; 2]> = HashMap::new();
     for (index, grid) in labelled {
         let frame = posed[*index].frame;
@@ -253,23 +253,23 @@ fn resting_surface(
                 if grid.at(u, v) != Some(0) {
                     continue;
                 }
-                let moves = grid.is_stranger(u, v);
+                let is_dynamic = grid.is_dynamic(u, v);
                 let Some(p) = frame.point_at(u, v) else { continue };
                 let in_base = camera_from_base.inverse_transform_point(&p);
                 if !is_room(room, &in_base, p.z) {
-                    here.insert((cell(&in_base, COARSE_M), usize::from(moves)));
+                    here.insert((cell(&in_base, COARSE_M), usize::from(is_dynamic)));
                 }
             }
         }
-        for (cell, moves) in here {
-            shown.entry(cell).or_default()[moves] += 1;
+        for (cell, is_dynamic) in here {
+            shown.entry(cell).or_default()[is_dynamic] += 1;
         }
     }
     let often = labelled.len().div_ceil(4);
     let cells = |is_meant: &dyn Fn(&[usize; 2]) -> bool| {
         Occupancy(shown.iter().filter(|(_, n)| is_meant(n)).map(|(c, _)| *c).collect())
     };
-    (cells(&|[rests, _]| *rests >= often), cells(&|[rests, moves]| moves > rests))
+    (cells(&|[rests, _]| *rests >= often), cells(&|[rests, dynamic]| dynamic > rests))
 }
 
 /// A plane of the room, in the object frame.

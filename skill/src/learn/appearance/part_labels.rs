@@ -2,7 +2,7 @@
 //! the pixel's point must be in the other keyframes; their depth pictures say which claim
 //! holds. What fits no claim (the person) belongs to nothing.
 
-use super::strangers::StrangersInFrame;
+use super::dynamic_features::FrameFeatures;
 use crate::learn::ego_motion::coarse_sigma;
 use crate::math::rigid::Pose;
 use linkage_frames::RgbdFrame;
@@ -55,24 +55,24 @@ enum Label {
     Nothing,
     /// A part; 0: the base.
     Part(u16),
-    /// Depth says that it is the base's, but features beside it move: somebody stands there, or reaches
-    /// past it. Other keyframes tell which.
-    Stranger,
+    /// Its depth agrees with the base, but features near it move: a person stands there or reaches
+    /// past it. Other keyframes tell which of the two.
+    Dynamic,
 }
 
 impl LabelGrid {
-    /// The part at a pixel; 0 as well where features beside it move.
+    /// The part at a pixel; 0 as well where features near it move.
     pub fn at(&self, u: usize, v: usize) -> Option<u16> {
         match self.label(u, v) {
             Some(Label::Part(part)) => Some(part),
-            Some(Label::Stranger) => Some(0),
+            Some(Label::Dynamic) => Some(0),
             Some(Label::Nothing) | None => None,
         }
     }
 
-    /// A pixel of the base with features beside it that move.
-    pub fn is_stranger(&self, u: usize, v: usize) -> bool {
-        self.label(u, v) == Some(Label::Stranger)
+    /// The depth of the pixel agrees with the base, but features near it move.
+    pub fn is_dynamic(&self, u: usize, v: usize) -> bool {
+        self.label(u, v) == Some(Label::Dynamic)
     }
 
     fn label(&self, u: usize, v: usize) -> Option<Label> {
@@ -84,12 +84,13 @@ impl LabelGrid {
 /// may lie on it.
 pub type NearPart<'n> = dyn Fn(usize, &Point3<f64>) -> bool + Sync + 'n;
 
-/// Labels all places of `frames[index]`, in which somebody may be seen.
+/// Labels all places of `frames[index]`, in which a person may be seen; `features` are those of that
+/// frame.
 pub fn label(
     frames: &[PosedFrame],
     index: usize,
     near_part: &NearPart,
-    strangers: &StrangersInFrame,
+    features: &FrameFeatures,
 ) -> LabelGrid {
     let picture = frames[index].frame;
     let columns = picture.camera.width.div_ceil(STEP);
@@ -98,10 +99,10 @@ pub fn label(
         .into_par_iter()
         .map(|i| {
             let (u, v) = ((i % columns) * STEP + STEP / 2, (i / columns) * STEP + STEP / 2);
-            let moves = || picture.point_at(u, v).is_some_and(|p| strangers.hold(&p));
+            let moves = || picture.point_at(u, v).is_some_and(|p| features.are_dynamic_near(&p));
             match label_point(frames, index, (u, v), near_part) {
                 None => Label::Nothing,
-                Some(0) if moves() => Label::Stranger,
+                Some(0) if moves() => Label::Dynamic,
                 Some(part) => Label::Part(part),
             }
         })
@@ -307,7 +308,7 @@ mod tests {
             .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
             .collect();
         let near_part = |_: usize, p: &Point3<f64>| p.x.abs() < 0.25 && p.y.abs() < 0.25;
-        label(&posed, index, &near_part, &StrangersInFrame::default())
+        label(&posed, index, &near_part, &FrameFeatures::default())
     }
 
     #[test]
@@ -341,16 +342,16 @@ mod tests {
     }
 
     #[test]
-    fn whom_moving_features_show_is_a_stranger() {
+    fn a_person_with_moving_features_is_dynamic() {
         let frames = standing(|_| false);
         let posed: Vec<PosedFrame> = frames
             .iter()
             .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
             .collect();
-        let moving = (0..4).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 1.5)).collect();
-        let strangers = StrangersInFrame { moving, resting: Vec::new() };
-        let grid = label(&posed, 0, &|_, _| false, &strangers);
-        assert!(grid.is_stranger(MIDDLE.0, MIDDLE.1));
-        assert!(!grid.is_stranger(CORNER.0, CORNER.1));
+        let dynamic = (0..4).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 1.5)).collect();
+        let features = FrameFeatures { dynamic, resting: Vec::new() };
+        let grid = label(&posed, 0, &|_, _| false, &features);
+        assert!(grid.is_dynamic(MIDDLE.0, MIDDLE.1));
+        assert!(!grid.is_dynamic(CORNER.0, CORNER.1));
     }
 }
