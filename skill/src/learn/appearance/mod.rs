@@ -1,8 +1,8 @@
 //! Builds an object's appearance from its demonstration.
 
 pub(crate) mod occlusion_edges;
+mod albedo;
 mod dynamic_features;
-mod paint;
 mod part_labels;
 
 use super::demonstration::Demonstration;
@@ -14,9 +14,9 @@ use crate::math::robust::without_strays;
 use crate::object::appearance::{Appearance, ModelFeature, Surfel};
 use linkage_frames::depth::{NormalMap, depth_sigma};
 use nalgebra::{Point3, Vector3};
+use albedo::{Piece, SeenColour, albedos};
 use dynamic_features::DynamicFeatures;
 use occlusion_edges::edges;
-use paint::{Piece, SeenColour, paints};
 use part_labels::{LabelGrid, NearPart, PosedFrame, STEP, belongs, label};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -586,14 +586,14 @@ fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
         neighbourhood: cell(&Point3::from(v.point / v.count), NEIGHBOURHOOD_M),
         seen: &v.colours,
     });
-    let paints = paints(&pieces.collect::<Vec<_>>());
-    let surfel = |(((part, _, _), v), paint): ((VoxelKey, Voxel), Vector3<f64>)| Surfel {
+    let albedos = albedos(&pieces.collect::<Vec<_>>());
+    let surfel = |(((part, _, _), v), albedo): ((VoxelKey, Voxel), Vector3<f64>)| Surfel {
         part,
         point: (v.point / v.count).map(|x| x as f32).into(),
         normal: v.normal.normalize().map(|x| x as f32).into(),
-        lab: paint.map(|x| x as f32).into(),
+        lab: albedo.map(|x| x as f32).into(),
     };
-    solid.into_iter().zip(paints).map(surfel).collect()
+    solid.into_iter().zip(albedos).map(surfel).collect()
 }
 
 /// The first so many of each part.
