@@ -85,7 +85,10 @@ fn albedos_and_shading(pieces: &[Piece]) -> (Vec<Vector3<f64>>, Shading) {
 
 impl Piece<'_> {
     /// Its colours without the shading, each with its number of pixels.
-    fn unshaded<'a>(&'a self, shading: &'a Shading) -> impl Iterator<Item = (Vector3<f64>, f64)> + 'a {
+    fn unshaded<'a>(
+        &'a self,
+        shading: &'a Shading,
+    ) -> impl Iterator<Item = (Vector3<f64>, f64)> + 'a {
         self.seen.iter().map(|c| {
             let shade = shading.get(&(self.face, c.keyframe)).copied().unwrap_or_default();
             (c.sum / c.count - shade, c.count)

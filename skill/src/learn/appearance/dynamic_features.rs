@@ -80,7 +80,8 @@ fn moves_on_the_base(track: &Track, camera_from_base: &Trajectory, camera: &Pinh
     track.observations.iter().enumerate().any(|(i, seen)| {
         let pose = camera_from_base.get(track.first_frame + i).and_then(Option::as_ref);
         let expected = pose.and_then(|pose| camera.project(&(pose * on_base)));
-        expected.is_some_and(|pixel| (pixel - seen.pixel.cast()).norm() > MIN_MOTION_RAD * camera.fx)
+        expected
+            .is_some_and(|pixel| (pixel - seen.pixel.cast()).norm() > MIN_MOTION_RAD * camera.fx)
     })
 }
 
