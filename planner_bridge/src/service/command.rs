@@ -327,7 +327,7 @@ impl Repeats {
 
 #[cfg(test)]
 mod tests {
-    use super::super::witness::Witness;
+    use super::super::observer::Observer;
     use super::*;
     use crate::limits::Access;
     use crossbeam_channel::Receiver;
@@ -361,7 +361,7 @@ mod tests {
         let (packets, _unread) = latest(4);
         let (writer, notes) = latest(64);
         let authority = Authority::new(SESSION, 1.0, &Access::default()).unwrap();
-        let out = Outbox { packets, notes: writer, witness: Witness::default() };
+        let out = Outbox { packets, notes: writer, observer: Observer::default() };
         Bench { desk: Desk::new(authority, sender, out), commands, notes }
     }
 

@@ -6,11 +6,11 @@ use super::command::{Action, Command};
 use super::config::ServiceConfig;
 use super::learning::{Learning, LearningWorker};
 use super::losses::Losses;
+use super::observer::EventKind;
 use super::publisher::{Answer, Note, Outbox, Situation};
 use super::reacquire::Reacquisition;
 use super::stream::Orders;
 use super::watchdog::Watchdog;
-use super::witness::Found;
 use crate::channel;
 use crate::messages::{self, Stamps};
 use crate::plan::{PlanError, Request, predict};
@@ -353,20 +353,20 @@ impl<'q> Perception<'q> {
         }
         self.arrivals.push_back(at);
         match &mut self.state {
-            State::Resting | State::Learning { .. } => self.out.witness.frame(frame),
+            State::Resting | State::Learning { .. } => self.out.observer.frame(frame),
             State::Demonstrating(_) => {
                 self.demonstrate(&frame);
-                self.out.witness.frame(frame);
+                self.out.observer.frame(frame);
             }
             State::Watching(_) => {
                 let newest = self.newest(Arrived { frame, at });
                 self.search(&newest);
-                self.out.witness.frame(newest.frame);
+                self.out.observer.frame(newest.frame);
             }
             State::Tracking(_) => {
                 let newest = self.newest(Arrived { frame, at });
                 self.follow(&newest);
-                self.out.witness.frame(newest.frame);
+                self.out.observer.frame(newest.frame);
             }
         }
     }
@@ -387,16 +387,16 @@ impl<'q> Perception<'q> {
             Ok(()) => {}
             Err(e) => self.out.note(Note::Error(format!("{}: {e}", d.object))),
         }
-        let followed = || d.learner.tracker().lifted().into_iter().map(|(_, p)| p).collect();
-        self.out.witness.found(frame.utime, || Found::Followed(followed()));
+        let tracked = || d.learner.tracker().lifted().into_iter().map(|(_, p)| p).collect();
+        self.out.observer.event(frame.utime, || EventKind::Tracked(tracked()));
         if d.told.elapsed() >= TELL_EVERY {
             d.told = Instant::now();
             d.current_estimate = d.learner.current_estimate(&d.object);
             self.out.send(channel::MODEL, &messages::model(&d.current_estimate, frame.utime));
             if let Some(camera_from_object) = d.learner.camera_from_object() {
                 let model = || d.current_estimate.clone();
-                let estimated = || Found::Estimated { model: model(), camera_from_object };
-                self.out.witness.found(frame.utime, estimated);
+                let estimated = || EventKind::Estimated { model: model(), camera_from_object };
+                self.out.observer.event(frame.utime, estimated);
             }
         }
     }
@@ -417,7 +417,7 @@ impl<'q> Perception<'q> {
         let model_of = |name: &str| known.iter().map(|k| &k.model).find(|m| m.object == name);
         let message = messages::recognition(&believed, model_of, frame.utime);
         self.out.send(channel::RECOGNITION, &message);
-        self.out.witness.found(frame.utime, || Found::Recognised(believed.clone()));
+        self.out.observer.event(frame.utime, || EventKind::Recognised(believed.clone()));
         let Some(best) = believed.matches.into_iter().next() else { return };
         let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
         if let Some(follower) = Follower::new(Arc::clone(object), &best) {
@@ -452,7 +452,7 @@ impl<'q> Perception<'q> {
                     let model = &t.object.model;
                     let message = messages::recognition(&now, |_| Some(model), frame.utime);
                     self.out.send(channel::RECOGNITION, &message);
-                    self.out.witness.found(frame.utime, || Found::Recognised(now));
+                    self.out.observer.event(frame.utime, || EventKind::Recognised(now));
                 }
                 let Tracking { reacquisition, follower, object, recognised, .. } = &mut **t;
                 let skill = &self.config.skill;
@@ -519,7 +519,7 @@ impl<'q> Perception<'q> {
         let message = messages::prediction(&plan.prediction, model, stamps);
         self.out.send(channel::PREDICTION, &message);
         self.out.send(channel::PLAN, &robot_plan);
-        self.out.witness.found(t.utime, || Found::Predicted(plan.prediction.clone()));
+        self.out.observer.event(t.utime, || EventKind::Predicted(plan.prediction.clone()));
         let knots = robot_plan.plan.len();
         let streamed = self.orders.as_mut().map(|orders| match plan.motion() {
             Err(_) => "; not streamed: too many joints",

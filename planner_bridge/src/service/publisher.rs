@@ -1,8 +1,8 @@
 //! The thread that publishes: packets as they come, the status at least twice a second and at
 //! once when it changes.
 
-use super::log_limit::LogLimit;
-use super::witness::Witness;
+use super::log_rate_limit::LogRateLimit;
+use super::observer::Observer;
 use crate::channel;
 use crate::messages::STATUS_MESSAGE_SCHEMA;
 use linkage_driver::live::{LatestReader, LatestWriter, RecvError, host_utime};
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 pub struct Outbox {
     pub packets: LatestWriter<Packet>,
     pub notes: LatestWriter<Note>,
-    pub witness: Witness,
+    pub observer: Observer,
 }
 
 /// An encoded message.
@@ -76,9 +76,11 @@ impl Outbox {
     /// Tells something for the status.
     pub fn note(&self, note: Note) {
         match &note {
-            Note::Answer(answer) => self.witness.say(!answer.accepted, || harmless(&answer.text)),
+            Note::Answer(answer) => {
+                self.observer.message(!answer.accepted, || harmless(&answer.text))
+            }
             Note::Error(reason) | Note::Refused { reason, .. } => {
-                self.witness.say(true, || harmless(reason));
+                self.observer.message(true, || harmless(reason));
             }
             Note::Situation(_) | Note::Again(_) | Note::NotTaken(_) => {}
         }
@@ -101,9 +103,9 @@ pub struct Publisher {
     refused: u64,
     last_error: String,
     /// Which refusals of packets are logged.
-    refusal_log: LogLimit,
+    refusal_log: LogRateLimit,
     /// Which errors of the service itself are logged: a flood of refusals must not hide them.
-    error_log: LogLimit,
+    error_log: LogRateLimit,
     told: Option<Instant>,
     changed: bool,
 }
@@ -139,8 +141,8 @@ impl Publisher {
             answer: Answer::default(),
             refused: 0,
             last_error: String::new(),
-            refusal_log: LogLimit::default(),
-            error_log: LogLimit::default(),
+            refusal_log: LogRateLimit::default(),
+            error_log: LogRateLimit::default(),
             told: None,
             changed: false,
         }
