@@ -1,12 +1,12 @@
 //! The page about a demonstration: what was learned in words, what was refused, the motion in
 //! pictures, and the numbers at its end.
 
+use super::animation;
 use super::chart::{self, Curve, Ground};
 use super::draw::{Canvas, part_colour};
 use super::film_strip::{axes, configuration_at, film_strip};
 use super::layout::{self, facts, keys, part_style, vector};
 use super::overlay::lifted_outline;
-use super::reel;
 use super::spread;
 use super::tree::tree;
 use super::units::{angle, length, probability};
@@ -211,11 +211,15 @@ pub fn animation(
     demonstration: &Demonstration,
     appearance: Option<&Appearance>,
 ) -> anyhow::Result<Markup> {
-    let frames = film_strip(demonstration, appearance, reel::MOST_FRAMES, reel::WIDTH)?;
+    let frames = film_strip(demonstration, appearance, animation::MOST_FRAMES, animation::WIDTH)?;
     let opened = |i: &usize| frames[*i].opened;
     let still = (0..frames.len()).max_by(|a, b| opened(a).total_cmp(&opened(b))).unwrap_or(0);
     let pictures: Vec<ColorImage> = frames.into_iter().map(|f| f.picture).collect();
-    reel::reel(&pictures, still, "The motion as it was seen, with what was learned from it")
+    animation::animation(
+        &pictures,
+        still,
+        "The motion as it was seen, with what was learned from it",
+    )
 }
 
 fn strip(demonstration: &Demonstration, appearance: Option<&Appearance>) -> anyhow::Result<Markup> {

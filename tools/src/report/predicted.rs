@@ -1,12 +1,12 @@
 //! The page about a prediction: how each joint will move in words and over time, and where its part
 //! goes; or why nothing is predicted.
 
+use super::animation;
 use super::chart::{self, Curve, Ground};
 use super::draw::{Canvas, part_colour};
 use super::encountered::{in_words, numbers, overlaid};
 use super::layout::{self, facts};
 use super::overlay::{outline_of, surface};
-use super::reel;
 use super::units::{amount, length};
 use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
@@ -102,7 +102,7 @@ pub fn animation(
     prediction: &Prediction,
 ) -> anyhow::Result<Markup> {
     let longest = prediction.parts.iter().map(|p| p.poses.len()).max().unwrap_or(0);
-    let count = longest.min(reel::MOST_FRAMES);
+    let count = longest.min(animation::MOST_FRAMES);
     let outlines = outlines(frame, &object.appearance, &poses_at(prediction, 0.0))?;
     let mut pictures = Vec::new();
     for i in 0..count {
@@ -119,12 +119,12 @@ pub fn animation(
         for (i, joint) in recognised.joints.iter().enumerate() {
             canvas.axis(&joint.geometry(), part_colour(i + 1))?;
         }
-        canvas.shrink_to(reel::WIDTH)?;
+        canvas.shrink_to(animation::WIDTH)?;
         pictures.push(canvas.finish()?);
     }
     let caption = "The motion as predicted: dots are the learned surface, lines the outline of what is \
                    seen of it";
-    reel::reel(&pictures, pictures.len().saturating_sub(1), caption)
+    animation::animation(&pictures, pictures.len().saturating_sub(1), caption)
 }
 
 /// What is seen of a part at the start of its way.
