@@ -5,8 +5,7 @@
 //! that reading a recording costs the learner little.
 
 use crate::camera_file::read_camera_file;
-use crate::error::PictureFault;
-use crate::error::SourceError;
+use crate::error::{PictureFault, SourceError};
 use crate::image_file;
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;

@@ -8,8 +8,7 @@ use linkage_realtime::JointMotion;
 use linkage_skill::Pose;
 use linkage_skill::internals::Trajectory;
 use linkage_skill::learn::Demonstration;
-use linkage_skill::object::JointKind;
-use linkage_skill::object::{Joint, ObjectModel};
+use linkage_skill::object::{Joint, JointKind, ObjectModel};
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 
 /// Version of `linkage.model_t`: 2 has joints with a deviation and a reason.

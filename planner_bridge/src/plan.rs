@@ -5,12 +5,10 @@ use crate::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
 use crate::limits::{Rig, Safety};
 use crate::trajectory::{Knot, Task, TrajectoryError, knots, together};
 use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
-use linkage_skill::internals;
-use linkage_skill::object::JointKind;
-use linkage_skill::object::{Joint, ObjectModel};
+use linkage_skill::object::{Joint, JointKind, ObjectModel};
 use linkage_skill::predict::{PredictError, PredictionContext, Target};
 use linkage_skill::recognise::{JointState, Recognised};
-use linkage_skill::{Pose, pose_to_array};
+use linkage_skill::{Pose, internals, pose_to_array};
 use nalgebra::{Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
@@ -362,8 +360,9 @@ pub(crate) mod tests {
     use super::*;
     use crate::limits::Synchronisation;
     use linkage_skill::internals::covariance_rows;
-    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
-    use linkage_skill::object::{JointGeometry, JointKind};
+    use linkage_skill::object::{
+        Joint, JointGeometry, JointKind, MODEL_SCHEMA, Part, ReferenceFrame,
+    };
     use nalgebra::{Matrix6, Vector3};
 
     pub fn fridge() -> (ObjectModel, Recognised) {

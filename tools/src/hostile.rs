@@ -8,10 +8,9 @@ use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Request, Rig, messages, predict};
 use linkage_skill::ObjectModel;
 use linkage_skill::internals::Surfel;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::JointGeometry;
-use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
-use linkage_skill::object::{Provenance, StoredObject};
+use linkage_skill::object::{
+    Appearance, Joint, JointGeometry, MODEL_SCHEMA, Part, Provenance, ReferenceFrame, StoredObject,
+};
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 use nalgebra::{Point3, Vector3};

@@ -5,8 +5,7 @@
 //! is decoded or inflated.
 
 use crate::error::FrameError;
-use crate::jpeg;
-use crate::kinect;
+use crate::{jpeg, kinect};
 use flate2::Compression;
 use flate2::read::{ZlibDecoder, ZlibEncoder};
 use linkage_frames::camera::PinholeCamera;

@@ -1,10 +1,9 @@
 //! A demonstration that is over, learned and stored on a thread of its own, so that frames and
 //! commands are taken meanwhile and the service can stop at any moment.
 
-use crate::channel as on;
-use crate::messages;
 use crate::service::observer::EventKind;
 use crate::service::publisher::Outbox;
+use crate::{channel as on, messages};
 use linkage_driver::live::host_utime;
 use linkage_skill::internals::Track;
 use linkage_skill::object::Provenance;

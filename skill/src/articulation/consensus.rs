@@ -4,8 +4,7 @@ use super::pose_sample::PoseSample;
 use super::rest_state::State;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point3, UnitQuaternion, UnitVector3, Vector3};
-use rand::Rng;
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Draws of samples: with 30 % outliers all of 60 draws of three are spoilt once in 10^10 logs.

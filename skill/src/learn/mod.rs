@@ -164,8 +164,8 @@ impl Learner {
         tracing::debug!(of = marks.len(), kept = self.tracker.frames(), "frames forgotten");
     }
 
-    #[doc(hidden)]
     /// The tracker, for drawing what it follows.
+    #[doc(hidden)]
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
     }

@@ -3,13 +3,10 @@
 //! In: the path of an SQLite file, objects by name. Out: objects, names, revisions, or an error that
 //! says what is wrong with the file and what can be done.
 
-use super::contents;
 use super::error::{Fault, StoreError, explain};
 use super::file::{self, Absent, Opened};
-use super::inverted_index;
 use super::record::Record;
-use super::schema;
-use super::transaction;
+use super::{contents, inverted_index, schema, transaction};
 use crate::object::stored_object::StoredObject;
 use crate::recognise::retrieval::Words;
 use rusqlite::Connection;

@@ -3,11 +3,9 @@
 //! by what they did over time; the distance of an axis is taken where it is nearest to the part.
 
 use crate::truth::{TrueJoint, Truth};
-use linkage_skill::ObjectModel;
 use linkage_skill::internals::{distance_to_line, line_angle, nearest_on_line, orthonormal_basis};
-use linkage_skill::object::Joint;
-use linkage_skill::object::JointKind;
-use linkage_skill::pose_from_array;
+use linkage_skill::object::{Joint, JointKind};
+use linkage_skill::{ObjectModel, pose_from_array};
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use serde::Serialize;
 
@@ -252,8 +250,7 @@ fn line_distance_sq(truth: &TrueJoint, found: &Joint) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::JointGeometry;
-    use linkage_skill::object::ReferenceFrame;
+    use linkage_skill::object::{JointGeometry, ReferenceFrame};
     use nalgebra::UnitVector3;
 
     const FRAMES: usize = 40;

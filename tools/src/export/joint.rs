@@ -3,8 +3,7 @@
 use anyhow::bail;
 use linkage_planner_bridge::Rig;
 use linkage_skill::Pose;
-use linkage_skill::object::Joint;
-use linkage_skill::object::{JointGeometry, JointKind};
+use linkage_skill::object::{Joint, JointGeometry, JointKind};
 
 /// Damping where nothing is known: newton metre seconds a radian, newton seconds a metre.
 const DAMPING: [f64; 2] = [0.1, 1.0];

@@ -1,13 +1,9 @@
 //! The page of `linkage demo`: what was demonstrated, how it was recognised, how it will move. Each
 //! section links to the page with the details. The same is also made as one picture.
 
-use super::animation;
 use super::draw::{Canvas, side_by_side};
-use super::encountered;
 use super::film_strip::film_strip;
-use super::layout;
-use super::learned;
-use super::predicted;
+use super::{animation, encountered, layout, learned, predicted};
 use linkage_driver::{ColorImage, RgbdFrame};
 use linkage_planner_bridge::Prediction;
 use linkage_skill::Demonstration;

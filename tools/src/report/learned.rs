@@ -1,23 +1,20 @@
 //! The page about a demonstration: what was learned in words, what was refused, the motion in
 //! pictures, and the numbers at its end.
 
-use super::animation;
 use super::chart::{self, Curve, Ground};
 use super::draw::{Canvas, part_colour};
 use super::film_strip::{axes, configuration_at, film_strip};
 use super::layout::{self, facts, keys, part_style, vector};
 use super::overlay::lifted_outline;
-use super::spread;
 use super::tree::tree;
 use super::units::{angle, length, probability};
 use super::words::{self, Seen};
+use super::{animation, spread};
 use linkage_driver::{ColorImage, RgbdFrame, image_file};
 use linkage_planner_bridge::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
-use linkage_skill::Demonstration;
-use linkage_skill::Pose;
 use linkage_skill::internals::Track;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::{Joint, ObjectModel};
+use linkage_skill::object::{Appearance, Joint, ObjectModel};
+use linkage_skill::{Demonstration, Pose};
 use maud::{Markup, html};
 use nalgebra::{Point2, Point3, Vector3};
 use std::path::{Path, PathBuf};

@@ -34,8 +34,7 @@ fn branch(model: &ObjectModel, part: usize, depth: usize) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::JointGeometry;
-    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
+    use linkage_skill::object::{Joint, JointGeometry, MODEL_SCHEMA, Part, ReferenceFrame};
     use nalgebra::{Point3, Vector3};
 
     #[test]

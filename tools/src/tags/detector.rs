@@ -2,8 +2,7 @@
 
 use linkage_driver::RgbdFrame;
 use linkage_skill::Pose;
-use linkage_skill::internals::Gray;
-use linkage_skill::internals::{plane_through, rigid_fit};
+use linkage_skill::internals::{Gray, plane_through, rigid_fit};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use opencv::aruco;
 use opencv::core::{Mat, Point2f, Ptr, Vector};

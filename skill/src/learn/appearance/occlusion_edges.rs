@@ -3,8 +3,7 @@
 
 use super::part_labels::PosedFrame;
 use crate::math::rigid::orthonormal_basis;
-use crate::object::appearance::Edge;
-use crate::object::appearance::Surfel;
+use crate::object::appearance::{Edge, Surfel};
 use crate::object::model::{Joint, ObjectModel};
 use linkage_frames::RgbdFrame;
 use linkage_frames::depth::depth_tolerance;

@@ -3,11 +3,8 @@
 use super::question::Question;
 use crate::outcome::Outcome;
 use anyhow::{Context, anyhow};
-use linkage_skill::internals::ModelFeature;
-use linkage_skill::internals::median;
-use linkage_skill::internals::{Index, Words};
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
+use linkage_skill::internals::{Index, ModelFeature, Words, median};
+use linkage_skill::object::{Appearance, StoredObject};
 use linkage_skill::store::Store;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
