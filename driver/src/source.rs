@@ -86,7 +86,7 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
             let (url, channel) = with_channel(&rest);
             let (url, channel) = (url.to_owned(), channel.to_owned());
             let camera = Arc::new(camera_or(name, options, LCM_UNITS_PER_METRE));
-            let options = SourceOptions { live: options.live.patient(), ..options.clone() };
+            let options = SourceOptions { live: options.live.for_network(), ..options.clone() };
             live(name, &options, move || LcmCamera::open(&url, &channel, Arc::clone(&camera)))
         }
         "freenect" => {

@@ -154,7 +154,7 @@ impl Robot<'_> {
             Event::Loss { ticks, doubt } => {
                 self.lost_until_us = self.now_us + ticks * TICK_US;
                 let why = |lost: bool| if lost { Reason::ObjectLost } else { Reason::JointLost };
-                doubt.map(why).into_iter().for_each(|why| self.shared.frame_doubted(why));
+                doubt.map(why).into_iter().for_each(|why| self.shared.frame_rejected(why));
             }
             Event::Silence { ticks } => self.silent_until_us = self.now_us + ticks * TICK_US,
             Event::Stall { us } => self.now_us += us,

@@ -181,10 +181,10 @@ mod with {
         BufReader::new(viewer.stdout.take().expect("it is piped")).read_line(&mut line).unwrap();
         assert_eq!(line.trim(), "subscribed");
         let mut listener = Listener::new(network, "LINKAGE_STATUS");
-        let patience = Duration::from_secs(90);
-        let begun: Status = listener.wait("LINKAGE_STATUS", patience, |_| true);
+        let timeout = Duration::from_secs(90);
+        let begun: Status = listener.wait("LINKAGE_STATUS", timeout, |_| true);
         let is_later = |s: &Status| s.frames >= begun.frames + FRAMES_UNSEEN;
-        listener.wait::<Status>("LINKAGE_STATUS", patience, is_later);
+        listener.wait::<Status>("LINKAGE_STATUS", timeout, is_later);
         service.done(&["recognise", "drawer"]);
         assert!(service.resident_mib() < 600.0, "{} MiB", service.resident_mib());
         viewer.kill().and_then(|()| viewer.wait()).expect("it ran until now");

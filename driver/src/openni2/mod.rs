@@ -4,11 +4,11 @@
 mod sys;
 
 use crate::error::SourceError;
-use crate::gate::{Gate, Timeline};
 use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
+use crate::timestamp_filter::{Timeline, TimestampFilter};
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use linkage_frames::camera::PinholeCamera;
 use linkage_frames::depth::Registration;
@@ -75,7 +75,7 @@ pub struct OniRecording {
     device: Device,
     geometry: Geometry,
     pairing: Pairing<sys::Picture, sys::Picture>,
-    gate: Gate,
+    timestamps: TimestampFilter,
     delivered: u64,
     frames: usize,
     /// Number of the last picture read of each: playback may pass over some.
@@ -110,7 +110,7 @@ impl OniRecording {
             name,
             device,
             pairing: Pairing::new(DEFAULT_MAX_PAIR_GAP_US),
-            gate: Gate::new(Timeline::GoesOn),
+            timestamps: TimestampFilter::new(Timeline::Continuous),
             delivered: 0,
             frames,
             read: [0; 2],
@@ -161,13 +161,13 @@ impl RgbdSource for OniRecording {
                 Ok(frame) => {
                     // A recording has no other clock.
                     let arrival = frame.utime;
-                    if let Some(frame) = self.gate.pass(frame, arrival) {
+                    if let Some(frame) = self.timestamps.pass(frame, arrival) {
                         self.delivered += 1;
                         return Ok(Some(frame));
                     }
                 }
                 Err(reason) => {
-                    self.gate.statistics.damaged += 1;
+                    self.timestamps.statistics.damaged += 1;
                     tracing::warn!(source = self.name, reason, "damaged frame");
                 }
             }
@@ -189,7 +189,7 @@ impl RgbdSource for OniRecording {
             delivered: self.delivered,
             unpaired,
             largest_pair_gap_us,
-            ..self.gate.statistics
+            ..self.timestamps.statistics
         }
     }
 }

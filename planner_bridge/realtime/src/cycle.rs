@@ -116,7 +116,7 @@ mod tests {
     const CHANNEL: &str = "S";
 
     /// A clock that each sleep advances, and a network that remembers stamps and positions.
-    struct Pretended<'q> {
+    struct FakePort<'q> {
         now_us: u64,
         until_us: u64,
         /// The host's clock is behind by this until half of the time, and then right.
@@ -127,7 +127,7 @@ mod tests {
         sent: Vec<(i64, f64), 4096>,
     }
 
-    impl Port for Pretended<'_> {
+    impl Port for FakePort<'_> {
         fn monotonic_us(&mut self) -> u64 {
             self.now_us
         }
@@ -180,7 +180,7 @@ mod tests {
             NonZeroU64::new(1_000_000).unwrap(),
         );
         let sent = Vec::new();
-        let mut port = Pretended { now_us: 0, until_us, behind_us, busy_us, shared: &shared, sent };
+        let mut port = FakePort { now_us: 0, until_us, behind_us, busy_us, shared: &shared, sent };
         let report = cycle.run(&mut port);
         (port.sent, report)
     }

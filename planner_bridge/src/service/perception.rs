@@ -113,9 +113,9 @@ const POLL: Duration = Duration::from_millis(20);
 /// where it changes in figures alone.
 const TELL_EVERY: Duration = Duration::from_millis(450);
 /// A prediction whose object is not found for so long is refused.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// A prediction whose joint is not known for so long is refused: recognition is asked meanwhile.
-const JOINT_PATIENCE: Duration = Duration::from_secs(2);
+const JOINT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Time over which losses of frames are counted.
 const LOSSES_OVER: Duration = Duration::from_secs(3);
 /// Arrivals that the frame rate is taken over, and how old they may be.
@@ -504,7 +504,7 @@ impl<'q> Perception<'q> {
             &planned,
             Err(PlanError::Predict(PredictError::Unseen { .. }) | PlanError::Unclear { .. })
         );
-        if is_unclear && pending.since.elapsed() < JOINT_PATIENCE {
+        if is_unclear && pending.since.elapsed() < JOINT_TIMEOUT {
             t.pending = Some(pending);
             return;
         }
@@ -581,7 +581,7 @@ impl<'q> Perception<'q> {
             State::Watching(w) => {
                 let what = w.object.as_deref().unwrap_or("anything known");
                 let reason = match since {
-                    Some(since) if since < PATIENCE => format!(
+                    Some(since) if since < TIMEOUT => format!(
                         "{what} is not recognised: the best score is {:.2}, {threshold:.2} is needed",
                         w.best_refused
                     ),
@@ -599,7 +599,7 @@ impl<'q> Perception<'q> {
             }
             _ => return,
         };
-        if pending.as_ref().is_some_and(|p| p.since.elapsed() > PATIENCE)
+        if pending.as_ref().is_some_and(|p| p.since.elapsed() > TIMEOUT)
             && let Some(refused) = pending.take()
         {
             self.answer(refused.command, Err(reason));

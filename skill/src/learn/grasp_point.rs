@@ -4,7 +4,7 @@
 use super::keyframes::Keyframes;
 use super::tracking::Trajectory;
 use crate::math::rigid::Pose;
-use crate::math::robust::{median_point, without_strays};
+use crate::math::robust::{median_point, without_isolated};
 use linkage_frames::RgbdFrame;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -72,7 +72,7 @@ impl GraspEstimator<'_> {
             return None;
         }
         let cell = CELL_M * (moving[0].0 * middle).z.max(1.0);
-        let surface = without_strays(&self.surface, OUTLIER_M, OUTLIER_NEIGHBOURS);
+        let surface = without_isolated(&self.surface, OUTLIER_M, OUTLIER_NEIGHBOURS);
         let near = Cells::around(&surface, REACH_M, REACH_M / 2.0);
         let far = self.surface.iter().map(|p| way(&moving, p)).fold(0.0, f64::max);
         let (mut hand, mut own) = (Vec::new(), Vec::new());

@@ -12,7 +12,11 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
 }
 
 /// Points that more than so many others lie within `radius` of, themselves counted.
-pub fn without_strays(points: &[Point3<f64>], radius: f64, neighbours: usize) -> Vec<Point3<f64>> {
+pub fn without_isolated(
+    points: &[Point3<f64>],
+    radius: f64,
+    neighbours: usize,
+) -> Vec<Point3<f64>> {
     let near = |p: &Point3<f64>| points.iter().filter(|o| (*o - p).norm() < radius).count();
     points.iter().copied().filter(|p| near(p) > neighbours).collect()
 }

@@ -12,7 +12,7 @@ pub fn begin(connection: &Connection) -> rusqlite::Result<Transaction<'_>> {
 
 /// Tries again while another process that does the same has the file: SQLite itself does not wait
 /// where a reader becomes a writer.
-pub fn patiently(mut change: impl FnMut() -> rusqlite::Result<()>) -> rusqlite::Result<()> {
+pub fn with_retries(mut change: impl FnMut() -> rusqlite::Result<()>) -> rusqlite::Result<()> {
     let mut tries = 0;
     loop {
         match change() {

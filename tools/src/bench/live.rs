@@ -204,8 +204,8 @@ impl Live {
     }
 
     /// The status in which nothing more will become of a command.
-    pub fn done(&mut self, command: i64, patience: Duration) -> Outcome<Option<Status>> {
-        self.receive(channel::STATUS, patience, |s: &Status| {
+    pub fn done(&mut self, command: i64, timeout: Duration) -> Outcome<Option<Status>> {
+        self.receive(channel::STATUS, timeout, |s: &Status| {
             s.command_utime == command && s.command_done
         })
     }
@@ -214,11 +214,11 @@ impl Live {
     pub fn receive<M: Message>(
         &mut self,
         channel: &str,
-        patience: Duration,
+        timeout: Duration,
         mut wanted: impl FnMut(&M) -> bool,
     ) -> Outcome<Option<M>> {
         let start = Instant::now();
-        while start.elapsed() < patience {
+        while start.elapsed() < timeout {
             let packet = self.lcm.receive(Duration::from_millis(100))?;
             let Some(packet) = packet.filter(|p| p.channel == channel) else { continue };
             let message: M = decode(&packet.bytes)?;

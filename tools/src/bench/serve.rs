@@ -31,7 +31,7 @@ const TRIES: usize = 30;
 /// For so long setpoints are streamed.
 const STREAM_FOR: Duration = Duration::from_secs(60);
 /// Longest wait for an answer.
-const PATIENCE: Duration = Duration::from_secs(8);
+const TIMEOUT: Duration = Duration::from_secs(8);
 
 /// A demonstration that was learned while it went on.
 #[derive(Serialize)]
@@ -130,7 +130,7 @@ fn learn(scene: &str, take: &Path, work: &Path, config: &SkillConfig) -> Outcome
     })?;
     let finish = Instant::now();
     live.tell(Command::FINISH_DEMONSTRATION, "", "")?;
-    let model = live.receive(channel::MODEL, PATIENCE, |m: &Model| m.demonstrations > 0)?;
+    let model = live.receive(channel::MODEL, TIMEOUT, |m: &Model| m.demonstrations > 0)?;
     let finish_s = finish.elapsed().as_secs_f64();
     live.stop()?;
     let model = model.ok_or_else(|| anyhow!("{scene} was not learned"))?;
@@ -158,7 +158,7 @@ fn store_of(work: &Path, object: &StoredObject, objects: usize) -> Outcome<PathB
 
 /// Waits for a prediction: milliseconds since its frame was handed out.
 fn prediction(live: &mut Live, playing: &Playing) -> Outcome<Option<f64>> {
-    let prediction = live.receive(channel::PREDICTION, PATIENCE, |_: &Prediction| true)?;
+    let prediction = live.receive(channel::PREDICTION, TIMEOUT, |_: &Prediction| true)?;
     let handed_out = prediction.and_then(|p| playing.handed_out(p.utime));
     Ok(handed_out.map(|at| at.elapsed().as_secs_f64() * 1e3))
 }

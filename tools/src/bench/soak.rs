@@ -25,7 +25,7 @@ const ROWS: u32 = 12;
 /// A demonstration takes so long.
 const DEMONSTRATION: Duration = Duration::from_secs(6);
 /// Longest wait for what a command leads to.
-const PATIENCE: Duration = Duration::from_secs(8);
+const TIMEOUT: Duration = Duration::from_secs(8);
 
 /// Up to an instant.
 #[derive(Serialize)]
@@ -128,7 +128,7 @@ fn round(live: &mut Live, peak: &mut f64, unanswered: &mut u64) -> Outcome<Statu
         (Command::CANCEL, ""),
     ] {
         let command = live.tell(action, "", target)?;
-        let done = live.done(command, PATIENCE)?;
+        let done = live.done(command, TIMEOUT)?;
         *unanswered += u64::from(done.is_none());
         last = done.or(last);
         *peak = peak.max(resident_mib()?);

@@ -43,7 +43,7 @@ impl Receiver {
         let (socket, granted_buffer) = network.receiver()?;
         socket.set_read_timeout(Some(POLL))?;
         let shared = Arc::new(Shared::default());
-        let ear = Ear {
+        let ear = ReceiverThread {
             socket,
             shared: Arc::clone(&shared),
             own: network.own_addresses(),
@@ -91,7 +91,7 @@ impl Drop for Receiver {
 }
 
 /// What the thread owns.
-struct Ear {
+struct ReceiverThread {
     socket: UdpSocket,
     shared: Arc<Shared>,
     /// This host's addresses, where no other host is heard.
@@ -99,7 +99,7 @@ struct Ear {
     reassembly: Reassembly,
 }
 
-impl Ear {
+impl ReceiverThread {
     fn listen(mut self) {
         let mut buffer = vec![0; ROOM];
         while !self.shared.stop.load(Ordering::Relaxed) {

@@ -3,7 +3,7 @@
 use super::occupancy::Occupancy;
 use super::part_labels::{PosedFrame, belongs};
 use crate::learn::demonstration::Demonstration;
-use crate::math::robust::without_strays;
+use crate::math::robust::without_isolated;
 use nalgebra::Point3;
 
 /// A point is an outlier unless `STRAY_NEIGHBOURS` others lie this near, metres.
@@ -36,7 +36,7 @@ pub fn tracked_points(
         .chain(demonstration.plain_surface[part].iter().copied())
         .collect::<Vec<_>>();
     // One outlier would make the room around it part of the object.
-    without_strays(&points, STRAY_M, STRAY_NEIGHBOURS)
+    without_isolated(&points, STRAY_M, STRAY_NEIGHBOURS)
 }
 
 /// Median depth of the moving parts' features and plain surfaces, metres.

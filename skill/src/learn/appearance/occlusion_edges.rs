@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 const BEYOND_M: f64 = 0.04;
 /// Distance from the surface from which all places must be seen through, too, metres: depth frays at
 /// edges.
-const FRAYED_M: f64 = 0.03;
+const EDGE_MARGIN_M: f64 = 0.03;
 /// Directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
 /// Frames that must see through a place.
@@ -100,7 +100,7 @@ fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
         let towards = u * angle.cos() + v * angle.sin();
         let free = |distance: f64| free(views, s.part, &(surface + towards * distance), &normal);
         let (low, high) = free(BEYOND_M)?;
-        let (nearer_low, nearer_high) = free(FRAYED_M)?;
+        let (nearer_low, nearer_high) = free(EDGE_MARGIN_M)?;
         let (low, high) = (low.max(nearer_low), high.min(nearer_high));
         (low <= high).then(|| Edge {
             part: s.part,
