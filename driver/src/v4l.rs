@@ -1,8 +1,8 @@
 //! A colour and a depth device of V4L2 side by side (RealSense, Astra).
 //!
-//! Depth must come registered to colour, at one size: V4L2 tells nothing of lenses, so the
-//! camera is given (`--camera`), or Kinect defaults with depth in millimetres, which the first
-//! frames must bear out.
+//! Depth must come registered to colour, at one size: V4L2 tells nothing of lenses, so the camera
+//! is given (`--camera`), or Kinect defaults with depth in millimetres, which the first frames must
+//! confirm.
 
 use crate::error::SourceError;
 use crate::jpeg;

@@ -1,4 +1,4 @@
-//! The other end of the service: sends a command and waits for what becomes of it.
+//! The other end of the service: sends a command and waits for its result.
 
 use crate::channel;
 use crate::service::{COMMAND_SCHEMA, CommandKey};

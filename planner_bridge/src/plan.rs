@@ -343,7 +343,7 @@ impl<'e> Ways<'e> {
         Ok(vec![self.path(part, &camera_from_part.inverse_transform_point(&grasp))])
     }
 
-    /// The way of a point of a part.
+    /// The path of a point of a part.
     fn path(&self, part: usize, point: &Point3<f64>) -> PlannedPart {
         let to_point = Translation3::from(point.coords);
         let pose = |(t, camera_from_parts): &(f64, Vec<Pose>)| {

@@ -76,7 +76,7 @@ fn flow(criterion: &mut Criterion) {
         Picture::new(gray, FlowMethod::LucasKanade).expect("a picture made ready")
     };
     let previous = picture(&grays[0]);
-    // The last frame's pyramid is at hand; the new one's is not.
+    // The last frame's pyramid is available; the new one's is not.
     group.bench_function("ours", |b| {
         b.iter(|| previous.predict(&picture(&grays[1]), black_box(&points)).expect("a flow"));
     });

@@ -257,7 +257,7 @@ struct Shown {
     console: Vec<String>,
 }
 
-/// Shows a page in a headless Chromium; `None`, said aloud, where there is none.
+/// Shows a page in a headless Chromium; `None`, with a message, where there is none.
 fn shown(page: &Path) -> Option<Shown> {
     if !Command::new("chromium").arg("--version").output().is_ok_and(|o| o.status.success()) {
         eprintln!("ignored: there is no chromium on PATH; apt-get install chromium");

@@ -1,5 +1,5 @@
-//! Models that somebody else wrote, or that damage made: each is refused as it is read, or harms
-//! nothing that works with models.
+//! Models from other programs, and damaged ones: each is refused as it is read, or harms nothing
+//! that works with models.
 
 use crate::export::{Description, mjcf, sdf, urdf, usd};
 use crate::report::{Asked, prediction_page, recognition_page, save_prediction_picture, summary};
@@ -162,7 +162,7 @@ fn frame() -> RgbdFrame {
     RgbdFrame::new(1, Arc::new(camera), color, depth).unwrap()
 }
 
-/// Does with a model whatever is done with one that was read. Errors are answers.
+/// Uses a model in every way in which models from files are used. Errors are answers.
 fn use_it(model: ObjectModel, scratch: &Path) {
     let found = recognised(&model);
     assert!(model.joints.is_empty() || !summary(&model).is_empty());

@@ -18,7 +18,7 @@ const SETTLING: usize = 5;
 
 /// How often it is told that a live camera is silent.
 const TOLD_EVERY: Duration = Duration::from_secs(5);
-/// Longest wait for a frame without a look whether to stop.
+/// Longest wait for a frame before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(100);
 
 /// Opens a source. A signal ends it, as if it were a recording that is over; what that means is

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Columns and rows of both cameras' pictures.
 pub const SIZE: (usize, usize) = (640, 480);
 
-/// Pictures that wait to be taken; more push out the oldest.
+/// Pictures that wait to be taken; when more come, the oldest are dropped.
 const WAITING: usize = 8;
 
 /// What a camera of the device has delivered.

@@ -59,7 +59,7 @@ pub type Opener = dyn FnMut() -> Result<Box<dyn Camera>, SourceError> + Send;
 /// How a live camera is watched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LiveConfig {
-    /// Frames that wait to be taken; more push out the oldest.
+    /// Frames that wait to be taken; when more come, the oldest are dropped.
     pub queue: usize,
     /// Silence after which the camera is closed and opened again.
     pub stall: Duration,
@@ -96,7 +96,7 @@ pub struct LiveSource {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Longest wait for a frame before the thread looks whether it is to stop.
+/// Longest wait for a frame before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(100);
 
 /// How long a reader waits at a time; it is woken as soon as there is something.

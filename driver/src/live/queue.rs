@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-/// A queue with room for so many, at least one; when it is full the oldest gives way to a new one.
+/// A queue with room for so many, at least one; when it is full, a new one replaces the oldest.
 pub fn latest<T>(capacity: usize) -> (LatestWriter<T>, LatestReader<T>) {
     let (sender, receiver) = bounded(capacity.max(1));
     let dropped = Arc::new(AtomicU64::new(0));
@@ -74,7 +74,7 @@ impl<T> LatestReader<T> {
         })
     }
 
-    /// How many gave way.
+    /// How many were dropped.
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }
@@ -128,7 +128,7 @@ impl FrameWriter {
         }
     }
 
-    /// Frames that gave way to newer ones.
+    /// Frames that were dropped for newer ones.
     pub fn dropped(&self) -> u64 {
         self.frames.dropped.load(Ordering::Relaxed)
     }

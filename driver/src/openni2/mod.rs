@@ -32,7 +32,7 @@ impl OpenNi2Camera {
     /// Opens a device by its URI; the first one where it is empty.
     ///
     /// # Errors
-    /// [`SourceError::Device`] with the library's own words and what to do.
+    /// [`SourceError::Device`] with the library's own error and what to do.
     pub fn open(uri: &str, camera: Option<&PinholeCamera>) -> Result<Self, SourceError> {
         let failed = |reason| SourceError::Device { name: format!("openni2:{uri}"), reason };
         let device = Device::open(uri).map_err(|e| {
@@ -204,8 +204,8 @@ struct Geometry {
 }
 
 impl Geometry {
-    /// What a device tells of itself; the camera is the one that is given, if one is. Whatever
-    /// is assumed is said aloud.
+    /// What a device tells of itself; the camera is the one that is given, if one is. Whatever is
+    /// assumed is logged.
     fn of(device: &Device, camera: Option<&PinholeCamera>, name: &str) -> Result<Self, String> {
         let told = || camera_of(device.optics(Sensor::Color), "colour");
         let camera = camera.cloned().map_or_else(told, Ok)?;

@@ -424,7 +424,7 @@ fn get<T: Copy>(stream: ffi::OniStreamHandle, property: c_int) -> Option<T> {
     }
 }
 
-/// The library's words about its last failure on this thread.
+/// The library's text about its last failure on this thread.
 fn last_error() -> String {
     // SAFETY: the library returns a NUL-terminated string that lives until its next call.
     let words = unsafe { text(ffi::oniGetExtendedError()) };

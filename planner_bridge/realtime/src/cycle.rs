@@ -31,7 +31,7 @@ pub struct StreamReport {
     pub failed: u64,
 }
 
-/// Longest wait without a look whether to end, microseconds.
+/// Longest wait before the loop checks whether it is to end, microseconds.
 const LONGEST_SLEEP_US: u64 = 50_000;
 
 /// Sends setpoints at a fixed rate.

@@ -1,4 +1,4 @@
-//! The planner's end of a stream: what is commanded, what is to follow, and what became of it.
+//! The planner's end of a stream: what is commanded, what is to follow, and the result of it.
 
 use crate::motion::{JointMotion, Motion};
 use crate::reason::{Reason, Refusal};
@@ -147,7 +147,7 @@ impl<'q> Orders<'q> {
         self.shared.cancel(self.newest, why);
     }
 
-    /// What became of an order since this was asked last.
+    /// The result of an order since this was asked last.
     pub fn poll(&mut self) -> Option<Notice> {
         let status = self.shared.status()?;
         if status.ends != self.ends_told {

@@ -82,10 +82,10 @@ pub enum Fault {
     /// A name that cannot be.
     #[error("its {0} must have 1 to {MAX_NAME} bytes and no control characters")]
     Name(&'static str),
-    /// A target that is none.
+    /// A target that is not valid.
     #[error(transparent)]
     Target(#[from] PredictError),
-    /// A grasp that is no point.
+    /// A grasp that is not a point.
     #[error("its grasp is not finite")]
     Grasp,
     /// The sender may not command, or not any more.
@@ -165,7 +165,7 @@ pub struct Listener {
     dispatcher: Dispatcher,
 }
 
-/// Longest wait for a packet without a look whether to stop.
+/// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
 
 impl Listener {
@@ -264,9 +264,9 @@ impl Dispatcher {
     }
 }
 
-/// Time between two tellings of refusals, or of repeats: a flood of them is a few notes.
+/// Time between two reports of refusals, or of repeats: a flood of them is a few notes.
 const TELL_EVERY: Duration = Duration::from_millis(50);
-/// Commands of which one telling speaks by name.
+/// Commands that one report names.
 const TOLD_BY_NAME: usize = 8;
 
 /// Refusals since they were told last.

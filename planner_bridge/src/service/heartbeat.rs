@@ -14,9 +14,9 @@ const SCHEMA: i32 = 1;
 /// A heartbeat whose stamp is farther than this from the host's clock is none, microseconds: it may
 /// come from a log that is played back.
 const GREATEST_OFFSET_US: u64 = 1_000_000;
-/// Longest wait for a packet without a look whether to stop.
+/// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
-/// Time between two tellings of packets that are no heartbeat.
+/// Time between two reports of packets that are no heartbeat.
 const TELL_EVERY: Duration = Duration::from_millis(500);
 
 pub struct HeartbeatListener<'q> {

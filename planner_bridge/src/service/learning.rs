@@ -142,7 +142,7 @@ fn with_losses(learned: Result<Learned, String>, lost: Option<String>) -> Result
 }
 
 impl Learning {
-    /// What came of it, once it is over.
+    /// Its result, once it is over.
     pub fn poll(&self) -> Option<Result<Learned, String>> {
         match self.result.try_recv() {
             Ok(result) => Some(result),

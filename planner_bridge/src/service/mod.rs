@@ -78,11 +78,11 @@ pub struct ServiceReport {
     pub stream: Option<StreamReport>,
 }
 
-/// Frames that wait for perception; more push out the oldest.
+/// Frames that wait for perception; when more come, the oldest are dropped.
 const WAITING_FRAMES: usize = 8;
 /// Commands that wait for it; more are refused.
 const WAITING_COMMANDS: usize = 16;
-/// Packets that wait to be published; more push out the oldest.
+/// Packets that wait to be published; when more come, the oldest are dropped.
 const WAITING_PACKETS: usize = 64;
 
 /// Serves until `stop` is set.

@@ -74,7 +74,7 @@ struct Watching {
     /// Any where none is named.
     object: Option<String>,
     pending: Option<Pending>,
-    /// Best score so far of what was not believed.
+    /// Best score so far of what was not accepted.
     best_refused: f64,
     /// Frames that were searched.
     searched: usize,
@@ -107,10 +107,10 @@ struct Pending {
     since: Instant,
 }
 
-/// Longest wait for a frame without a look at commands.
+/// Longest wait for a frame before commands are read.
 const POLL: Duration = Duration::from_millis(20);
-/// Time between two tellings of what is believed while a demonstration runs, and of the situation
-/// where it changes in figures alone.
+/// Time between two reports of the current estimate while a demonstration runs, and of the
+/// situation where it changes in figures alone.
 const TELL_EVERY: Duration = Duration::from_millis(450);
 /// A prediction whose object is not found for so long is refused.
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -172,7 +172,7 @@ impl<'q> Perception<'q> {
         self.inbox.frames.dropped() + self.inbox.lost.count()
     }
 
-    /// Tells what became of a command.
+    /// Tells the result of a command.
     fn answer(&self, command: i64, result: Result<String, String>) {
         let accepted = result.is_ok();
         let text = result.unwrap_or_else(|reason| reason);

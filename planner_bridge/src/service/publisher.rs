@@ -29,7 +29,7 @@ pub struct Packet {
 pub enum Note {
     /// What perception is doing.
     Situation(Situation),
-    /// What became of a command.
+    /// The result of a command.
     Answer(Answer),
     /// A command came again: its answer is given again.
     Again(i64),
@@ -54,12 +54,12 @@ pub struct Situation {
     pub joints: Vec<(&'static str, f64)>,
 }
 
-/// What became of a command.
+/// The result of a command.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Answer {
     pub utime: i64,
     pub accepted: bool,
-    /// Nothing more will become of it.
+    /// It is finished.
     pub done: bool,
     pub text: String,
 }
@@ -112,7 +112,8 @@ pub struct Publisher {
 
 /// Answers that are remembered.
 const REMEMBERED: usize = 256;
-/// Answers that wait for a status; more push out the oldest, which its sender asks for again.
+/// Answers that wait for a status; when more come, the oldest are dropped, and their senders ask
+/// again.
 const UNTOLD: usize = 64;
 /// Longest wait for a packet, so for a change to be told.
 const POLL: Duration = Duration::from_millis(5);

@@ -46,7 +46,7 @@ impl Reacquisition {
     /// the object is in it.
     ///
     /// # Errors
-    /// The system's word when a thread cannot be started.
+    /// The error of the operating system when a thread cannot be started.
     pub fn ask(
         &mut self,
         follower: &Follower,

@@ -21,7 +21,7 @@ use thread_priority::{
 /// A stream that cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
-    /// A rate that is none.
+    /// A rate that is not valid.
     #[error("{hz} setpoints a second cannot be streamed: 1 to 2000 can")]
     Rate {
         /// As asked.
@@ -35,7 +35,7 @@ pub enum StreamError {
         /// Why.
         source: NetworkError,
     },
-    /// The system's word.
+    /// The error of the operating system.
     #[error("setpoints cannot be sent: {0}")]
     Socket(#[from] std::io::Error),
     /// What this socket sends is not heard.
@@ -240,7 +240,7 @@ impl<'q> Orders<'q> {
         self.shared.frame_rejected(Reason::ObjectLost);
     }
 
-    /// What became of an order since this was asked last.
+    /// The result of an order since this was asked last.
     pub fn poll(&mut self) -> Option<Notice> {
         self.orders.poll()
     }

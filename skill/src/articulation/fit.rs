@@ -96,8 +96,8 @@ impl Problem<'_> {
             if best.is_none_or(|(likelihood, _)| found.0 > likelihood) { Some(found) } else { best }
         };
         let mut best = self.starts(kind).into_iter().fold(None, better);
-        // Initial states from all samples are wrong where outliers lie far away; one from few samples is
-        // not.
+        // Initial states from all samples are wrong where outliers lie far away; one from few
+        // samples is not.
         if best.is_none_or(|(_, state)| self.has_outliers(&state)) {
             best = self.start_by_consensus(kind).into_iter().fold(best, better);
         }

@@ -71,7 +71,8 @@ impl Plane {
         plane
     }
 
-    /// Every other pixel of every other row; `None` where a side would have no more than `least` pixels.
+    /// Every other pixel of every other row; `None` where a side would have no more than `least`
+    /// pixels.
     pub fn halved(&self, least: usize) -> Option<Self> {
         let (width, height) = (self.width / 2, self.height / 2);
         if width.min(height) <= least {

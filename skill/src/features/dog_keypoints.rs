@@ -1,6 +1,6 @@
 //! Keypoints: extrema of differences of Gaussians over place and scale, with the directions of
 //! their gradients (Lowe 2004). Loops over rows are as wide as the processor allows, with the same
-//! results on all; Debian's OpenCV takes half as long again (`benches/frame.rs`).
+//! results on all; Debian's OpenCV takes 1.5 times as long (`benches/frame.rs`).
 
 use super::blurred_plane::{Plane, ROWS};
 use super::orientation::{BINS, peaks};

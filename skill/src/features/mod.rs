@@ -116,7 +116,7 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     /// Finds them where `wanted` says so (by pixel).
     ///
     /// # Errors
-    /// Whatever the vision library says.
+    /// The error of the vision library.
     pub fn new(frame: &RgbdFrame, density: FeatureDensity, wanted: W) -> opencv::Result<Self> {
         let gray = Gray::from_color(&frame.color)?;
         let found = detect(&gray, density, &wanted)?;
@@ -126,7 +126,7 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     /// Describes them, both ways, and those of slanted surfaces as from the front.
     ///
     /// # Errors
-    /// Whatever the vision library says.
+    /// The error of the vision library.
     pub fn describe(
         &self,
         frame: &RgbdFrame,
@@ -229,7 +229,7 @@ fn strongest<T>(
     cells
 }
 
-/// A feature but for its descriptor, and the patch of the picture that this is of.
+/// A feature except for its descriptor, and the patch of the picture that this is of.
 #[derive(Clone)]
 struct Asked {
     feature: DescribedFeature,

@@ -70,7 +70,7 @@ impl RectifiedViews {
     /// Keypoints on the surfaces that are faced, by view; `detect` finds them in a picture.
     ///
     /// # Errors
-    /// Whatever the vision library says.
+    /// The error of the vision library.
     pub fn keypoints(
         &self,
         gray: &Gray,

@@ -176,7 +176,7 @@ impl Learner {
     }
 
     /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
-    /// demonstration believes in. How long that part is depends on how fast this machine is.
+    /// demonstration has accepted. How long that part is depends on how fast this machine is.
     #[must_use]
     pub fn current_estimate(&self, object: &str) -> ObjectModel {
         let joints = self.background.current_estimate();

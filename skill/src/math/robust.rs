@@ -1,4 +1,4 @@
-//! Statistics that a few wrong values do not spoil, and others over lists of places.
+//! Robust statistics, and other statistics of lists of points.
 
 use nalgebra::Point3;
 
@@ -11,7 +11,8 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Points that more than so many others lie within `radius` of, themselves counted.
+/// Points that have more than `neighbours` points within `radius`, themselves counted (radius
+/// outlier removal).
 pub fn without_isolated(
     points: &[Point3<f64>],
     radius: f64,

@@ -175,7 +175,7 @@ impl Library {
         self.recognise_listed(scene, listed, config, seed)
     }
 
-    /// The same of given objects, but for those that were taken out of the store meanwhile.
+    /// The same of given objects, except for those that were taken out of the store meanwhile.
     ///
     /// # Errors
     /// As [`Self::recognise`].

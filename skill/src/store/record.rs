@@ -8,7 +8,7 @@ use crate::object::stored_object::{Provenance, StoredObject};
 
 /// Largest coordinate of a place on an object, and largest feature, metres.
 const LARGEST_PLACE: f32 = 1e4;
-/// Longest normal: unit vectors, but for rounding; zero where unknown.
+/// Longest normal: unit vectors, except for rounding; zero where unknown.
 const LONGEST_NORMAL: f32 = 1.01;
 /// Largest value of a colour in CIE L*a*b*.
 const LARGEST_COLOUR: f32 = 1e3;

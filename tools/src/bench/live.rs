@@ -203,7 +203,7 @@ impl Live {
         Ok(command.utime)
     }
 
-    /// The status in which nothing more will become of a command.
+    /// The status in which a command is finished.
     pub fn done(&mut self, command: i64, timeout: Duration) -> Outcome<Option<Status>> {
         self.receive(channel::STATUS, timeout, |s: &Status| {
             s.command_utime == command && s.command_done

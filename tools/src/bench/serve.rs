@@ -1,4 +1,4 @@
-//! The live skill under the clock: from the end of a demonstration to its model on the wire; from a
+//! Latencies of the live skill: from the end of a demonstration to its model on the wire; from a
 //! frame to its prediction there, with few and with many objects known; and how well the stream of
 //! setpoints keeps its time while perception works.
 

@@ -1,6 +1,6 @@
 //! A service that is used for long: a recording is played before it again and again while it is
 //! told to learn, to recognise, to predict, to stream, and to another target in the middle of that.
-//! Beside it somebody sends what nobody should. Its memory must not grow, no setpoint may jump, and
+//! Meanwhile a thread sends invalid datagrams. Its memory must not grow, no setpoint may jump, and
 //! every command is answered.
 
 use super::disturb::Disturbing;

@@ -15,7 +15,7 @@ const TAKEN: &[&str] = &["world", "world_to_base"];
 /// is.
 ///
 /// # Errors
-/// Whatever the writer says.
+/// The error of the writer.
 pub fn sdf(of: &Description) -> anyhow::Result<String> {
     let of = &legal(of, legal_name, TAKEN);
     let version = if of.joints.iter().any(Hinge::is_screw) { "1.10" } else { "1.9" };

@@ -20,8 +20,8 @@ const MOST_BYTES: usize = 500_000;
 /// Time for which a picture is shown, seconds.
 const FRAME_S: f64 = 0.16;
 
-/// An animation. The picture with the number `still` is the one that is printed. Empty where there are no
-/// pictures.
+/// An animation. The picture with the number `still` is the one that is printed. Empty where there
+/// are no pictures.
 pub fn animation(frames: &[ColorImage], still: usize, caption: &str) -> anyhow::Result<Markup> {
     let pictures: Vec<Vec<u8>> = frames
         .iter()

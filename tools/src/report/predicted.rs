@@ -19,7 +19,7 @@ use maud::{Markup, html};
 use nalgebra::Point3;
 use std::path::Path;
 
-/// Outlines drawn along the way of a part.
+/// Outlines drawn along the path of a part.
 const OUTLINES: usize = 9;
 
 /// A page about a prediction, or about why there is none.
@@ -126,7 +126,7 @@ pub fn animation(
     animation::animation(&pictures, pictures.len().saturating_sub(1), caption)
 }
 
-/// What is seen of a part at the start of its way.
+/// What is seen of a part at the start of its path.
 struct Outlined {
     part: usize,
     /// Its outline in the camera frame, metres.
@@ -134,7 +134,7 @@ struct Outlined {
     camera_from_part: Pose,
 }
 
-/// What is seen of parts at the start of their way.
+/// What is seen of parts at the start of their path.
 fn outlines(
     frame: &RgbdFrame,
     appearance: &Appearance,
@@ -150,7 +150,7 @@ fn outlines(
     Ok(all)
 }
 
-/// `camera_from_part` of the parts that move, at a share of their way.
+/// `camera_from_part` of the parts that move, at a share of their path.
 fn poses_at(prediction: &Prediction, share: f64) -> Vec<Option<Pose>> {
     let parts = prediction.parts.iter().map(|p| p.part + 1).max().unwrap_or(0);
     let mut poses = vec![None; parts];

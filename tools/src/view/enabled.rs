@@ -1,4 +1,4 @@
-//! An open view: messages go into a file, to whoever looks on, or both.
+//! An open view: messages go into a file, to connected viewers, or both.
 
 use super::cloud::{Dot, cloud};
 use super::convert::{nanoseconds, pose, timestamp};
@@ -24,7 +24,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Messages that wait for a viewer; more push out the oldest.
+/// Messages that wait for a viewer; when more come, the oldest are dropped.
 const BACKLOG: usize = 64;
 /// Size of a chunk of the file, bytes.
 const CHUNK_BYTES: u64 = 16 << 20;
@@ -136,7 +136,7 @@ impl View {
         self.topics.log.log_with_time(&line, nanoseconds(utime));
     }
 
-    /// Ends a file and sends viewers away.
+    /// Finishes the file and disconnects the viewers.
     pub fn close(self) -> Outcome {
         if let Some(server) = self.server {
             // Viewers that are slow are not waited for.

@@ -1,7 +1,8 @@
 //! Frames and results for Foxglove and rerun: an MCAP file, or a WebSocket server for a live viewer.
 //!
-//! It is built with `--features view`; without the feature, `--mcap` and `--view` are errors. Messages are Foxglove's
-//! own schemas, in metres and radians, and bear the time stamps of the frames that they are about.
+//! It is built with `--features view`; without the feature, `--mcap` and `--view` are errors.
+//! Messages are Foxglove's own schemas, in metres and radians, and bear the time stamps of the
+//! frames that they are about.
 
 mod wanted;
 mod watched;

@@ -1,4 +1,5 @@
-//! Joints as lines in space: the axis, the way of the part over its range, and where on it the part is.
+//! Joints as lines in space: the axis, the path of the part over its range, and where on it the
+//! part is.
 
 use super::convert::{colour, place, pose, timestamp, translation_and_rotation};
 use super::pictures::CAMERA;

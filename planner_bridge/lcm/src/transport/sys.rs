@@ -11,7 +11,7 @@ mod ffi {
     include!(concat!(env!("OUT_DIR"), "/liblcm.rs"));
 }
 
-/// Packets that wait at most; more push out the oldest.
+/// Packets that wait at most; when more come, the oldest are dropped.
 const MAX_WAITING: usize = 1024;
 /// liblcm waits with `select`, which aborts the program for descriptors from here on.
 const SELECT_LIMIT: c_int = 1024;

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// Room for any datagram, bytes.
 const ROOM: usize = 1 << 16;
-/// Longest wait for a datagram before the thread looks whether it is to stop.
+/// Longest wait for a datagram before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(20);
 
 /// Hears a network until it is dropped.

@@ -2,10 +2,10 @@
 //! light from frame to frame. If the colours were only averaged, a piece of the door that is seen only
 //! in early frames would become brighter than the piece beside it, and the door would look textured.
 //!
-//! The colour of a piece in a keyframe is its albedo plus the shading of its face in that keyframe; both
-//! are estimated by least squares, alternately. What still differs between the keyframes (shadows,
-//! highlights, pose errors) is noise: a Wiener filter removes from the differences between neighbouring
-//! pieces what this noise explains, so that recognition does not look for it.
+//! The colour of a piece in a keyframe is its albedo plus the shading of its face in that keyframe;
+//! both are estimated by least squares, alternately. What still differs between the keyframes
+//! (shadows, highlights, pose errors) is noise: a Wiener filter removes from the differences
+//! between neighbouring pieces what this noise explains, so that recognition does not look for it.
 
 use nalgebra::Vector3;
 use std::collections::HashMap;

@@ -13,8 +13,8 @@ use std::f64::consts::TAU;
 
 /// How far beyond a piece of surface the place lies that must be seen through, metres.
 const BEYOND_M: f64 = 0.04;
-/// Distance from the surface from which all places must be seen through, too, metres: depth frays at
-/// edges.
+/// Distance from the surface from which all places must be seen through, too, metres: depth is
+/// unreliable at edges.
 const EDGE_MARGIN_M: f64 = 0.03;
 /// Directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
@@ -25,7 +25,7 @@ const MAX_PASSING: f64 = 0.1;
 /// Least cosine between a surface and the viewing ray of a picture that shows it.
 const LEAST_COSINE: f64 = 0.3;
 
-/// At most `per_part` edges of each part's surface, whose order stands for none of it.
+/// At most `per_part` edges of each part's surface, which comes in random order.
 pub fn edges(
     posed: &[PosedFrame],
     surface: &[Surfel],

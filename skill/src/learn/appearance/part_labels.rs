@@ -173,10 +173,10 @@ fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
 /// contradict: a surface is hardly ever seen through, but a hand that holds it is, before it comes
 /// and after it has left.
 ///
-/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the
-/// frame that the place was seen in, and its luma there: a surface that slides in its own plane
-/// agrees in depth with any claim, but shows another place of its pattern. Where the part has turned
-/// and the surface lies at the place of this claim alone, the luma may differ: a door that turns reflects
+/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the frame
+/// that the place was seen in, and its luma there: a surface that slides in its own plane agrees in
+/// depth with any claim, but shows another place of its pattern. Where the part has turned and the
+/// surface lies at the place of this claim alone, the luma may differ: a door that turns reflects
 /// more or less light.
 fn support(
     frames: &[PosedFrame],

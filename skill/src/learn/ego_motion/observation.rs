@@ -7,9 +7,9 @@ use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 
 /// Share of the coarse noise of a lifted feature that a track's has.
 const TRACKED_SHARE: f64 = 0.7;
-/// Least way of what has moved, metres.
+/// Smallest travel of what has moved, metres.
 const MOVED_M: f64 = 0.012;
-/// Least way of what has moved, in standard deviations.
+/// Smallest travel of what has moved, in standard deviations.
 const MOVED_SIGMAS: f64 = 3.0;
 
 /// One observation of a track in the frame of the base, or of a part.

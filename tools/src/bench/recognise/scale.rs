@@ -148,7 +148,7 @@ fn times(
     Ok(StoreTimes { opening, first_shortlist: *first, shortlist, insertion })
 }
 
-/// What comes of it, and after how many milliseconds.
+/// Its result, and after how many milliseconds.
 fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let result = run();
