@@ -177,7 +177,7 @@ fn with_channel(name: &str) -> (&str, &str) {
     }
 }
 
-/// The camera that is given, or a Kinect whose depth has so many units in a metre.
+/// The camera that is given, or a Kinect whose depth has this many units in a metre.
 fn camera_or(source: &str, options: &SourceOptions, units: f64) -> PinholeCamera {
     options.camera.clone().unwrap_or_else(|| {
         let camera = PinholeCamera { depth_units_per_metre: units, ..PinholeCamera::kinect() };

@@ -259,7 +259,7 @@ pub struct ListEntry<'t> {
 /// Largest time stamp that is seconds; Unix time in milliseconds, microseconds or nanoseconds
 /// lies above. The year 5138.
 const MAX_SECONDS: f64 = 1e11;
-/// A recording of at least so many pictures, this far apart in the median, is in other units.
+/// A recording of at least this many pictures, this far apart in the median, is in other units.
 const ENOUGH_STEPS: usize = 10;
 const LONGEST_STEP_US: i64 = 10_000_000;
 

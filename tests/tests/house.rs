@@ -273,7 +273,7 @@ fn reached_from<'i>(file: &PathBuf, imports: &'i Imports) -> BTreeSet<&'i PathBu
     reached
 }
 
-/// A made-up package: the circles among its files, by their paths in `src`.
+/// A synthetic package: the circles among its files, by their paths in `src`.
 fn circles_of(made_up: &[(&str, &str)]) -> Vec<Vec<String>> {
     let folder = tempfile::tempdir().unwrap();
     for (path, text) in made_up {

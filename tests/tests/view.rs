@@ -1,8 +1,8 @@
-//! What the skill sees and thinks, read by programs that we did not write: an MCAP file by the
-//! library of its makers, a running service by a WebSocket client.
+//! Frames and results as other programs read them: an MCAP file with the library of the format's
+//! authors, a running service with a WebSocket client.
 //!
-//! They are of the program with the feature `view` (`cargo test -p linkage-tests --features view
-//! --test view`); without it, who asks for a view is told how to build it.
+//! They need the program with the feature `view` (`cargo test -p linkage-tests --features view --test
+//! view`); without it, a test checks that `--mcap` and `--view` say how to build it.
 
 #[cfg(not(feature = "view"))]
 mod without {

@@ -29,8 +29,8 @@ pub enum CameraError {
         /// What it must be.
         needed: &'static str,
     },
-    /// Distortion that gives two places of the picture one line of sight, or one of them none,
-    /// or one far from where it is without.
+    /// Distortion that cannot be undone: two pixels have one line of sight, a pixel has none, or
+    /// distortion moves it too far.
     #[error(
         "camera distortion cannot be undone at column {u:.0}, row {v:.0}: \
          it must be OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 of this picture's size and focal length"

@@ -21,7 +21,7 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Of a matrix of so many columns, row by row.
+    /// Of a matrix of this many columns, row by row.
     fn of_matrix(m: &[f64], columns: usize) -> Self {
         let (fy, cy) = (m[columns + 1], m[columns + 2]);
         Self { fx: m[0], fy, cx: m[2], cy, ..Self::default() }

@@ -55,7 +55,7 @@ enum DepthView {
     Registered,
     /// Another camera saw it.
     Other(Registration),
-    /// The same camera saw it in so many larger pixels.
+    /// The same camera saw it in this many larger pixels.
     Coarse((usize, usize)),
 }
 

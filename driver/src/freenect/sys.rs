@@ -164,7 +164,7 @@ impl Device {
         self.playback
     }
 
-    /// Lets the library work until something happens, at most so long.
+    /// Lets the library work until something happens, at most this long.
     pub fn process_events(&mut self, timeout: Duration) -> Result<(), CameraFault> {
         let mut timeout = ffi::timeval {
             tv_sec: timeout.as_secs() as i64,

@@ -311,7 +311,7 @@ fn jpeg_color(bytes: &[u8], size: (usize, usize)) -> Result<ColorImage, MessageE
     jpeg::decode(bytes, size).map_err(|e| MessageError::Color(e.to_string()))
 }
 
-/// The bytes of a picture, at most so many.
+/// The bytes of a picture, at most this many.
 fn unpacked(bytes: &[u8], compression: i8, limit: usize) -> Result<Cow<'_, [u8]>, MessageError> {
     match compression {
         DepthMsg::COMPRESSION_NONE => Ok(Cow::Borrowed(bytes)),

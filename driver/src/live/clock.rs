@@ -22,7 +22,7 @@ pub struct DeviceClock {
 }
 
 impl DeviceClock {
-    /// A counter of so many ticks a microsecond.
+    /// A counter of this many ticks a microsecond.
     pub fn new(ticks_per_us: f64) -> Self {
         Self { ticks_per_us, set: None }
     }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-/// A queue with room for so many, at least one; when it is full, a new one replaces the oldest.
+/// A queue with room for this many, at least one; when it is full, a new one replaces the oldest.
 pub fn latest<T>(capacity: usize) -> (LatestWriter<T>, LatestReader<T>) {
     let (sender, receiver) = bounded(capacity.max(1));
     let dropped = Arc::new(AtomicU64::new(0));

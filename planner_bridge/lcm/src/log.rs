@@ -217,7 +217,7 @@ impl<R: Read> Window<R> {
         &self.buffer[self.start..]
     }
 
-    /// Reads until so many unused bytes are there, or the stream has ended.
+    /// Reads until this many unused bytes are there, or the stream has ended.
     fn have(&mut self, count: usize) -> io::Result<()> {
         while self.bytes().len() < count && !self.has_ended {
             self.buffer.drain(..self.start);

@@ -12,7 +12,7 @@ pub trait Port {
     fn monotonic_us(&mut self) -> u64;
     /// The host's clock, microseconds since 1970; it may be corrected at any time.
     fn utime(&mut self) -> i64;
-    /// Waits for so many microseconds at most.
+    /// Waits for this many microseconds at most.
     fn sleep(&mut self, us: u64);
     /// Sends a datagram; false when the network does not take it.
     fn send(&mut self, datagram: &[u8]) -> bool;
@@ -43,7 +43,7 @@ pub struct Cycle<'q> {
 }
 
 impl<'q> Cycle<'q> {
-    /// A loop of so many nanoseconds a period.
+    /// A loop of this many nanoseconds a period.
     pub fn new(stream: Stream<'q>, period_ns: NonZeroU64) -> Self {
         let buffer = [0; DATAGRAM_CAPACITY];
         Self { stream, period_ns, buffer, report: StreamReport::default() }
@@ -121,7 +121,7 @@ mod tests {
         until_us: u64,
         /// The host's clock is behind by this until half of the time, and then right.
         behind_us: i64,
-        /// Each so many microseconds another program takes the processor for 3 ms.
+        /// Period after which another program takes the processor for 3 ms, microseconds.
         busy_us: u64,
         shared: &'q Shared,
         sent: Vec<(i64, f64), 4096>,

@@ -42,7 +42,7 @@ pub struct Moving {
 }
 
 impl Moving {
-    /// What a motion is so many seconds after its start, at an instant of the monotonic clock.
+    /// What a motion is this many seconds after its start, at an instant of the monotonic clock.
     pub fn new(motion: Motion, time: f64, at_us: u64) -> Self {
         Self { motion, time, at_us }
     }

@@ -159,7 +159,7 @@ impl Segment {
         }
     }
 
-    /// Refuses a piece of so many seconds that leaves its bounds.
+    /// Refuses a piece of this many seconds that leaves its bounds.
     pub(crate) fn check(&self, length: f64, bounds: &Bounds) -> Result<(), MotionError> {
         let Self { velocity, acceleration, jerk, .. } = *self;
         if jerk.abs() > bounds.limits.jerk * (1.0 + ROUNDING) {

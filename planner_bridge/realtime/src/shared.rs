@@ -18,7 +18,7 @@ impl Signal {
         self.0.store(milliseconds(at_us).max(1), Ordering::Relaxed);
     }
 
-    /// True where it was there within so many microseconds before now; forgets it where not.
+    /// True where it was there within this many microseconds before now; forgets it where not.
     fn is_fresh(&self, now_us: u64, greatest_age_us: u64) -> bool {
         let noted = self.0.load(Ordering::Relaxed);
         if noted == 0 {
@@ -64,7 +64,7 @@ pub struct Status {
     pub decided: u32,
     /// Why that order was refused, if it was.
     pub refusal: Option<Refusal>,
-    /// Motions that have come to rest, so many, modulo 2^32.
+    /// Number of motions that have come to rest, modulo 2^32.
     pub ends: u32,
     /// Why the last of them ended before its target, if it did.
     pub reason: Option<Reason>,

@@ -19,7 +19,7 @@ pub struct Arrived {
 pub struct Lost(Arc<AtomicU64>);
 
 impl Lost {
-    /// So many since the service began.
+    /// Their number since the service began.
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }

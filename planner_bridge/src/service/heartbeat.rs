@@ -52,7 +52,7 @@ impl<'q> HeartbeatListener<'q> {
 }
 
 impl HeartbeatListener<'_> {
-    /// Tells what is wrong with a packet: of a flood of them now and then one.
+    /// Reports what is wrong with a packet; of a flood of packets only some are reported.
     fn complain(&mut self, reason: String) {
         if self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY) {
             self.out.note(Note::Error(reason));

@@ -112,9 +112,9 @@ const POLL: Duration = Duration::from_millis(20);
 /// Time between two reports of the current estimate while a demonstration runs, and of the
 /// situation where it changes in figures alone.
 const TELL_EVERY: Duration = Duration::from_millis(450);
-/// A prediction whose object is not found for so long is refused.
+/// A prediction whose object is not found for this long is refused.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// A prediction whose joint is not known for so long is refused: recognition is asked meanwhile.
+/// A prediction whose joint is not known for this long is refused: recognition is asked meanwhile.
 const JOINT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Time over which losses of frames are counted.
 const LOSSES_OVER: Duration = Duration::from_secs(3);
@@ -186,7 +186,7 @@ impl<'q> Perception<'q> {
     }
 
     fn handle_command(&mut self, Command { utime, valid_until, action }: Command) {
-        // Whatever held this thread up, an order from before that is not carried out late.
+        // A command that expired while this thread was busy is not executed.
         if host_utime() > valid_until {
             let reason = "it came too late to be begun: send it again".to_owned();
             return self.answer(utime, Err(reason));
@@ -222,7 +222,7 @@ impl<'q> Perception<'q> {
         work: impl FnOnce(&mut Self) -> Result<String, String>,
     ) {
         let result = work(self);
-        // Who reads the answer finds the state that it led to.
+        // The state is published first, so that a reader of the answer finds it.
         self.publish_status();
         self.answer(command, result);
     }
@@ -371,7 +371,7 @@ impl<'q> Perception<'q> {
         }
     }
 
-    /// The newest frame that waits: what is there now counts, not what was.
+    /// The newest frame that waits; older ones are skipped.
     fn newest(&mut self, oldest: Arrived) -> Arrived {
         let mut newest = oldest;
         while let Ok(newer) = self.inbox.frames.pop(Duration::ZERO) {
@@ -532,7 +532,7 @@ impl<'q> Perception<'q> {
         self.answer(pending.command, Ok(text));
     }
 
-    /// Looks after what does not come with frames.
+    /// Does the work that does not depend on frames.
     fn tick(&mut self) {
         if self.losses.age() >= LOSSES_OVER {
             if let Some(lost) = self.losses.many(&self.inbox.lost, self.looked_at) {

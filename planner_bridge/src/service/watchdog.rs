@@ -4,8 +4,9 @@
 use sd_notify::NotifyState;
 use std::time::{Duration, Instant};
 
-/// The service's word to systemd. A unit with `Type=notify` waits for [`Self::ready`]; one with
-/// `WatchdogSec` starts the service again when [`Self::alive`] is not called for that long.
+/// Notifications of the service to systemd. A unit with `Type=notify` waits for [`Self::ready`];
+/// one with `WatchdogSec` starts the service again when [`Self::alive`] is not called for that
+/// long.
 #[derive(Debug)]
 pub struct Watchdog {
     /// Half of what the unit allows; `None` where it sets no watchdog.

@@ -134,7 +134,7 @@ impl Problem<'_> {
         let likelihood = |state: &State| {
             let some = self.samples.iter().step_by(stride);
             let residuals: Vec<Residual> = some.map(|s| self.residual(state, s)).collect();
-            // Joints through samples as they are, noise and all.
+            // These joints pass exactly through noisy samples, so twice the noise is assumed.
             self.log_likelihood_of(&residuals, 2.0)
         };
         let scored = candidates(kind, self.samples).into_iter().map(|s| (likelihood(&s), s));

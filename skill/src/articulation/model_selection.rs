@@ -20,7 +20,8 @@ impl Problem<'_> {
     /// BIC over effective observations, with the prior on a hinge's radius.
     pub fn score(&self, fitted: &mut [FittedJoint]) {
         let n = self.samples.len() as f64;
-        // The straightest moving model's residuals show how long the motion's errors last.
+        // The moving joint with the fewest effective observations shows for how long errors are
+        // correlated.
         let effective = fitted
             .iter()
             .filter(|f| f.geometry.kind != JointKind::Fixed)

@@ -48,7 +48,7 @@ impl Plane {
     /// Twice as wide and high, bilinear.
     pub fn doubled(bytes: &[u8], width: usize, height: usize) -> Self {
         let mut plane = Self::empty(2 * width, 2 * height);
-        // Of two pixels in place of one each lies a quarter towards its neighbour.
+        // Each of the two pixels that replace one lies a quarter of a pixel towards its neighbour.
         let beside = |x: usize, length: usize| {
             let towards = if x.is_multiple_of(2) { (x / 2).saturating_sub(1) } else { x / 2 + 1 };
             (x / 2, towards.min(length - 1))
@@ -113,7 +113,7 @@ fn half_kernel(sigma: f32) -> Vec<f32> {
     (0..=reach).map(|i| weight(i) / sum).collect()
 }
 
-/// A place beside a picture as reflected in a mirror at its last pixel.
+/// An index outside of a picture, mirrored at the last pixel.
 fn mirrored(i: isize, length: usize) -> usize {
     let last = length as isize - 1;
     let mut i = i;

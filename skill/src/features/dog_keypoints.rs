@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A place in the picture that looks like no other near it, at one scale.
+/// A distinctive point of the picture, at one scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Keypoint {
     /// Pixel.
@@ -38,12 +38,12 @@ const SIGMA: f32 = 1.6;
 const CAMERA_SIGMA: f32 = 0.5;
 /// Pixels at a picture's border that are left out.
 const BORDER: usize = 5;
-/// Largest ratio of the two curvatures: an edge has no place along itself.
+/// Largest ratio of the two curvatures: a keypoint has no position along an edge.
 const MAX_CURVATURE_RATIO: f32 = 12.0;
 /// Steps to an extremum between pixels and scales.
 const STEPS: usize = 5;
-/// Share of the contrast asked for that a pixel must have for the extremum between pixels to be
-/// looked for.
+/// Share of the wanted contrast that a pixel must have before the extremum between pixels is
+/// computed.
 const AT_PIXEL: f32 = 0.5;
 /// All blurred pictures of one picture.
 pub struct ScaleSpace(Vec<Octave>);
@@ -51,20 +51,21 @@ pub struct ScaleSpace(Vec<Octave>);
 /// Pictures of one size, each blurred more than the last.
 struct Octave {
     planes: [Plane; LEVELS],
-    /// Pixels of the picture in one of these.
+    /// Pixels of the picture for each pixel of these planes.
     pixels: f32,
     /// Where in the picture the first of these is, right and down.
     first: f32,
 }
 
 impl ScaleSpace {
-    /// Of a picture and its halves.
+    /// The scale space of a picture.
     pub fn new(gray: &Gray) -> opencv::Result<Self> {
         let plane = Plane::new(gray.bytes()?, gray.width(), gray.height());
         Ok(Self::from_finest(&plane, 1.0))
     }
 
-    /// Of a picture doubled in size and its halves: for the smallest keypoints too.
+    /// The scale space that begins with the picture doubled in size: for the smallest keypoints
+    /// too.
     pub fn doubled(gray: &Gray) -> opencv::Result<Self> {
         let plane = Plane::doubled(gray.bytes()?, gray.width(), gray.height());
         Ok(Self::from_finest(&plane, 0.5))
@@ -108,7 +109,7 @@ fn inner(length: usize) -> Range<usize> {
 }
 
 impl Octave {
-    /// Of pictures half as large.
+    /// The next octave: pictures half as large.
     fn next(&self) -> Option<Self> {
         let planes = planes_from(self.planes[INTERVALS].halved(2 * BORDER)?);
         Some(Self { planes, pixels: 2.0 * self.pixels, first: self.first })
@@ -212,7 +213,7 @@ fn extrema(octave: &Octave, number: usize, first: usize, contrast: f32) -> Vec<K
     found
 }
 
-/// Marks values that no other about them in place and scale exceeds.
+/// Marks values that are extrema among their neighbours in position and scale.
 #[inline(always)]
 fn mark(marks: &mut [u8], values: &[f32], around: &[Around], least_contrast: f32) {
     let [below, same, above] = around else { unreachable!("three scales are compared") };
@@ -230,8 +231,8 @@ fn mark(marks: &mut [u8], values: &[f32], around: &[Around], least_contrast: f32
     }
 }
 
-/// The extremum between pixels and scales that one at a pixel leads to, if it has contrast and a
-/// place of its own.
+/// The extremum between pixels and scales that an extremum at a pixel leads to, if it has enough
+/// contrast and is no edge.
 fn refined(
     octave: &Octave,
     number: usize,
@@ -323,7 +324,7 @@ impl Local {
     }
 }
 
-/// Standard deviation of the weights about a keypoint, in its own.
+/// Standard deviation of the weights about a keypoint, as a multiple of the keypoint's.
 const SPREAD: f32 = 1.5;
 
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]

@@ -148,7 +148,7 @@ impl Learner {
     }
 
     /// Forgets frames in which little moves when there are as many as memory is kept for, so that a
-    /// demonstration may last as long as it likes.
+    /// demonstration may last for any time.
     fn make_room(&mut self) {
         let room = self.config.track.max_frames.max(4 * MIN_FRAMES);
         if self.tracker.frames() < room {

@@ -1,4 +1,4 @@
-//! What a model must be, whoever wrote it. Kinematics, planning and reports rely on it: they index
+//! Checks of a model, whatever its source. Kinematics, planning and reports rely on it: they index
 //! parts by their numbers and multiply motions down the tree.
 
 use super::model::{

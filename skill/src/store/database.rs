@@ -75,7 +75,7 @@ impl Store {
         if let Some(entry) = self.read(contents::entry(&self.connection, name))? {
             return Ok(Some(Revision(entry.number)));
         }
-        // That there is none is told by all rows together.
+        // Only the check of all rows shows that there is none.
         if self.names()?.iter().any(|known| known == name) {
             return Err(self.damaged(name, "the index of names has lost it".to_owned()));
         }
@@ -130,8 +130,8 @@ impl Store {
         self.put_all(std::slice::from_ref(object))
     }
 
-    /// Puts several objects in, all or none. One time in many, what has been put in before is made
-    /// ready to be found among them, which takes longer.
+    /// Puts several objects in, all or none. Once in many calls the words of earlier objects are
+    /// written to the posting lists, which takes longer.
     ///
     /// # Errors
     /// As [`Self::put`].

@@ -35,7 +35,7 @@ pub fn open(path: &Path, absent: Absent) -> Result<Opened, StoreError> {
     flags.set(OpenFlags::SQLITE_OPEN_CREATE, absent == Absent::Create);
     match open_to_write(path, flags, absent) {
         Err(error) if needs_no_writing(&error) => {
-            // What cannot be read either is told as it was met first.
+            // Where it cannot be read either, the first error is returned.
             let connection = readers(path).find_map(|reader| reader().ok()).ok_or(error)?;
             Ok(Opened { connection: up_to_date(path, connection)?, is_read_only: true })
         }

@@ -29,7 +29,7 @@ pub const STREAM_HZ: f64 = 200.0;
 const SEED: u64 = 1;
 /// Frames a second.
 const FRAME_RATE: f64 = 30.0;
-/// For so many frames nothing moves at first, so that a command can be given.
+/// Number of first frames in which nothing moves, so that a command can be given.
 const STILL: u64 = 45;
 /// Frames whose instants are remembered.
 const REMEMBERED: usize = 600;

@@ -28,7 +28,7 @@ const DEMONSTRATED: [&str; 3] = [SCENE, "office_chair", "bicycle"];
 const SIZES: [usize; 3] = [1, 100, 1000];
 /// Predictions a size.
 const TRIES: usize = 30;
-/// For so long setpoints are streamed.
+/// Time for which setpoints are streamed.
 const STREAM_FOR: Duration = Duration::from_secs(60);
 /// Longest wait for an answer.
 const TIMEOUT: Duration = Duration::from_secs(8);
@@ -138,10 +138,10 @@ fn learn(scene: &str, take: &Path, work: &Path, config: &SkillConfig) -> Outcome
     Ok(Learning { object: model.object, joints: model.joints.len(), guesses_a_second, finish_s })
 }
 
-/// After so long an object that was recognised is followed.
+/// Time after which an object that was recognised is followed.
 const SETTLED: Duration = Duration::from_millis(400);
 
-/// A store of the learned object among made-up ones.
+/// A store of the learned object among synthetic ones.
 fn store_of(work: &Path, object: &StoredObject, objects: usize) -> Outcome<PathBuf> {
     let path = new_store(work.join(format!("objects-{objects}.linkage")))?;
     let features: Vec<&ModelFeature> = object.appearance.features.iter().collect();

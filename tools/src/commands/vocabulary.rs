@@ -14,7 +14,7 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-/// Viewpoints of each thing, turned by so much, degrees.
+/// Viewpoints of each thing, degrees.
 const TURNS: [f64; 3] = [-35.0, 5.0, 40.0];
 /// Descriptors that the words are made of.
 const DESCRIPTORS: usize = 200_000;

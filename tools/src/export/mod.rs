@@ -119,7 +119,8 @@ mod tests {
         Description::new(object, &Rig::default()).unwrap()
     }
 
-    /// The deepest overlap of any two links at any of so many configurations of each joint, metres.
+    /// The deepest overlap of any two links at any of this many configurations of each joint,
+    /// metres.
     fn deepest_overlap(of: &Description, steps: usize) -> f64 {
         let grids: Vec<Vec<f64>> = of.joints.iter().map(|j| j.configurations(steps)).collect();
         let mut deepest: f64 = 0.0;

@@ -49,7 +49,7 @@ fn link<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
     })
 }
 
-/// The boxes, to be seen or to bump into.
+/// The boxes, as visual or as collision shapes.
 fn shapes<W: Write>(writer: &mut Writer<W>, link: &Link, purpose: &str) -> io::Result<()> {
     link.boxes.iter().enumerate().try_for_each(|(i, shape)| {
         element(writer, purpose, &[("name", &format!("{purpose}{}", i + 1))], |w| {

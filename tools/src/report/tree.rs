@@ -1,4 +1,4 @@
-//! How the parts of an object hang together, as a list in lists: what carries, by which joint, what.
+//! The kinematic tree of an object as nested lists: which part carries which, by which joint.
 
 use super::layout::part_style;
 use super::units::amount;

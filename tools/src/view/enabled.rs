@@ -30,7 +30,7 @@ const BACKLOG: usize = 64;
 const CHUNK_BYTES: u64 = 16 << 20;
 /// Objects of a frame that are shown, the best first.
 const MOST_OBJECTS: usize = 16;
-/// Of a demonstration's frames, one in so many shows the parts at their target.
+/// One of this many frames of a demonstration shows the parts at their target.
 const GHOST_EVERY: usize = 15;
 /// Opacity of a part that is not there yet, of 255.
 const GHOST: u8 = 110;

@@ -62,7 +62,7 @@ impl Handle {
         }
     }
 
-    /// Receives messages of at most so many bytes on channels that match.
+    /// Receives messages of at most this many bytes on channels that match.
     pub fn subscribe(&mut self, channel: &str, max_bytes: usize) -> Result<(), String> {
         let name = CString::new(channel).map_err(|e| e.to_string())?;
         self.state.wanted.add(channel, max_bytes).map_err(|e| e.to_string())?;

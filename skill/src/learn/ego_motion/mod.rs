@@ -2,9 +2,9 @@
 //! camera is found first, so that a moving camera is handled by construction and everything
 //! else is seen in one still frame.
 //!
-//! Each track carries a map point, the running mean of where it was in the base frame; each
-//! frame is registered to the map by RANSAC and a reweighted fit. A moving part's and the
-//! person's map points are wrong, but they vote little.
+//! Each track carries a map point, the running mean of where it was in the base frame; each frame
+//! is registered to the map by RANSAC and a reweighted fit. A moving part's and the person's map
+//! points are wrong, but have little weight.
 
 mod depth_noise;
 mod observation;

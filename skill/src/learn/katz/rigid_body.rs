@@ -123,7 +123,7 @@ mod tests {
 
     const FRAMES: usize = 30;
 
-    /// So many features in a row, each where `place` says in each frame.
+    /// This many features in a row, each where `place` says in each frame.
     fn features(
         count: usize,
         place: impl Fn(usize, usize) -> Point3<f64>,

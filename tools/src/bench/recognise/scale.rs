@@ -1,4 +1,4 @@
-//! How far the shortlist carries: the learned things among many made-up ones.
+//! How far the shortlist carries: the learned things among many synthetic ones.
 
 use super::question::Question;
 use crate::outcome::Outcome;
@@ -17,7 +17,7 @@ use std::time::Instant;
 const SIZES: [usize; 5] = [100, 1_000, 10_000, 30_000, 100_000];
 /// Objects written at a time.
 const AT_ONCE: usize = 500;
-/// Features of a made-up object: more than the index takes.
+/// Features of a synthetic object: more than the index takes.
 const FEATURES: usize = 700;
 /// Places in the shortlist that are asked about.
 const PLACES: [usize; 3] = [1, 5, MOST_PLACES];
