@@ -221,7 +221,7 @@ fn a_prediction_tells_from_where_to_where_a_joint_goes() {
 const MOST_PICTURE_BYTES: u64 = 300_000;
 
 #[test]
-fn the_demo_ends_with_one_page_of_the_whole_way_and_with_the_readmes_picture() {
+fn the_demo_ends_with_one_page_of_the_whole_pipeline_and_with_the_readmes_picture() {
     let dir = tempfile::tempdir().expect("a scratch folder can be made");
     run(&["demo", "--out", &text(dir.path())], 0);
     let page = fs::read_to_string(dir.path().join("index.html")).expect("the page was written");
