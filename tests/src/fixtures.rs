@@ -49,7 +49,7 @@ impl OpenNi {
         Some(Self { root, frames: path, settings: Vec::new() })
     }
 
-    /// The same device with a peculiarity.
+    /// The same device with another setting.
     pub fn with(mut self, setting: &'static str) -> Self {
         self.settings.push(setting);
         self

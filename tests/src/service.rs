@@ -125,7 +125,7 @@ impl Listener {
         panic!("nothing that was waited for came on {channel} within {timeout:?}");
     }
 
-    /// All packets of some time.
+    /// All packets that come within a time.
     pub fn gather(&mut self, time: Duration) -> Vec<Packet> {
         let start = Instant::now();
         let mut packets = Vec::new();

@@ -198,7 +198,7 @@ impl RgbdSource for OniRecording {
 struct Geometry {
     name: String,
     camera: Arc<PinholeCamera>,
-    /// Of depth that the device does not register.
+    /// Registration of depth that the device does not register itself.
     registration: Option<Registration>,
     is_mirroring_told: bool,
 }

@@ -37,7 +37,7 @@ pub struct Picture {
     pub height: usize,
     /// RGB, or 16 bits of depth a pixel; never mirrored.
     pub bytes: Vec<u8>,
-    /// Of depth.
+    /// Units in a metre of depth.
     pub units_per_metre: f64,
 }
 

@@ -96,7 +96,7 @@ impl fmt::Display for MotionError {
 impl core::error::Error for MotionError {}
 
 impl Sample {
-    /// At rest at a configuration.
+    /// A sample at rest.
     pub fn rest(position: f64) -> Self {
         Self { position, velocity: 0.0, acceleration: 0.0 }
     }

@@ -142,7 +142,7 @@ pub struct Authority {
 }
 
 impl Authority {
-    /// Of a service that begins now. `command_age` in seconds.
+    /// The authority of a service that begins now. `command_age` in seconds.
     ///
     /// # Errors
     /// [`KeyError`] when the rig names a key that cannot be used.

@@ -15,7 +15,7 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// From now on, after this many frames were taken.
+    /// Counts losses from now on, after `taken` frames were taken.
     pub fn begin(lost: &Lost, taken: u64) -> Self {
         Self { since: Instant::now(), lost_before: lost.count(), taken_before: taken }
     }

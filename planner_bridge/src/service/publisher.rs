@@ -73,7 +73,7 @@ impl Outbox {
         }
     }
 
-    /// Tells something for the status.
+    /// Hands over something for the status.
     pub fn note(&self, note: Note) {
         match &note {
             Note::Answer(answer) => {
@@ -94,9 +94,9 @@ pub struct Publisher {
     notes: LatestReader<Note>,
     session: i64,
     situation: Situation,
-    /// By command, the last that was said of it.
+    /// The newest answer to each command.
     answers: VecDeque<Answer>,
-    /// Answers that no status has told yet, the oldest first.
+    /// Answers that no status has contained yet, the oldest first.
     untold: VecDeque<Answer>,
     /// The one that the status tells.
     answer: Answer,
@@ -214,7 +214,7 @@ impl Publisher {
         }
     }
 
-    /// Each answer is told by a status of its own; of one command the newest is enough.
+    /// Each answer is published in a status of its own; of one command only the newest is needed.
     fn say(&mut self, answer: Answer) {
         self.untold.retain(|a| a.utime != answer.utime);
         if self.untold.len() == UNTOLD {

@@ -27,7 +27,7 @@ struct Inquiry {
 }
 
 impl Reacquisition {
-    /// Of an object that recognition has just found.
+    /// For an object that recognition has just found.
     pub fn begun_now() -> Self {
         Self { inquiry: None, asked_at: Some(Instant::now()) }
     }

@@ -281,7 +281,7 @@ pub struct Pulse<'q> {
 }
 
 impl Pulse<'_> {
-    /// It is alive now.
+    /// Reports that the consumer is alive now.
     pub fn beat(&self) {
         self.shared.heartbeat(self.clock.now());
     }

@@ -15,7 +15,8 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// As the environment says (`NOTIFY_SOCKET`, `WATCHDOG_USEC`, `WATCHDOG_PID`).
+    /// A watchdog as the environment describes it (`NOTIFY_SOCKET`, `WATCHDOG_USEC`,
+    /// `WATCHDOG_PID`).
     pub fn from_environment() -> Self {
         Self { every: sd_notify::watchdog_enabled().map(|longest| longest / 2), told: None }
     }

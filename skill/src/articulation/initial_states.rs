@@ -77,7 +77,7 @@ impl Problem<'_> {
         })
     }
 
-    /// The orientation that is nearest to all others (of a sample of them).
+    /// The orientation with the least sum of angles to the others, of a subset of them.
     fn median_orientation(&self) -> UnitQuaternion<f64> {
         let step = (self.samples.len() / 40).max(1);
         let some: Vec<UnitQuaternion<f64>> =

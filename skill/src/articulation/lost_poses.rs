@@ -145,8 +145,8 @@ impl<'s> Path<'s> {
         lost
     }
 
-    /// True where samples of a run lie on the way from `a` to the middle of the run: a motion that
-    /// is seldom sampled.
+    /// True where samples of a run lie on the path from `a` to the middle of the run: a motion with
+    /// few samples.
     fn has_a_way_out(&self, run: &[usize], a: usize) -> bool {
         let Some(&middle) = run.get(run.len() / 2) else { return false };
         let whole = self.distance(a, middle);

@@ -1,5 +1,5 @@
-//! How far samples are from where a joint would have them, and how likely that is: noise is normally
-//! distributed, and some samples are outliers.
+//! Residuals of samples against a joint, and their likelihood: the noise is normally distributed,
+//! and some samples are outliers.
 
 use super::pose_sample::PoseSample;
 use super::rest_state::State;
@@ -34,7 +34,7 @@ pub struct Residual {
 /// The samples that a joint is fitted to.
 pub struct Problem<'s> {
     pub samples: &'s [PoseSample],
-    /// Of the samples.
+    /// The positions of the samples.
     pub positions: Vec<Point3<f64>>,
     /// All samples have an orientation.
     pub has_orientation: bool,
@@ -49,12 +49,12 @@ impl<'s> Problem<'s> {
         }
     }
 
-    /// Of all samples.
+    /// The residuals of all samples.
     pub fn residuals(&self, state: &State) -> Vec<Residual> {
         self.samples.iter().map(|s| self.residual(state, s)).collect()
     }
 
-    /// Of one sample, at the configuration that fits it best.
+    /// The residual of one sample, at the configuration that fits it best.
     pub fn residual(&self, state: &State, sample: &PoseSample) -> Residual {
         let g = &state.geometry;
         let q = match g.kind {

@@ -139,7 +139,7 @@ fn directions(seen: &[Slanted]) -> Vec<Vector3<f64>> {
 
 /// What the camera would see if it faced a surface.
 struct View {
-    /// Of the surface.
+    /// Its unit normal.
     normal: Vector3<f64>,
     picture_from_view: Matrix3<f64>,
     focal_px: f64,

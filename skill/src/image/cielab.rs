@@ -19,7 +19,7 @@ pub struct CielabImage {
 }
 
 impl CielabImage {
-    /// Of a colour picture.
+    /// Converts a colour picture.
     ///
     /// # Errors
     /// The error of the vision library.

@@ -48,7 +48,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Of pairs of samples.
+    /// The moments of pairs of samples.
     pub fn of(pairs: &[(f64, f64)]) -> Self {
         let n = pairs.len().max(1) as f64;
         let mean = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>() / n;

@@ -204,7 +204,7 @@ pub struct PostingCache {
 }
 
 impl PostingCache {
-    /// None read yet.
+    /// An empty cache.
     pub fn new() -> Self {
         Self { recent: LruCache::unbounded(), bytes: 0 }
     }

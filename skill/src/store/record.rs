@@ -27,7 +27,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Of an object that can be read again.
+    /// The record of an object; it is checked that it can be read again.
     ///
     /// # Errors
     /// What is wrong with the object, in words.

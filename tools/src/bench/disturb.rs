@@ -33,7 +33,7 @@ pub struct Disturbance {
     jumps: AtomicU64,
 }
 
-/// Both threads, until they are dropped.
+/// The two threads; they end when this is dropped.
 pub struct Disturbing {
     counts: Arc<Disturbance>,
     threads: Vec<JoinHandle<()>>,

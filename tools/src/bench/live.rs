@@ -107,7 +107,7 @@ impl Playing {
         })
     }
 
-    /// From the first frame until the recording's end was handed out once.
+    /// Time from the first frame until the last frame of the recording was handed out once.
     pub fn length(&self) -> Duration {
         Duration::from_secs_f64((STILL + self.frames.len() as u64) as f64 / FRAME_RATE)
     }

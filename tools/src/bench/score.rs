@@ -27,7 +27,7 @@ pub struct JointScore {
     pub axis_deg: Option<f64>,
     /// Distance of the axes at the part, centimetres; 0 for slides.
     pub position_cm: Option<f64>,
-    /// Of a screw, how far the pitches are apart, centimetres a turn.
+    /// Difference of the pitches of a screw, centimetres a turn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pitch_cm: Option<f64>,
     /// Found range as a share of the true one.
@@ -217,8 +217,8 @@ fn score_joint(
     }
 }
 
-/// Of the true line from the found one, in the found one's covariance: two degrees of freedom
-/// for a slide's direction, two more for where a hinge lies.
+/// Squared Mahalanobis distance of the true line from the found one: two degrees of freedom for the
+/// direction of a slide, two more for the position of a hinge.
 fn line_distance_sq(truth: &TrueJoint, found: &Joint) -> Option<f64> {
     let axis = Vector3::from(found.axis).normalize();
     let mut true_axis = Vector3::from(truth.axis).normalize();

@@ -68,7 +68,7 @@ struct Unfinished {
     channel: Option<String>,
     size: u32,
     count: u16,
-    /// By number. No two overlap, and neighbours touch each other.
+    /// The parts by their number. No two overlap, and neighbours touch each other.
     parts: BTreeMap<u16, Piece>,
     /// Bytes that it takes.
     held: usize,

@@ -16,7 +16,7 @@ pub struct PosedFrame<'f> {
     pub frame: &'f RgbdFrame,
     /// Its number in the demonstration.
     pub number: usize,
-    /// By part.
+    /// The pose of each part.
     pub camera_from_part: Vec<Option<Pose>>,
 }
 
@@ -34,12 +34,13 @@ const MAX_CONTRADICTION: f64 = 0.12;
 /// Turn of a part after which other light may fall on it, radians. A drawer does not turn: what looks
 /// different where it was is the hand that pulled it.
 const OTHER_LIGHT_RAD: f64 = 0.15;
-/// What rests is seen through in fewer frames than this: a person who stands beside the object for
-/// most of the time bends down at last.
+/// Number of frames that see through a place which does not belong to the base. Fewer see through
+/// static surface; a person who stands beside the object for most of the time bends down at some
+/// time.
 const SEEN_THROUGH_FRAMES: usize = 2;
 /// What is seen through lies this far before what is seen, metres.
 const FAR_BEHIND_M: f64 = 0.15;
-/// And so do the pixels at this distance, pixels.
+/// The pixels at this distance lie behind it as well, pixels.
 const AROUND_PX: f64 = 3.0;
 
 /// Part of each place on a grid of [`STEP`] pixels.
@@ -274,7 +275,8 @@ impl Verdict {
     }
 }
 
-/// All that is seen at a place and round it lies far behind: no error of its edge.
+/// All that is seen at a place and around it lies far behind, so that no error at an edge explains
+/// it.
 fn is_seen_through(frame: &RgbdFrame, place: &Point3<f64>) -> bool {
     let Some(pixel) = frame.camera.project(place) else { return false };
     let beside =

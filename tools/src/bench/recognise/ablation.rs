@@ -68,7 +68,7 @@ pub struct Row {
     configurations_told: usize,
     base_deg: f64,
     base_cm: f64,
-    /// Of all objects in one still.
+    /// Time for all objects in one still.
     milliseconds: f64,
 }
 

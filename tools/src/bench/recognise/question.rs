@@ -37,7 +37,7 @@ pub struct Precision {
     /// Where the base is, not where its frame begins: that is at the demonstration's camera.
     pub base_cm: f64,
     pub joints: Vec<ConfigurationScore>,
-    /// Of hinges.
+    /// Error of the axis' position, of hinges only.
     pub axis_cm: Vec<f64>,
 }
 

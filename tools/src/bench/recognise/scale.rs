@@ -32,20 +32,20 @@ pub struct Row {
     /// Median time of a shortlist, milliseconds.
     milliseconds: f64,
     bytes_per_object: f64,
-    /// Of a store that holds them; of the largest libraries none is written.
+    /// Times of a store that holds them; the largest libraries are not written to a store.
     store: Option<StoreTimes>,
 }
 
 /// How long a store takes, milliseconds.
 #[derive(Serialize)]
 struct StoreTimes {
-    /// To be opened and made ready for the first picture.
+    /// Time to open it and prepare it for the first picture.
     opening: f64,
     /// The shortlist of the first picture after that, for which what it needs is read.
     first_shortlist: f64,
     /// The median over the shortlists of the others, each seen for the first time.
     shortlist: f64,
-    /// To take up one more object.
+    /// Time to insert one more object.
     insertion: f64,
 }
 
