@@ -521,7 +521,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_waits_for_a_silent_camera_is_given_back_the_turn() {
+    fn waiting_for_a_silent_camera_ends_at_the_timeout() {
         let acts = Arc::new(Mutex::new(VecDeque::from(vec![Act::Silence; 1000])));
         let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts), 0)) as Box<dyn Camera>);
         let for_network = config().for_network();
