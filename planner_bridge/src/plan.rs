@@ -179,7 +179,7 @@ pub fn predict(
                 .unwrap_or_default(),
         })
         .collect();
-    let ways = Ways::new(&encountered, &moved);
+    let paths = PartPaths::new(&encountered, &moved);
     let prediction = Prediction {
         schema: PREDICTION_SCHEMA.to_owned(),
         object: recognised.object.clone(),
@@ -188,8 +188,8 @@ pub fn predict(
         camera_from_object: recognised.camera_from_object,
         base_known: recognised.base_known,
         joints: planned_joints,
-        handles: ways.handles(request, &asked)?,
-        parts: ways.parts(),
+        handles: paths.handles(request, &asked)?,
+        parts: paths.parts(),
     };
     let motions = moved.into_iter().map(|(_, motion)| motion).collect();
     Ok(Plan { prediction, motions, start_us: request.moving.map(Moving::at_us) })
@@ -290,7 +290,7 @@ fn assure_configuration(
 }
 
 /// Where all parts are at the knots of the longest motion.
-struct Ways<'e> {
+struct PartPaths<'e> {
     encountered: &'e PredictionContext<'e>,
     /// Parts that any of the moving joints carries.
     moved: Vec<bool>,
@@ -298,7 +298,7 @@ struct Ways<'e> {
     knots: Vec<(f64, Vec<Pose>)>,
 }
 
-impl<'e> Ways<'e> {
+impl<'e> PartPaths<'e> {
     fn new(encountered: &'e PredictionContext<'e>, motions: &[(usize, JointMotion)]) -> Self {
         let model = encountered.model();
         let mut moved = vec![false; model.parts.len()];

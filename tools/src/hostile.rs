@@ -54,7 +54,7 @@ fn good() -> ObjectModel {
 }
 
 /// What a field may be found to hold.
-fn nasty() -> impl Strategy<Value = Value> {
+fn unexpected_value() -> impl Strategy<Value = Value> {
     let values = [
         json!(null),
         json!(true),
@@ -208,7 +208,7 @@ proptest! {
     #[test]
     fn a_changed_model_is_refused_or_harms_nothing(
         changes in proptest::collection::vec(
-            (any::<proptest::sample::Index>(), proptest::option::weighted(0.8, nasty())), 1..4),
+            (any::<proptest::sample::Index>(), proptest::option::weighted(0.8, unexpected_value())), 1..4),
     ) {
         let scratch = tempfile::tempdir().unwrap();
         let mut json = serde_json::to_value(good()).unwrap();

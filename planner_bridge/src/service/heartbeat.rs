@@ -39,7 +39,7 @@ impl<'q> HeartbeatListener<'q> {
             match self.lcm.receive(POLL) {
                 Ok(Some(packet)) => match self.newest.take(&packet.bytes, host_utime()) {
                     Ok(()) => self.pulse.beat(),
-                    Err(reason) => self.complain(reason),
+                    Err(reason) => self.report(reason),
                 },
                 Ok(None) => {}
                 Err(e) => {
@@ -53,7 +53,7 @@ impl<'q> HeartbeatListener<'q> {
 
 impl HeartbeatListener<'_> {
     /// Reports what is wrong with a packet; of a flood of packets only some are reported.
-    fn complain(&mut self, reason: String) {
+    fn report(&mut self, reason: String) {
         if self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY) {
             self.out.note(Note::Error(reason));
             self.told = Some(Instant::now());

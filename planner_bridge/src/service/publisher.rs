@@ -77,10 +77,10 @@ impl Outbox {
     pub fn note(&self, note: Note) {
         match &note {
             Note::Answer(answer) => {
-                self.observer.message(!answer.accepted, || harmless(&answer.text))
+                self.observer.message(!answer.accepted, || sanitised(&answer.text))
             }
             Note::Error(reason) | Note::Refused { reason, .. } => {
-                self.observer.message(true, || harmless(reason));
+                self.observer.message(true, || sanitised(reason));
             }
             Note::Situation(_) | Note::Again(_) | Note::NotTaken(_) => {}
         }
@@ -225,7 +225,7 @@ impl Publisher {
     }
 
     fn error(&mut self, reason: String, is_refusal: bool) {
-        let reason = harmless(&reason);
+        let reason = sanitised(&reason);
         if self.last_error != reason {
             let log = if is_refusal { &mut self.refusal_log } else { &mut self.error_log };
             match log.admit(Instant::now()) {
@@ -262,13 +262,13 @@ impl Publisher {
             frames: number(now.frames),
             dropped_frames: number(now.dropped_frames),
             tracks: i32::try_from(now.tracks).unwrap_or(i32::MAX),
-            object: harmless(&now.object),
+            object: sanitised(&now.object),
             joint_kind: now.joints.iter().map(|j| j.0.to_owned()).collect(),
             joint_certainty: now.joints.iter().map(|j| j.1).collect(),
             command_utime: self.answer.utime,
             command_accepted: self.answer.accepted,
             command_done: self.answer.done,
-            command_answer: harmless(&self.answer.text),
+            command_answer: sanitised(&self.answer.text),
             refused: number(self.refused),
             last_error: self.last_error.clone(),
             session: self.session,
@@ -276,9 +276,9 @@ impl Publisher {
     }
 }
 
-/// A text as it may be sent and shown, whatever it quotes: control characters are written as
-/// their escapes, and it ends somewhere.
-fn harmless(text: &str) -> String {
+/// A text that may be sent and shown, whatever it quotes: control characters are written as their
+/// escapes, and its length is bounded.
+fn sanitised(text: &str) -> String {
     let mut out = String::new();
     for c in text.chars() {
         if out.len() >= TEXT_LENGTH {

@@ -122,7 +122,7 @@ impl<'s> Path<'s> {
         for pair in chain.windows(2) {
             let (a, b) = (pair[0], pair[1]);
             let run: Vec<usize> = (a + 1..b).filter(|&i| is_away(i, a) && is_away(i, b)).collect();
-            if !self.has_a_way_out(&run, a) {
+            if !self.is_on_the_path(&run, a) {
                 run.iter().for_each(|&i| lost[i] = true);
             }
         }
@@ -130,7 +130,7 @@ impl<'s> Path<'s> {
         // of their own are lost there.
         for (run, from) in [(0..first, first), (last + 1..n, last)] {
             let away: Vec<usize> = run.clone().filter(|&i| is_away(i, from)).collect();
-            if self.has_a_way_out(&away, from) {
+            if self.is_on_the_path(&away, from) {
                 continue;
             }
             for i in away {
@@ -147,7 +147,7 @@ impl<'s> Path<'s> {
 
     /// True where samples of a run lie on the path from `a` to the middle of the run: a motion with
     /// few samples.
-    fn has_a_way_out(&self, run: &[usize], a: usize) -> bool {
+    fn is_on_the_path(&self, run: &[usize], a: usize) -> bool {
         let Some(&middle) = run.get(run.len() / 2) else { return false };
         let whole = self.distance(a, middle);
         let is_between = |&&i: &&usize| {

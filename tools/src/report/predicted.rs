@@ -58,7 +58,7 @@ pub fn save_prediction_picture(
     appearance: &Appearance,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let picture = way_picture(frame, recognised, prediction, appearance)?;
+    let picture = path_picture(frame, recognised, prediction, appearance)?;
     Ok(linkage_driver::image_file::write_color(path, &picture)?)
 }
 
@@ -69,7 +69,7 @@ fn motion(
     object: &StoredObject,
     prediction: &Prediction,
 ) -> anyhow::Result<Markup> {
-    let picture = way_picture(frame, recognised, prediction, &object.appearance)?;
+    let picture = path_picture(frame, recognised, prediction, &object.appearance)?;
     let charts: Vec<Markup> = moving(prediction)
         .map(|j| {
             let caption = format!("{}: configuration over time, as planned", j.state.name);
@@ -207,7 +207,7 @@ fn rows(j: &PlannedJoint) -> Vec<(&'static str, String)> {
 }
 
 /// The frame with the axes, and the outline of each part that moves along its way.
-pub fn way_picture(
+pub fn path_picture(
     frame: &RgbdFrame,
     recognised: &Recognised,
     prediction: &Prediction,

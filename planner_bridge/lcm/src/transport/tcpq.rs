@@ -16,11 +16,11 @@ const VERSION: u32 = 0x0100;
 /// Longest wait for a connection, and for the answer.
 const TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Connects, greets and leaves again.
+/// Connects, exchanges the first messages, and disconnects.
 ///
 /// # Errors
 /// Why there is no LCM server at `ADDRESS:PORT`.
-pub fn greet(address: &str) -> Result<(), String> {
+pub fn handshake(address: &str) -> Result<(), String> {
     let said = |e: io::Error| format!("no LCM server answers at {address}: {e}");
     let mut server = TcpStream::connect_timeout(&server_of(address)?, TIMEOUT).map_err(said)?;
     server.set_read_timeout(Some(TIMEOUT)).map_err(said)?;
