@@ -32,7 +32,7 @@ fn at(path: &Path) -> impl FnOnce(PictureFault) -> ImageFileError {
     move |fault| ImageFileError { path: path.display().to_string(), fault }
 }
 
-/// Reads an 8-bit colour or grey picture of so many columns and rows, PNG or JPEG by its ending.
+/// Reads an 8-bit colour or grey picture of this many columns and rows, PNG or JPEG by its ending.
 ///
 /// # Errors
 /// Names the file when it is missing, truncated, corrupt, or of another size.
@@ -47,7 +47,7 @@ pub fn read_color(path: &Path, size: (usize, usize)) -> Result<ColorImage, Image
     }
 }
 
-/// Reads a 16-bit grey PNG of so many columns and rows: raw depth, top row first.
+/// Reads a 16-bit grey PNG of this many columns and rows: raw depth, top row first.
 ///
 /// # Errors
 /// Names the file when it is missing, truncated, corrupt, not 16-bit grey, or of another size.
@@ -271,7 +271,7 @@ mod tests {
         assert!(message.contains("cut.png") && message.contains("damaged PNG"), "{message}");
     }
 
-    /// A PNG of a few bytes: a header that claims so many pixels, and no pixel.
+    /// A PNG of a few bytes: a header that claims this many pixels, and no pixel.
     fn claiming(width: u32, height: u32, color: png::ColorType, depth: png::BitDepth) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, width, height);

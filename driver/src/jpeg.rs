@@ -4,7 +4,7 @@ use crate::error::PictureFault;
 use linkage_frames::frame::{ColorImage, same_size};
 use zune_jpeg::zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
-/// Decodes a picture of so many columns and rows to RGB. One of another size is refused by its
+/// Decodes a picture of this many columns and rows to RGB. One of another size is refused by its
 /// header, before memory is taken for its pixels.
 ///
 /// # Errors
@@ -69,7 +69,7 @@ fn lacks_tables(bytes: &[u8]) -> bool {
 /// Encodes a picture; `quality` from 1 to 100.
 ///
 /// # Errors
-/// What the encoder says, or that JPEG cannot hold so many pixels.
+/// What the encoder says, or that JPEG cannot hold this many pixels.
 pub fn encode(image: &ColorImage, quality: u8) -> Result<Vec<u8>, String> {
     let side = |n: usize| u16::try_from(n).map_err(|_| format!("{n} pixels are too many for JPEG"));
     let (width, height) = (side(image.width())?, side(image.height())?);

@@ -12,7 +12,6 @@ mod camera_file;
 pub mod error;
 pub mod folders;
 pub mod freenect;
-pub mod gate;
 pub mod image_file;
 pub mod jpeg;
 pub mod kinect;
@@ -27,16 +26,17 @@ pub mod rosbag1;
 pub mod rosbag2;
 pub mod source;
 pub mod statistics;
+pub mod timestamp_filter;
 pub mod tum;
 pub mod v4l;
 mod yuv;
 
 pub use camera_file::read_camera_file;
 pub use error::{FrameError, PictureFault, SourceError};
-pub use gate::{Gate, Timeline};
 pub use linkage_frames::{
     CameraError, ColorImage, DepthImage, PinholeCamera, RgbdFrame, camera, depth, frame, text_table,
 };
 pub use rgbd_source::{Awaited, RgbdSource};
 pub use source::{SourceOptions, open, open_with};
 pub use statistics::SourceStatistics;
+pub use timestamp_filter::{Timeline, TimestampFilter};

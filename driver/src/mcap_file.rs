@@ -95,7 +95,7 @@ fn broken(path: &Path, reason: String) -> SourceError {
     SourceError::Recording { path: path.display().to_string(), reason }
 }
 
-/// An error in words of ours where the library's do not help.
+/// An error in our own words where the library's text does not help.
 fn told(error: &McapError) -> String {
     match error {
         McapError::BadMagic => "is no MCAP file".to_owned(),

@@ -86,7 +86,7 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
             let (url, channel) = with_channel(&rest);
             let (url, channel) = (url.to_owned(), channel.to_owned());
             let camera = Arc::new(camera_or(name, options, LCM_UNITS_PER_METRE));
-            let options = SourceOptions { live: options.live.patient(), ..options.clone() };
+            let options = SourceOptions { live: options.live.for_network(), ..options.clone() };
             live(name, &options, move || LcmCamera::open(&url, &channel, Arc::clone(&camera)))
         }
         "freenect" => {
@@ -177,7 +177,7 @@ fn with_channel(name: &str) -> (&str, &str) {
     }
 }
 
-/// The camera that is given, or a Kinect whose depth has so many units in a metre.
+/// The camera that is given, or a Kinect whose depth has this many units in a metre.
 fn camera_or(source: &str, options: &SourceOptions, units: f64) -> PinholeCamera {
     options.camera.clone().unwrap_or_else(|| {
         let camera = PinholeCamera { depth_units_per_metre: units, ..PinholeCamera::kinect() };

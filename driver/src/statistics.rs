@@ -5,7 +5,7 @@
 pub struct SourceStatistics {
     /// Frames handed out.
     pub delivered: u64,
-    /// Frames that came faster than they were taken; the oldest gave way.
+    /// Frames that came faster than they were taken; the oldest were dropped.
     pub dropped: u64,
     /// Frames that were sent and did not arrive, as far as a network tells.
     pub missing: u64,

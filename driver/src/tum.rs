@@ -5,13 +5,12 @@
 //! that reading a recording costs the learner little.
 
 use crate::camera_file::read_camera_file;
-use crate::error::PictureFault;
-use crate::error::SourceError;
+use crate::error::{PictureFault, SourceError};
 use crate::image_file;
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use linkage_frames::camera::PinholeCamera;
-use linkage_frames::depth::{ScaleDoubt, ScaleWatch};
+use linkage_frames::depth::{ScaleCheck, ScaleIssue};
 use linkage_frames::frame::{DepthImage, RgbdFrame};
 use linkage_frames::text_table;
 use std::path::{Path, PathBuf};
@@ -42,7 +41,7 @@ pub struct TumRecording {
     pairs: usize,
     statistics: SourceStatistics,
     /// Looks whether the first frames' depth fits `camera.toml`.
-    scale: ScaleWatch,
+    scale: ScaleCheck,
     camera_file: PathBuf,
     frames: mpsc::Receiver<Result<RgbdFrame, SourceError>>,
 }
@@ -65,7 +64,7 @@ impl TumRecording {
             rate_hz: index.rate_hz(),
             ..Default::default()
         };
-        let scale = ScaleWatch::new(index.camera.depth_units_per_metre, index.is_camera_assumed);
+        let scale = ScaleCheck::new(index.camera.depth_units_per_metre, index.is_camera_assumed);
         let (name, pairs) = (format!("tum:{}", dir.display()), index.pairs.clone());
         let camera_file = dir.join("camera.toml");
         let played = Self::play(&name, pairs, statistics, scale, move |pair| index.load(pair));
@@ -77,7 +76,7 @@ impl TumRecording {
         name: &str,
         pairs: Vec<FramePair>,
         statistics: SourceStatistics,
-        scale: ScaleWatch,
+        scale: ScaleCheck,
         load: impl Fn(&FramePair) -> Result<RgbdFrame, SourceError> + Send + 'static,
     ) -> Self {
         let (sender, frames) = mpsc::sync_channel(READ_AHEAD);
@@ -103,8 +102,8 @@ impl RgbdSource for TumRecording {
             self.statistics.delivered += 1;
             self.statistics.invalid_depth = frame.depth.invalid_share();
             match self.scale.look(&frame.depth) {
-                Some(ScaleDoubt::Wrong(reason)) => return Err(broken(&self.camera_file, &reason)),
-                Some(ScaleDoubt::Odd(reason)) => tracing::warn!(source = self.name, "{reason}"),
+                Some(ScaleIssue::Wrong(reason)) => return Err(broken(&self.camera_file, &reason)),
+                Some(ScaleIssue::Odd(reason)) => tracing::warn!(source = self.name, "{reason}"),
                 None => {}
             }
         }
@@ -260,7 +259,7 @@ pub struct ListEntry<'t> {
 /// Largest time stamp that is seconds; Unix time in milliseconds, microseconds or nanoseconds
 /// lies above. The year 5138.
 const MAX_SECONDS: f64 = 1e11;
-/// A recording of at least so many pictures, this far apart in the median, is in other units.
+/// A recording of at least this many pictures, this far apart in the median, is in other units.
 const ENOUGH_STEPS: usize = 10;
 const LONGEST_STEP_US: i64 = 10_000_000;
 

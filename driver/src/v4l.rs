@@ -1,15 +1,15 @@
 //! A colour and a depth device of V4L2 side by side (RealSense, Astra).
 //!
-//! Depth must come registered to colour, at one size: V4L2 tells nothing of lenses, so the
-//! camera is given (`--camera`), or Kinect defaults with depth in millimetres, which the first
-//! frames must bear out.
+//! Depth must come registered to colour, at one size: V4L2 tells nothing of lenses, so the camera
+//! is given (`--camera`), or Kinect defaults with depth in millimetres, which the first frames must
+//! confirm.
 
 use crate::error::SourceError;
 use crate::jpeg;
 use crate::live::{Camera, CameraFault, Paired, Pairing};
 use crate::yuv::yuv_to_rgb;
 use linkage_frames::camera::PinholeCamera;
-use linkage_frames::depth::{ScaleDoubt, ScaleWatch};
+use linkage_frames::depth::{ScaleCheck, ScaleIssue};
 use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame};
 use std::io;
 use std::path::Path;
@@ -63,7 +63,7 @@ struct Layout {
 pub struct V4lCamera {
     camera: Arc<PinholeCamera>,
     /// Looks whether the first frames' depth fits the camera's units.
-    scale: ScaleWatch,
+    scale: ScaleCheck,
     color: Layout,
     depth: Layout,
     pictures: Receiver<Result<Picture, String>>,
@@ -98,15 +98,15 @@ impl V4lCamera {
             })
             .into();
         let pairing = Pairing::new(MAX_PAIR_GAP_US);
-        let scale = ScaleWatch::new(camera.depth_units_per_metre, is_assumed);
+        let scale = ScaleCheck::new(camera.depth_units_per_metre, is_assumed);
         Ok(Self { camera, scale, color, depth, pictures, pairing, stop, threads })
     }
 
     fn frame_of(&mut self, pair: Paired<Vec<u8>, Vec<u8>>) -> Result<RgbdFrame, CameraFault> {
         let frame = self.assemble(pair).map_err(CameraFault::Damaged)?;
         match self.scale.look(&frame.depth) {
-            Some(ScaleDoubt::Wrong(reason)) => return Err(CameraFault::Unusable(reason)),
-            Some(ScaleDoubt::Odd(reason)) => tracing::warn!("{reason}"),
+            Some(ScaleIssue::Wrong(reason)) => return Err(CameraFault::Unusable(reason)),
+            Some(ScaleIssue::Odd(reason)) => tracing::warn!("{reason}"),
             None => {}
         }
         Ok(frame)

@@ -1,4 +1,4 @@
-//! The other end of the service: sends a command and waits for what becomes of it.
+//! The other end of the service: sends a command and waits for its result.
 
 use crate::channel;
 use crate::service::{COMMAND_SCHEMA, CommandKey};
@@ -69,13 +69,13 @@ impl Client {
     pub fn done(
         &mut self,
         command: &linkage::Command,
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<String, ClientError> {
         let start = Instant::now();
-        let session = self.session(patience)?;
+        let session = self.session(timeout)?;
         let mut order = self.addressed(command, session);
         let (mut named_at, mut sent, mut progress) = (Instant::now(), None::<Instant>, None);
-        while start.elapsed() < patience {
+        while start.elapsed() < timeout {
             if progress.is_none() && named_at.elapsed() > ANEW_AFTER {
                 order = self.addressed(command, session);
                 (named_at, sent) = (Instant::now(), None);
@@ -94,19 +94,19 @@ impl Client {
                 (true, false) => progress = Some(status.command_answer),
             }
         }
-        let (url, waited) = (self.lcm.url().to_owned(), patience.as_secs_f64());
+        let (url, waited) = (self.lcm.url().to_owned(), timeout.as_secs_f64());
         let progress = progress.unwrap_or_else(|| "the command is not answered".to_owned());
         Err(ClientError::NotDone { url, waited, progress })
     }
 
-    fn session(&mut self, patience: Duration) -> Result<i64, ClientError> {
+    fn session(&mut self, timeout: Duration) -> Result<i64, ClientError> {
         let start = Instant::now();
-        while start.elapsed() < patience {
+        while start.elapsed() < timeout {
             if let Some(status) = self.status(AGAIN_AFTER)? {
                 return Ok(status.session);
             }
         }
-        let (url, waited) = (self.lcm.url().to_owned(), patience.as_secs_f64());
+        let (url, waited) = (self.lcm.url().to_owned(), timeout.as_secs_f64());
         Err(ClientError::NoService { url, waited })
     }
 

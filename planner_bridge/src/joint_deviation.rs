@@ -2,8 +2,7 @@
 //! the covariance of (axis, origin). They are `None` where nothing is known, which is not the same as
 //! nothing deviating.
 
-use linkage_skill::object::Joint;
-use linkage_skill::object::JointKind;
+use linkage_skill::object::{Joint, JointKind};
 use nalgebra::{Matrix3, Vector3};
 
 /// Lesser of two variances as a share of the greater, below which it is none.

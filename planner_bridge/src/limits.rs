@@ -72,7 +72,8 @@ pub struct Safety {
 pub struct Streaming {
     /// How joints of one object move together.
     pub synchronisation: Synchronisation,
-    /// From the making of a plan for what moves already to the instant from which it goes on.
+    /// Time from the planning of a motion for joints that already move to the instant at which it
+    /// takes over.
     pub lead_time: f64,
     /// Longest pause between two setpoints that is caught up with; after a longer one the motion is
     /// braked from where it was.
@@ -91,8 +92,8 @@ pub enum Synchronisation {
     Independent,
     /// All arrive at once.
     Time,
-    /// All arrive at once, and have gone the same share of their ways at any instant; joints that
-    /// move already when they are given another target only arrive at once.
+    /// All arrive at once, and have covered the same share of their distances at any instant;
+    /// joints that already move when they get another target only arrive at once.
     Phase,
 }
 

@@ -8,8 +8,7 @@ use linkage_realtime::JointMotion;
 use linkage_skill::Pose;
 use linkage_skill::internals::Trajectory;
 use linkage_skill::learn::Demonstration;
-use linkage_skill::object::JointKind;
-use linkage_skill::object::{Joint, ObjectModel};
+use linkage_skill::object::{Joint, JointKind, ObjectModel};
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 
 /// Version of `linkage.model_t`: 2 has joints with a deviation and a reason.
@@ -34,7 +33,7 @@ const KNOT_BYTES: usize = 32;
 const PATH_POSE_BYTES: usize = 64;
 const TRACK_POSE_BYTES: usize = 76;
 
-/// So many of a list, evenly chosen, both ends among them.
+/// A given number of items of a list, evenly chosen, with both ends.
 fn thinned<T: Copy>(list: &[T], keep: usize) -> Vec<T> {
     let keep = keep.max(2);
     if list.len() <= keep {
@@ -144,7 +143,7 @@ pub struct Stamps {
     pub made: i64,
 }
 
-/// A prediction; of long motions so many knots that the message stays small.
+/// A prediction; of long motions only as many knots as keep the message small.
 pub fn prediction(
     prediction: &Prediction,
     model: &ObjectModel,
@@ -264,8 +263,8 @@ fn single_inside(motion: &JointMotion, t: f64) -> f32 {
     }
 }
 
-/// The original system's message: parts as tracks of poses, joints as models with named
-/// parameters; of long demonstrations so many poses that the message stays small.
+/// The original system's message: parts as tracks of poses, joints as models with named parameters;
+/// of long demonstrations only as many poses as keep the message small.
 pub fn articulated_object(demonstration: &Demonstration) -> articulation::ArticulatedObjectMsg {
     let model = &demonstration.model;
     let tracks = model.parts.len() + model.joints.len();

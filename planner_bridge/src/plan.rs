@@ -5,12 +5,10 @@ use crate::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
 use crate::limits::{Rig, Safety};
 use crate::trajectory::{Knot, Task, TrajectoryError, knots, together};
 use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
-use linkage_skill::internals;
-use linkage_skill::object::JointKind;
-use linkage_skill::object::{Joint, ObjectModel};
+use linkage_skill::object::{Joint, JointKind, ObjectModel};
 use linkage_skill::predict::{PredictError, PredictionContext, Target};
 use linkage_skill::recognise::{JointState, Recognised};
-use linkage_skill::{Pose, pose_to_array};
+use linkage_skill::{Pose, internals, pose_to_array};
 use nalgebra::{Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
@@ -181,7 +179,7 @@ pub fn predict(
                 .unwrap_or_default(),
         })
         .collect();
-    let ways = Ways::new(&encountered, &moved);
+    let paths = PartPaths::new(&encountered, &moved);
     let prediction = Prediction {
         schema: PREDICTION_SCHEMA.to_owned(),
         object: recognised.object.clone(),
@@ -190,8 +188,8 @@ pub fn predict(
         camera_from_object: recognised.camera_from_object,
         base_known: recognised.base_known,
         joints: planned_joints,
-        handles: ways.handles(request, &asked)?,
-        parts: ways.parts(),
+        handles: paths.handles(request, &asked)?,
+        parts: paths.parts(),
     };
     let motions = moved.into_iter().map(|(_, motion)| motion).collect();
     Ok(Plan { prediction, motions, start_us: request.moving.map(Moving::at_us) })
@@ -292,7 +290,7 @@ fn assure_configuration(
 }
 
 /// Where all parts are at the knots of the longest motion.
-struct Ways<'e> {
+struct PartPaths<'e> {
     encountered: &'e PredictionContext<'e>,
     /// Parts that any of the moving joints carries.
     moved: Vec<bool>,
@@ -300,7 +298,7 @@ struct Ways<'e> {
     knots: Vec<(f64, Vec<Pose>)>,
 }
 
-impl<'e> Ways<'e> {
+impl<'e> PartPaths<'e> {
     fn new(encountered: &'e PredictionContext<'e>, motions: &[(usize, JointMotion)]) -> Self {
         let model = encountered.model();
         let mut moved = vec![false; model.parts.len()];
@@ -345,7 +343,7 @@ impl<'e> Ways<'e> {
         Ok(vec![self.path(part, &camera_from_part.inverse_transform_point(&grasp))])
     }
 
-    /// The way of a point of a part.
+    /// The path of a point of a part.
     fn path(&self, part: usize, point: &Point3<f64>) -> PlannedPart {
         let to_point = Translation3::from(point.coords);
         let pose = |(t, camera_from_parts): &(f64, Vec<Pose>)| {
@@ -362,8 +360,9 @@ pub(crate) mod tests {
     use super::*;
     use crate::limits::Synchronisation;
     use linkage_skill::internals::covariance_rows;
-    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
-    use linkage_skill::object::{JointGeometry, JointKind};
+    use linkage_skill::object::{
+        Joint, JointGeometry, JointKind, MODEL_SCHEMA, Part, ReferenceFrame,
+    };
     use nalgebra::{Matrix6, Vector3};
 
     pub fn fridge() -> (ObjectModel, Recognised) {

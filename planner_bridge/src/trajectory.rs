@@ -132,7 +132,7 @@ impl<'t> Task<'t> {
         JointMotion::new(self.joint, &kept, duration, target, bounds)
     }
 
-    /// Stays where it is for so many seconds.
+    /// Stays where it is for this many seconds.
     fn rest(&self, duration: f64) -> Result<JointMotion, MotionError> {
         self.course(&[Segment::from(0.0, self.from, 0.0)], duration, self.from.position)
     }
@@ -160,7 +160,7 @@ const LEAST_USED: f64 = 0.5;
 /// are at most.
 const BRAKE_PERIOD: f64 = 0.001;
 const MAX_BRAKES: usize = 20_000;
-/// A brake may leave the range by so much: rad or m.
+/// Largest distance by which a brake may leave the range, rad or m.
 const BRAKE_SLACK: f64 = 1e-6;
 
 /// The motion of a joint from rest to rest as fast as the limits allow.

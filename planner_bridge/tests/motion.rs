@@ -31,28 +31,28 @@ struct Joint {
 
 #[derive(Debug, Clone)]
 enum Event {
-    /// Some of the joints to shares of their ranges; the order is given so many ticks after it was
-    /// planned.
+    /// Some of the joints to shares of their ranges; the order is given this many ticks after it
+    /// was planned.
     Target {
         joints: [bool; 3],
         to: [f64; 3],
         slow_by: u64,
     },
     Cancel,
-    /// No frames, or none that tells, for so many ticks.
+    /// No frames, or none that tells, for this many ticks.
     Loss {
         ticks: u64,
         doubt: Option<bool>,
     },
-    /// No heartbeat for so many ticks.
+    /// No heartbeat for this many ticks.
     Silence {
         ticks: u64,
     },
-    /// No tick for so long.
+    /// No tick for this long.
     Stall {
         us: u64,
     },
-    /// The network takes nothing for so many ticks.
+    /// The network takes nothing for this many ticks.
     Deaf {
         ticks: u64,
     },
@@ -154,7 +154,7 @@ impl Robot<'_> {
             Event::Loss { ticks, doubt } => {
                 self.lost_until_us = self.now_us + ticks * TICK_US;
                 let why = |lost: bool| if lost { Reason::ObjectLost } else { Reason::JointLost };
-                doubt.map(why).into_iter().for_each(|why| self.shared.frame_doubted(why));
+                doubt.map(why).into_iter().for_each(|why| self.shared.frame_rejected(why));
             }
             Event::Silence { ticks } => self.silent_until_us = self.now_us + ticks * TICK_US,
             Event::Stall { us } => self.now_us += us,

@@ -8,9 +8,7 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use linkage_frames::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
 use linkage_skill::config::FlowMethod;
-use linkage_skill::internals::Gray;
-use linkage_skill::internals::{FeatureDensity, Keypoints};
-use linkage_skill::internals::{Picture, Tracker};
+use linkage_skill::internals::{FeatureDensity, Gray, Keypoints, Picture, Tracker};
 use linkage_skill::recognise::Scene;
 use nalgebra::Point2;
 use opencv::core::{KeyPoint, Mat, Point2f, Size, TermCriteria, Vector, no_array};
@@ -78,7 +76,7 @@ fn flow(criterion: &mut Criterion) {
         Picture::new(gray, FlowMethod::LucasKanade).expect("a picture made ready")
     };
     let previous = picture(&grays[0]);
-    // The last frame's pyramid is at hand; the new one's is not.
+    // The last frame's pyramid is available; the new one's is not.
     group.bench_function("ours", |b| {
         b.iter(|| previous.predict(&picture(&grays[1]), black_box(&points)).expect("a flow"));
     });

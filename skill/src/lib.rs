@@ -1,5 +1,5 @@
-//! The science of Linkage: learns how articulated things move, recognises them, predicts
-//! their motion. Frames and configuration in, values out; no camera, socket or clock.
+//! The core of Linkage: learns how articulated things move, recognises them, predicts their motion.
+//! Frames and configuration in, values out; no camera, socket or clock.
 //!
 //! Metres, radians, microseconds. Camera frame: x right, y down, z forward. A joint's configuration is
 //! 0 where its demonstration began.

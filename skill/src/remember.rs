@@ -1,4 +1,4 @@
-//! Demonstrations of one object, merged (paper, section III-E): an object that is met again is
+//! Demonstrations of one object, merged (paper, section III-E): an object that is seen again is
 //! recognised in the first frame of the newer demonstration, which is then registered into the
 //! object's frame.
 //!

@@ -1,4 +1,4 @@
-//! What tests look at: pictures of a made-up scene, and features of made-up objects.
+//! Test data: pictures of a synthetic scene, and features of synthetic objects.
 
 use crate::features::quantised::quantise;
 use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};

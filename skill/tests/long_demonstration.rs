@@ -1,5 +1,5 @@
-//! A demonstration may last as long as it likes: memory is kept for so many frames, those in which
-//! nothing moves are forgotten, and what moved is learned all the same.
+//! A demonstration may last for any time: memory is bounded by a number of frames, frames in which
+//! nothing moves are forgotten, and what moved is still learned.
 
 use linkage_skill::object::JointKind;
 use linkage_skill::{Learner, SkillConfig};

@@ -1,8 +1,8 @@
 //! The store among processes: many that write at once, and some that are killed.
 
-use linkage_skill::object::Appearance;
-use linkage_skill::object::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
-use linkage_skill::object::{Provenance, StoredObject};
+use linkage_skill::object::{
+    Appearance, MODEL_SCHEMA, ObjectModel, Part, Provenance, ReferenceFrame, StoredObject,
+};
 use linkage_skill::store::{Store, StoreError};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};

@@ -1,4 +1,4 @@
-//! Devices that are none: what stands for hardware in front of the real libraries.
+//! Simulated devices: what replaces hardware in front of the real libraries.
 
 use linkage_driver::RgbdFrame;
 use std::fs;
@@ -29,7 +29,7 @@ pub struct OpenNi {
 }
 
 impl OpenNi {
-    /// Builds the device's driver and writes its frames; `None`, said aloud, where OpenNI2 is
+    /// Builds the device's driver and writes its frames; `None`, with a message, where OpenNI2 is
     /// not installed.
     pub fn with_frames(scratch: &Path, frames: &[RgbdFrame]) -> Option<Self> {
         let library = Path::new(OPENNI2).join("libOpenNI2.so.0");
@@ -49,7 +49,7 @@ impl OpenNi {
         Some(Self { root, frames: path, settings: Vec::new() })
     }
 
-    /// The same device with a peculiarity.
+    /// The same device with another setting.
     pub fn with(mut self, setting: &'static str) -> Self {
         self.settings.push(setting);
         self

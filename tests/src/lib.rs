@@ -1,5 +1,5 @@
-//! What the whole-skill specifications share: the program under test, scratch folders,
-//! simulated recordings, and the third-party data where it is at hand.
+//! What the whole-skill specifications share: the program under test, scratch folders, simulated
+//! recordings, and the third-party data where it is available.
 
 pub mod fixtures;
 pub mod joint;
@@ -96,7 +96,7 @@ fn takes() -> &'static Path {
     })
 }
 
-/// Third-party recordings and logs; `None`, said aloud, where they are missing.
+/// Third-party recordings and logs; `None`, with a message, where they are missing.
 pub fn shared_data(what: &str) -> Option<PathBuf> {
     let data = std::env::var("LINKAGE_DATA").map_or_else(
         |_| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),

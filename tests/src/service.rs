@@ -110,11 +110,11 @@ impl Listener {
     pub fn wait<M: Message>(
         &mut self,
         channel: &str,
-        patience: Duration,
+        timeout: Duration,
         mut wanted: impl FnMut(&M) -> bool,
     ) -> M {
         let start = Instant::now();
-        while start.elapsed() < patience {
+        while start.elapsed() < timeout {
             let packet = self.lcm.receive(Duration::from_millis(200)).expect("LCM receives");
             let Some(packet) = packet.filter(|p| p.channel == channel) else { continue };
             let message: M = decode(&packet.bytes).expect("what is published can be decoded");
@@ -122,10 +122,10 @@ impl Listener {
                 return message;
             }
         }
-        panic!("nothing that was waited for came on {channel} within {patience:?}");
+        panic!("nothing that was waited for came on {channel} within {timeout:?}");
     }
 
-    /// All packets of some time.
+    /// All packets that come within a time.
     pub fn gather(&mut self, time: Duration) -> Vec<Packet> {
         let start = Instant::now();
         let mut packets = Vec::new();

@@ -63,7 +63,7 @@ fn depth_of_another_size_than_colour() {
     assert_says(&result, 2, &["depth/2.png", "depth is 32x24", "64x48"]);
 }
 
-/// A PNG of a few bytes that claims so many pixels.
+/// A PNG of a few bytes that claims this many pixels.
 fn claiming_png(width: u32, height: u32) -> Vec<u8> {
     let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
     png.extend(width.to_be_bytes());
@@ -208,7 +208,7 @@ fn stamps_that_are_no_seconds() {
     assert_says(&result, 2, &["rgb.txt", "line 5", "nanoseconds"]);
 }
 
-/// A recording as large as a Kinect's, of a wall at so many raw units, without `camera.toml`.
+/// A recording as large as a Kinect's, of a wall at this many raw units, without `camera.toml`.
 fn wall_of_raw_depth(dir: &Path, raw: u16) {
     for folder in ["rgb", "depth"] {
         std::fs::create_dir_all(dir.join(folder)).unwrap();

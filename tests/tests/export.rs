@@ -2,7 +2,7 @@
 //! rests where it is put, and it falls only as its joints allow.
 //!
 //! The simulators are Python packages: MuJoCo and USD by tools/setup, PyBullet and Drake where they
-//! are at hand.
+//! are available.
 
 use linkage_tests::{failure, linkage, python_with, shared_data, simulated};
 use nalgebra::{

@@ -54,7 +54,8 @@ fn the_systemd_unit_starts_the_service_with_options_that_it_knows() {
     for option in words.filter(|w| w.starts_with("--")) {
         assert!(help.contains(option), "{option} is unknown to {command}");
     }
-    // Where systemd is at hand, it checks the rest; that the program is not installed is no fault.
+    // Where systemd is available, it checks the rest; that the program is not installed is no
+    // fault.
     if let Ok(output) = Command::new("systemd-analyze").arg("verify").arg(&unit).output() {
         let complaints = String::from_utf8_lossy(&output.stderr).into_owned();
         let of_the_unit = |l: &&str| l.contains("linkage.service") && !l.contains("not executable");

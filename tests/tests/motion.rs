@@ -41,9 +41,9 @@ fn serving(url: &str, dir: &Path, source: &str, options: &[&str]) -> Service {
 /// Setpoints up to the last, each held against the one before.
 fn setpoints(listener: &mut Listener) -> Vec<Setpoint> {
     let mut all: Vec<Setpoint> = Vec::new();
-    let patience = Duration::from_secs(10);
+    let timeout = Duration::from_secs(10);
     while all.last().is_none_or(|s| !s.last) {
-        let next = listener.wait::<Setpoint>("LINKAGE_SETPOINT", patience, |_| true);
+        let next = listener.wait::<Setpoint>("LINKAGE_SETPOINT", timeout, |_| true);
         if let Some(before) = all.last() {
             assert!(next.sequence > before.sequence);
             goes_on(before, &next);

@@ -178,9 +178,9 @@ fn what_moves_is_shown_moving_and_as_a_still_on_paper_and_for_who_wants_no_motio
     for name in ["learned.html", "predicted.html"] {
         let page = pages().text(name);
         assert!(page.len() < MOST_BYTES, "{name}: {} bytes", page.len());
-        let reel = page.split_once("class=\"reel\"").expect("there is an animation").1;
-        let reel = reel.split_once("</div>").expect("it ends").0;
-        let pictures: Vec<&str> = reel.split("<img").skip(1).collect();
+        let animation = page.split_once("class=\"animation\"").expect("there is an animation").1;
+        let animation = animation.split_once("</div>").expect("it ends").0;
+        let pictures: Vec<&str> = animation.split("<img").skip(1).collect();
         assert!(pictures.len() >= 8, "{name}: {} pictures", pictures.len());
         let different: BTreeSet<&str> =
             pictures.iter().filter_map(|p| p.split_once("base64,")?.1.split('"').next()).collect();
@@ -189,8 +189,11 @@ fn what_moves_is_shown_moving_and_as_a_still_on_paper_and_for_who_wants_no_motio
         for medium in ["(prefers-reduced-motion: reduce)", "print"] {
             let rules = page.split_once(&format!("@media {medium} {{")).expect("it has rules").1;
             let rules = rules.split_once("\n}").expect("they end").0;
-            assert!(rules.contains(".reel img { animation: none; }"), "{name}, {medium}");
-            assert!(rules.contains(".reel img.still { visibility: visible; }"), "{name}, {medium}");
+            assert!(rules.contains(".animation img { animation: none; }"), "{name}, {medium}");
+            assert!(
+                rules.contains(".animation img.still { visibility: visible; }"),
+                "{name}, {medium}"
+            );
         }
     }
 }
@@ -218,22 +221,22 @@ fn a_prediction_tells_from_where_to_where_a_joint_goes() {
 const MOST_PICTURE_BYTES: u64 = 300_000;
 
 #[test]
-fn the_demo_ends_with_one_page_of_the_whole_way_and_with_the_readmes_picture() {
+fn the_demo_ends_with_one_page_of_the_whole_pipeline_and_with_the_readmes_picture() {
     let dir = tempfile::tempdir().expect("a scratch folder can be made");
     run(&["demo", "--out", &text(dir.path())], 0);
     let page = fs::read_to_string(dir.path().join("index.html")).expect("the page was written");
     assert_eq!(fault(&page), None);
     assert!(page.len() < MOST_BYTES, "{} bytes", page.len());
-    let chapters = ["1. A person moves it once", "2. It is met again", "3. How it will move"];
+    let sections = ["1. A person moves it once", "2. It is met again", "3. How it will move"];
     let places: Vec<usize> =
-        chapters.iter().map(|c| page.find(c).unwrap_or_else(|| panic!("no {c}"))).collect();
+        sections.iter().map(|c| page.find(c).unwrap_or_else(|| panic!("no {c}"))).collect();
     assert!(places.is_sorted(), "{places:?}");
     for told in
         ["A door, hinged ", "fridge is recognised: ", ", a hinge, goes from ", "axis off by "]
     {
         assert!(page.contains(told), "it does not tell {told:?}");
     }
-    assert_eq!(page.matches("class=\"reel\"").count(), 2);
+    assert_eq!(page.matches("class=\"animation\"").count(), 2);
     let mut links = 0;
     for link in page.split("<a href=\"").skip(1) {
         let file = link.split('"').next().unwrap_or_default();
@@ -254,7 +257,7 @@ struct Shown {
     console: Vec<String>,
 }
 
-/// Shows a page in a headless Chromium; `None`, said aloud, where there is none.
+/// Shows a page in a headless Chromium; `None`, with a message, where there is none.
 fn shown(page: &Path) -> Option<Shown> {
     if !Command::new("chromium").arg("--version").output().is_ok_and(|o| o.status.success()) {
         eprintln!("ignored: there is no chromium on PATH; apt-get install chromium");

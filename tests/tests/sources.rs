@@ -39,7 +39,7 @@ fn frames_of(source: &str) -> (Vec<RgbdFrame>, SourceStatistics) {
     (frames, source.statistics())
 }
 
-/// Equal colour, and depth equal to the millimetre but for so many pixels; says how many
+/// Equal colour, and depth equal to the millimetre except for this many pixels; says how many
 /// differ, and how.
 fn assert_same_to_the_millimetre(a: &RgbdFrame, b: &RgbdFrame, but_for: usize) {
     assert!(a.color == b.color, "colour differs at {} us", a.utime);
@@ -439,7 +439,7 @@ fn a_live_openni2_device_is_recorded() {
     }
 }
 
-/// So many frames of the two V4L2 devices, which play `original`.
+/// This many frames of the two V4L2 devices, which play `original`.
 fn recorded_from_v4l2(
     original: &[RgbdFrame],
     count: usize,

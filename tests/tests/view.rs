@@ -1,8 +1,8 @@
-//! What the skill sees and thinks, read by programs that we did not write: an MCAP file by the
-//! library of its makers, a running service by a WebSocket client.
+//! Frames and results as other programs read them: an MCAP file with the library of the format's
+//! authors, a running service with a WebSocket client.
 //!
-//! They are of the program with the feature `view` (`cargo test -p linkage-tests --features view
-//! --test view`); without it, who asks for a view is told how to build it.
+//! They need the program with the feature `view` (`cargo test -p linkage-tests --features view --test
+//! view`); without it, a test checks that `--mcap` and `--view` say how to build it.
 
 #[cfg(not(feature = "view"))]
 mod without {
@@ -181,10 +181,10 @@ mod with {
         BufReader::new(viewer.stdout.take().expect("it is piped")).read_line(&mut line).unwrap();
         assert_eq!(line.trim(), "subscribed");
         let mut listener = Listener::new(network, "LINKAGE_STATUS");
-        let patience = Duration::from_secs(90);
-        let begun: Status = listener.wait("LINKAGE_STATUS", patience, |_| true);
+        let timeout = Duration::from_secs(90);
+        let begun: Status = listener.wait("LINKAGE_STATUS", timeout, |_| true);
         let is_later = |s: &Status| s.frames >= begun.frames + FRAMES_UNSEEN;
-        listener.wait::<Status>("LINKAGE_STATUS", patience, is_later);
+        listener.wait::<Status>("LINKAGE_STATUS", timeout, is_later);
         service.done(&["recognise", "drawer"]);
         assert!(service.resident_mib() < 600.0, "{} MiB", service.resident_mib());
         viewer.kill().and_then(|()| viewer.wait()).expect("it ran until now");

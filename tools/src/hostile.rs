@@ -1,5 +1,5 @@
-//! Models that somebody else wrote, or that damage made: each is refused as it is read, or harms
-//! nothing that works with models.
+//! Models from other programs, and damaged ones: each is refused as it is read, or harms nothing
+//! that works with models.
 
 use crate::export::{Description, mjcf, sdf, urdf, usd};
 use crate::report::{Asked, prediction_page, recognition_page, save_prediction_picture, summary};
@@ -8,10 +8,9 @@ use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Request, Rig, messages, predict};
 use linkage_skill::ObjectModel;
 use linkage_skill::internals::Surfel;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::JointGeometry;
-use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
-use linkage_skill::object::{Provenance, StoredObject};
+use linkage_skill::object::{
+    Appearance, Joint, JointGeometry, MODEL_SCHEMA, Part, Provenance, ReferenceFrame, StoredObject,
+};
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::{JointState, Recognised, Recognition};
 use nalgebra::{Point3, Vector3};
@@ -55,7 +54,7 @@ fn good() -> ObjectModel {
 }
 
 /// What a field may be found to hold.
-fn nasty() -> impl Strategy<Value = Value> {
+fn unexpected_value() -> impl Strategy<Value = Value> {
     let values = [
         json!(null),
         json!(true),
@@ -163,7 +162,7 @@ fn frame() -> RgbdFrame {
     RgbdFrame::new(1, Arc::new(camera), color, depth).unwrap()
 }
 
-/// Does with a model whatever is done with one that was read. Errors are answers.
+/// Uses a model in every way in which models from files are used. Errors are answers.
 fn use_it(model: ObjectModel, scratch: &Path) {
     let found = recognised(&model);
     assert!(model.joints.is_empty() || !summary(&model).is_empty());
@@ -209,7 +208,7 @@ proptest! {
     #[test]
     fn a_changed_model_is_refused_or_harms_nothing(
         changes in proptest::collection::vec(
-            (any::<proptest::sample::Index>(), proptest::option::weighted(0.8, nasty())), 1..4),
+            (any::<proptest::sample::Index>(), proptest::option::weighted(0.8, unexpected_value())), 1..4),
     ) {
         let scratch = tempfile::tempdir().unwrap();
         let mut json = serde_json::to_value(good()).unwrap();

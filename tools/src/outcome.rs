@@ -1,5 +1,4 @@
-//! How a command ends: its answer, or a failure with the exit status that the program returns
-//!.
+//! How a command ends: with its answer, or with a failure and the exit status of the program.
 
 use anyhow::anyhow;
 use linkage_skill::VisionError;

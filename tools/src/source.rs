@@ -5,7 +5,8 @@ use crate::interrupt;
 use crate::outcome::{Failure, Outcome};
 use linkage_driver::live::host_utime;
 use linkage_driver::{
-    Awaited, Gate, RgbdFrame, RgbdSource, SourceError, SourceOptions, SourceStatistics, Timeline,
+    Awaited, RgbdFrame, RgbdSource, SourceError, SourceOptions, SourceStatistics, Timeline,
+    TimestampFilter,
 };
 use linkage_skill::recognise::StillFrames;
 use std::sync::Arc;
@@ -17,7 +18,7 @@ const SETTLING: usize = 5;
 
 /// How often it is told that a live camera is silent.
 const TOLD_EVERY: Duration = Duration::from_secs(5);
-/// Longest wait for a frame without a look whether to stop.
+/// Longest wait for a frame before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(100);
 
 /// Opens a source. A signal ends it, as if it were a recording that is over; what that means is
@@ -40,7 +41,7 @@ pub fn open(name: &str, take: &SourceArgs) -> Outcome<Taken> {
         take: take.clone(),
         stop,
         deadline,
-        gate: Gate::new(Timeline::GoesOn),
+        timestamps: TimestampFilter::new(Timeline::Continuous),
         taken: 0,
         first_utime: None,
     })
@@ -54,7 +55,7 @@ pub struct Taken {
     /// When no frame is waited for any more.
     deadline: Option<Instant>,
     /// Keeps a live camera's times in order where its clock begins again.
-    gate: Gate,
+    timestamps: TimestampFilter,
     taken: usize,
     first_utime: Option<i64>,
 }
@@ -104,7 +105,7 @@ impl Taken {
             match self.source.next_frame_within(left.unwrap_or(POLL).min(POLL))? {
                 Awaited::End => return Ok(None),
                 Awaited::Frame(frame) => {
-                    if let Some(frame) = self.gate.pass(frame, host_utime()) {
+                    if let Some(frame) = self.timestamps.pass(frame, host_utime()) {
                         return Ok(Some(frame));
                     }
                     silent_since = Instant::now();

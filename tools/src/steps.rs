@@ -6,11 +6,10 @@
 
 use crate::cli::{Common, SourceArgs};
 use crate::console::Progress;
-use crate::interrupt;
 use crate::outcome::{BAD_INPUT, Failure, INTERNAL, NO_ANSWER, Outcome};
 use crate::simulate::{SCENES, Take, record, scene};
-use crate::source;
 use crate::tags::TagLog;
+use crate::{interrupt, source};
 use anyhow::{Context, anyhow};
 use linkage_driver::live::host_utime;
 use linkage_driver::{RgbdFrame, RgbdSource};

@@ -33,7 +33,7 @@ pub struct Truth {
     pub parts: Vec<TruePart>,
     /// Its joints that move, or could.
     pub joints: Vec<TrueJoint>,
-    /// All that stands there in the first frame, but for the person.
+    /// All that stands there in the first frame, except for the person.
     #[serde(default)]
     pub solids: Vec<TrueSolid>,
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 /// Most pixels of a picture that is taken: learning from a dozen of this size takes 1 GB.
 pub const MAX_PIXELS: usize = 3840 * 2160;
 
-/// A camera that cannot be one.
+/// A camera description that is not possible.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// The description could not be read or holds keys that are not known.
@@ -29,8 +29,8 @@ pub enum CameraError {
         /// What it must be.
         needed: &'static str,
     },
-    /// Distortion that gives two places of the picture one line of sight, or one of them none,
-    /// or one far from where it is without.
+    /// Distortion that cannot be undone: two pixels have one line of sight, a pixel has none, or
+    /// distortion moves it too far.
     #[error(
         "camera distortion cannot be undone at column {u:.0}, row {v:.0}: \
          it must be OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 of this picture's size and focal length"
@@ -43,8 +43,8 @@ pub enum CameraError {
     },
 }
 
-/// Narrowest and widest picture that is believed, as the angle across it, degrees. Depth
-/// cameras have 40 to 120; wider ones are no pinhole cameras.
+/// Narrowest and widest picture that is accepted, as the angle across it, degrees. Depth cameras
+/// have 40 to 120; wider ones are no pinhole cameras.
 const FIELD_OF_VIEW_DEG: [f64; 2] = [5.0, 150.0];
 /// Least and greatest ratio of the two focal lengths: pixels are nearly square.
 const ASPECT: [f64; 2] = [0.4, 2.5];
@@ -52,7 +52,7 @@ const ASPECT: [f64; 2] = [0.4, 2.5];
 const BORDER: f64 = 0.05;
 /// How many times farther from the axis, or nearer to it, distortion may move a pixel.
 const STRETCH: f64 = 4.0;
-/// Depth units in a metre that are believed: steps of 10 mm to 0.01 mm.
+/// Depth units in a metre that are accepted: steps of 10 mm to 0.01 mm.
 const UNITS_PER_METRE: [f64; 2] = [100.0, 100_000.0];
 
 /// Intrinsics in pixels; the centre of the top-left pixel is (0, 0).
@@ -118,7 +118,7 @@ impl PinholeCamera {
         [k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
     }
 
-    /// Says aloud which values are taken for a camera that nobody described.
+    /// Logs which values are assumed for a camera that is not described.
     pub fn warn_assumed(&self, source: &str, remedy: &str) {
         tracing::warn!(
             source,

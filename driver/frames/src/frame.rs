@@ -88,8 +88,8 @@ fn luma([r, g, b]: [u8; 3]) -> u8 {
     ((u32::from(r) * 299 + u32::from(g) * 587 + u32::from(b) * 114 + 500) / 1000) as u8
 }
 
-/// Depth along the optical axis in metres. "No reading" is `None` at the door and NaN
-/// inside, so that it poisons any sum instead of passing for a distance of zero.
+/// Depth along the optical axis in metres. "No reading" is `None` in the interface and NaN in
+/// memory, so that a sum over it is NaN and does not count it as a distance of zero.
 #[derive(Debug, Clone)]
 pub struct DepthImage {
     width: usize,

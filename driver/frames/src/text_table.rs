@@ -118,7 +118,7 @@ impl<'t> Row<'t> {
             .collect()
     }
 
-    /// The first field, and the rest of the row as it is but for quotes around it: a name may
+    /// The first field, and the rest of the row as it is except for quotes around it: a name may
     /// hold spaces, commas and comment signs. `None` where nothing follows the first field.
     pub fn split_first(&self) -> Option<(&'t str, &'t str)> {
         let is_separator = |c: char| c.is_whitespace() || c == ',' || c == ';';

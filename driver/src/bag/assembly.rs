@@ -190,7 +190,7 @@ fn registration(
         found.color_from_depth()
     };
     let is_one_camera = same_size && same_intrinsics(info.k, camera);
-    if is_one_camera && known.as_ref().is_some_and(is_nearly_nothing) {
+    if is_one_camera && known.as_ref().is_some_and(is_nearly_identity) {
         return Ok(None);
     }
     if let Some(color_from_depth) = known {
@@ -215,7 +215,7 @@ fn registration(
     ))
 }
 
-fn is_nearly_nothing(pose: &nalgebra::Isometry3<f64>) -> bool {
+fn is_nearly_identity(pose: &nalgebra::Isometry3<f64>) -> bool {
     pose.translation.vector.norm() < SAME_PLACE_M && pose.rotation.angle() < SAME_DIRECTION_RAD
 }
 

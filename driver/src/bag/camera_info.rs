@@ -8,7 +8,7 @@ const POLYNOMIAL: [&str; 4] = ["plumb_bob", "brown conrady", "brown_conrady", "b
 /// Names of the rational model, with `k4 k5 k6` behind those.
 const RATIONAL: [&str; 2] = ["rational_polynomial", "rational polynomial"];
 
-/// The camera of a topic's pictures, whose depth has so many units in a metre. The pictures of a
+/// The camera of a topic's pictures, whose depth has this many units in a metre. The pictures of a
 /// rectified topic have the intrinsics `P` and no distortion.
 ///
 /// # Errors

@@ -1,5 +1,5 @@
 //! The messages that pictures and cameras travel in: `sensor_msgs` of ROS 1 and ROS 2, whose fields
-//! are the same but for the header's `seq`.
+//! are the same except for the header's `seq`.
 
 use super::wire::{WireError, WireFormat, WireReader};
 

@@ -16,13 +16,13 @@ pub mod transforms;
 pub mod wire;
 
 use crate::error::SourceError;
-use crate::gate::{Gate, Timeline};
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
+use crate::timestamp_filter::{Timeline, TimestampFilter};
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use assembly::Assembly;
 use linkage_frames::camera::PinholeCamera;
-use linkage_frames::depth::{ScaleDoubt, ScaleWatch};
+use linkage_frames::depth::{ScaleCheck, ScaleIssue};
 use linkage_frames::frame::RgbdFrame;
 use pairing::{NearestPairing, Pair, Stamped};
 use reader::{BagMessage, BagReader};
@@ -48,7 +48,7 @@ pub struct BagOptions {
 pub struct BagRecording {
     name: String,
     statistics: SourceStatistics,
-    scale: ScaleWatch,
+    scale: ScaleCheck,
     frames: mpsc::Receiver<Result<Decoded, SourceError>>,
 }
 
@@ -74,7 +74,7 @@ impl BagRecording {
         tracing::info!(source = name, color, depth, "topics");
         let mut reader = opener()?;
         reader.select(&[chosen.color.pictures, chosen.depth.pictures])?;
-        let scale = ScaleWatch::new(assembly.camera().depth_units_per_metre, false);
+        let scale = ScaleCheck::new(assembly.camera().depth_units_per_metre, false);
         let (sender, frames) = mpsc::sync_channel(READ_AHEAD);
         let mut decoder = Decoder::new(name, reader, chosen, assembly);
         std::thread::spawn(move || {
@@ -100,7 +100,7 @@ impl RgbdSource for BagRecording {
             self.statistics.delivered += 1;
             self.statistics.invalid_depth = frame.depth.invalid_share();
             match self.scale.look(&frame.depth) {
-                Some(ScaleDoubt::Wrong(reason) | ScaleDoubt::Odd(reason)) => {
+                Some(ScaleIssue::Wrong(reason) | ScaleIssue::Odd(reason)) => {
                     tracing::warn!(source = self.name, "{reason}");
                 }
                 None => {}
@@ -129,7 +129,7 @@ struct Decoder {
     chosen: ChosenTopics,
     assembly: Assembly,
     pairing: NearestPairing,
-    gate: Gate,
+    timestamps: TimestampFilter,
     damaged: u64,
     last_damage: Option<String>,
     delivered: u64,
@@ -149,7 +149,7 @@ impl Decoder {
             chosen,
             assembly,
             pairing: NearestPairing::new(DEFAULT_MAX_PAIR_GAP_US),
-            gate: Gate::new(Timeline::GoesOn),
+            timestamps: TimestampFilter::new(Timeline::Continuous),
             damaged: 0,
             last_damage: None,
             delivered: 0,
@@ -192,7 +192,7 @@ impl Decoder {
 
     fn frame(&mut self, pair: &Pair) -> Option<RgbdFrame> {
         match self.assembly.frame(pair) {
-            Ok(frame) => self.gate.pass(frame, pair.color.log_utime),
+            Ok(frame) => self.timestamps.pass(frame, pair.color.log_utime),
             Err(e) => {
                 self.note_damage(e);
                 None
@@ -210,7 +210,7 @@ impl Decoder {
             damaged: self.damaged,
             unpaired: self.pairing.unpaired,
             largest_pair_gap_us: self.pairing.largest_gap_us,
-            ..self.gate.statistics
+            ..self.timestamps.statistics
         }
     }
 

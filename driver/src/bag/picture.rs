@@ -78,7 +78,7 @@ pub fn color_of_compressed(
     Err(damaged(format!("colour of format \"{}\" is neither JPEG nor PNG", image.format)))
 }
 
-/// Depth of an uncompressed picture; 16 bits hold so many units in a metre.
+/// Depth of an uncompressed picture; 16 bits hold this many units in a metre.
 ///
 /// # Errors
 /// [`PictureFault`].

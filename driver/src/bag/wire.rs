@@ -2,8 +2,8 @@
 //!
 //! ROS 2 writes CDR: a header of four bytes tells the byte order, numbers are aligned to their
 //! size, strings end in a zero byte. ROS 1 writes the same fields in little endian without header,
-//! alignment and zero bytes. Nothing is copied and no memory is taken on the word of a length: a
-//! length that is more than what is left is an error.
+//! alignment and zero bytes. Nothing is copied, and no memory is taken for a length before it is
+//! compared with the bytes that are left: a larger length is an error.
 
 /// How a message is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

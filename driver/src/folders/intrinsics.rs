@@ -21,13 +21,13 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Of a matrix of so many columns, row by row.
+    /// Intrinsics from a matrix of `columns` columns, row by row.
     fn of_matrix(m: &[f64], columns: usize) -> Self {
         let (fy, cy) = (m[columns + 1], m[columns + 2]);
         Self { fx: m[0], fy, cx: m[2], cy, ..Self::default() }
     }
 
-    /// As they are in a picture of another size.
+    /// The intrinsics for a picture of another size.
     pub fn scaled(&self, from: (usize, usize), to: (usize, usize)) -> Self {
         let (x, y) = (to.0 as f64 / from.0 as f64, to.1 as f64 / from.1 as f64);
         // The centre of the first pixel is (0, 0): its corner is at -0.5.

@@ -19,7 +19,7 @@ use crate::statistics::SourceStatistics;
 use crate::tum::{FramePair, TumRecording};
 use intrinsics::Intrinsics;
 use linkage_frames::camera::PinholeCamera;
-use linkage_frames::depth::{Registration, ScaleWatch};
+use linkage_frames::depth::{Registration, ScaleCheck};
 use linkage_frames::frame::{DepthImage, RgbdFrame};
 use linkage_frames::text_table;
 use nalgebra::Isometry3;
@@ -55,7 +55,7 @@ enum DepthView {
     Registered,
     /// Another camera saw it.
     Other(Registration),
-    /// The same camera saw it in so many larger pixels.
+    /// The same camera saw it in this many larger pixels.
     Coarse((usize, usize)),
 }
 
@@ -111,7 +111,7 @@ pub fn open(
         rate_hz: ASSUMED_RATE_HZ,
         ..Default::default()
     };
-    let scale = ScaleWatch::new(camera.depth_units_per_metre, false);
+    let scale = ScaleCheck::new(camera.depth_units_per_metre, false);
     let loader = Loader { camera: Arc::new(camera), view };
     let name = dir.display().to_string();
     Ok(TumRecording::play(&name, pairs, statistics, scale, move |pair| loader.load(pair)))

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Columns and rows of both cameras' pictures.
 pub const SIZE: (usize, usize) = (640, 480);
 
-/// Pictures that wait to be taken; more push out the oldest.
+/// Pictures that wait to be taken; when more come, the oldest are dropped.
 const WAITING: usize = 8;
 
 /// What a camera of the device has delivered.
@@ -164,7 +164,7 @@ impl Device {
         self.playback
     }
 
-    /// Lets the library work until something happens, at most so long.
+    /// Lets the library work until something happens, at most this long.
     pub fn process_events(&mut self, timeout: Duration) -> Result<(), CameraFault> {
         let mut timeout = ffi::timeval {
             tv_sec: timeout.as_secs() as i64,

@@ -9,9 +9,9 @@ pub const NO_DISPARITY: u16 = 2047;
 const REFERENCE_MM: f64 = 1200.0;
 /// Size of a pixel on the reference plane, millimetres.
 const REFERENCE_PIXEL_MM: f64 = 1.042;
-/// From emitter to infrared camera, millimetres.
+/// Distance from the emitter to the infrared camera, millimetres.
 const BASELINE_MM: f64 = 75.0;
-/// Disparity of the reference plane, in steps of which four make a pixel, and what is left.
+/// Disparity of the reference plane, in steps of a quarter of a pixel, and its offset.
 const REFERENCE_DISPARITY: f64 = 800.0;
 const STEPS_PER_PIXEL: f64 = 4.0;
 const OFFSET_PX: f64 = 0.375;

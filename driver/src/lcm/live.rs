@@ -9,19 +9,19 @@ use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How often the log is told that frames do not arrive.
+/// Time between two log messages about frames that do not arrive.
 const TELL_EVERY: Duration = Duration::from_secs(10);
 
 /// A camera whose frames another program publishes.
 pub struct LcmCamera {
     lcm: Lcm,
     camera: Arc<PinholeCamera>,
-    told: Told,
+    reported: Reported,
 }
 
-/// What the log was told of frames that did not arrive.
+/// What was last logged about frames that did not arrive.
 #[derive(Default)]
-struct Told {
+struct Reported {
     missing: u64,
     when: Option<Instant>,
 }
@@ -38,15 +38,15 @@ impl LcmCamera {
         };
         let mut lcm = Lcm::new(url).map_err(failed)?;
         lcm.subscribe(channel).map_err(failed)?;
-        Ok(Self { lcm, camera, told: Told::default() })
+        Ok(Self { lcm, camera, reported: Reported::default() })
     }
 
     /// Tells the log that frames do not arrive, and what to do, now and then.
     fn tell_missing(&mut self) {
         let reception = self.lcm.reception();
-        let is_due = self.told.when.is_none_or(|when| when.elapsed() >= TELL_EVERY);
-        if reception.missing() > self.told.missing && is_due {
-            self.told = Told { missing: reception.missing(), when: Some(Instant::now()) };
+        let is_due = self.reported.when.is_none_or(|when| when.elapsed() >= TELL_EVERY);
+        if reception.missing() > self.reported.missing && is_due {
+            self.reported = Reported { missing: reception.missing(), when: Some(Instant::now()) };
             tracing::warn!(url = self.lcm.url(), "{}", words(&reception));
         }
     }

@@ -2,9 +2,9 @@
 
 use super::message::decode_frame;
 use crate::error::SourceError;
-use crate::gate::{Gate, Timeline};
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
+use crate::timestamp_filter::{Timeline, TimestampFilter};
 use linkage_frames::camera::PinholeCamera;
 use linkage_frames::frame::RgbdFrame;
 use linkage_frames::text_table;
@@ -21,7 +21,7 @@ pub struct LogRecording {
     reader: LogReader<File>,
     channel: String,
     camera: Arc<PinholeCamera>,
-    gate: Gate,
+    timestamps: TimestampFilter,
     delivered: u64,
     other_channels: BTreeMap<String, u64>,
     last_damage: Option<String>,
@@ -48,7 +48,7 @@ impl LogRecording {
             reader,
             channel: channel.to_owned(),
             camera,
-            gate: Gate::new(Timeline::GoesOn),
+            timestamps: TimestampFilter::new(Timeline::Continuous),
             delivered: 0,
             other_channels: BTreeMap::new(),
             last_damage: None,
@@ -66,7 +66,7 @@ impl LogRecording {
         if self.delivered == 0 {
             let why = match &self.last_damage {
                 Some(damage) => {
-                    let damaged = self.gate.statistics.damaged;
+                    let damaged = self.timestamps.statistics.damaged;
                     format!("all {damaged} frames are damaged, the last: {damage}")
                 }
                 None if self.other_channels.is_empty() => "no event: is it an LCM log?".to_owned(),
@@ -106,13 +106,13 @@ impl RgbdSource for LogRecording {
             }
             match decode_frame(&event.bytes, &self.camera) {
                 Ok(frame) => {
-                    if let Some(frame) = self.gate.pass(frame, event.utime) {
+                    if let Some(frame) = self.timestamps.pass(frame, event.utime) {
                         self.delivered += 1;
                         return Ok(Some(frame));
                     }
                 }
                 Err(e) => {
-                    self.gate.statistics.damaged += 1;
+                    self.timestamps.statistics.damaged += 1;
                     self.last_damage = Some(e.to_string());
                 }
             }
@@ -128,7 +128,7 @@ impl RgbdSource for LogRecording {
     }
 
     fn statistics(&self) -> SourceStatistics {
-        let counted = self.gate.statistics;
+        let counted = self.timestamps.statistics;
         SourceStatistics {
             delivered: self.delivered,
             damaged: counted.damaged + self.reader.damaged_stretches(),

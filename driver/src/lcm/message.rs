@@ -5,8 +5,7 @@
 //! is decoded or inflated.
 
 use crate::error::FrameError;
-use crate::jpeg;
-use crate::kinect;
+use crate::{jpeg, kinect};
 use flate2::Compression;
 use flate2::read::{ZlibDecoder, ZlibEncoder};
 use linkage_frames::camera::PinholeCamera;
@@ -22,7 +21,7 @@ use std::sync::Arc;
 
 /// Millimetres in a metre, which is how depth travels.
 const MM_PER_METRE: f64 = 1000.0;
-/// Focal lengths of an infrared camera of 640x480 pixels that are believed, pixels.
+/// Focal lengths of an infrared camera of 640x480 pixels that are accepted, pixels.
 const FOCAL_LENGTHS: std::ops::Range<f64> = 200.0..2000.0;
 /// Quality of published JPEG, as the original system has it.
 const JPEG_QUALITY: u8 = 94;
@@ -69,8 +68,8 @@ impl Packing {
 /// Kinect's usual values.
 ///
 /// # Errors
-/// [`MessageError`] says what of the message is wrong; nothing it claims is believed before
-/// it is compared with the camera and with what the message holds.
+/// [`MessageError`] says what of the message is wrong; nothing that it claims is used before it is
+/// compared with the camera and with what the message holds.
 pub fn decode_frame(bytes: &[u8], camera: &Arc<PinholeCamera>) -> Result<RgbdFrame, MessageError> {
     let fingerprint = bytes.first_chunk().map_or(0, |first: &[u8; 8]| u64::from_be_bytes(*first));
     if fingerprint == FrameMsg::fingerprint() {
@@ -312,7 +311,7 @@ fn jpeg_color(bytes: &[u8], size: (usize, usize)) -> Result<ColorImage, MessageE
     jpeg::decode(bytes, size).map_err(|e| MessageError::Color(e.to_string()))
 }
 
-/// The bytes of a picture, at most so many.
+/// The bytes of a picture, at most this many.
 fn unpacked(bytes: &[u8], compression: i8, limit: usize) -> Result<Cow<'_, [u8]>, MessageError> {
     match compression {
         DepthMsg::COMPRESSION_NONE => Ok(Cow::Borrowed(bytes)),

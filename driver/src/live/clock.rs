@@ -7,8 +7,8 @@ pub fn host_utime() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_micros() as i64)
 }
 
-/// Largest step between pictures that is believed, microseconds: a device that restarts counts
-/// from anywhere.
+/// Largest step between pictures that is accepted, microseconds: a device that restarts counts from
+/// anywhere.
 const MAX_STEP_US: f64 = 1_000_000.0;
 /// After a longer step the device's time holds if it agrees with the host's this well.
 const MAX_DISAGREEMENT_US: i64 = 500_000;
@@ -22,7 +22,7 @@ pub struct DeviceClock {
 }
 
 impl DeviceClock {
-    /// A counter of so many ticks a microsecond.
+    /// A counter of this many ticks a microsecond.
     pub fn new(ticks_per_us: f64) -> Self {
         Self { ticks_per_us, set: None }
     }

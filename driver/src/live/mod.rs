@@ -1,5 +1,5 @@
 //! Around every live camera: a thread that captures, a bounded queue that drops the oldest, a
-//! watchdog, and reconnection with growing patience.
+//! watchdog, and reconnection with exponential back-off.
 
 mod clock;
 mod pairing;
@@ -9,9 +9,9 @@ pub use clock::{DeviceClock, host_utime};
 pub use pairing::{Paired, Pairing};
 
 use crate::error::SourceError;
-use crate::gate::{Gate, Timeline};
 use crate::rgbd_source::{Awaited, RgbdSource};
 use crate::statistics::SourceStatistics;
+use crate::timestamp_filter::{Timeline, TimestampFilter};
 use linkage_frames::frame::RgbdFrame;
 use queue::{FrameReader, FrameWriter, frame_queue};
 pub use queue::{LatestReader, LatestWriter, RecvError, latest};
@@ -59,12 +59,12 @@ pub type Opener = dyn FnMut() -> Result<Box<dyn Camera>, SourceError> + Send;
 /// How a live camera is watched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LiveConfig {
-    /// Frames that wait to be taken; more push out the oldest.
+    /// Frames that wait to be taken; when more come, the oldest are dropped.
     pub queue: usize,
     /// Silence after which the camera is closed and opened again.
     pub stall: Duration,
     /// First and longest wait before it is opened again; each failure doubles it.
-    pub patience: [Duration; 2],
+    pub backoff: [Duration; 2],
     /// A camera that gives no frame for this long, however often it is opened, ends the source
     /// with an error.
     pub give_up: Duration,
@@ -72,7 +72,7 @@ pub struct LiveConfig {
 
 impl LiveConfig {
     /// For a network, where silence is no fault: the camera may be switched on later.
-    pub fn patient(&self) -> Self {
+    pub fn for_network(&self) -> Self {
         Self { stall: Duration::MAX, give_up: Duration::MAX, ..self.clone() }
     }
 }
@@ -82,7 +82,7 @@ impl Default for LiveConfig {
         Self {
             queue: 4,
             stall: Duration::from_secs(2),
-            patience: [Duration::from_millis(100), Duration::from_secs(5)],
+            backoff: [Duration::from_millis(100), Duration::from_secs(5)],
             give_up: Duration::from_secs(30),
         }
     }
@@ -96,7 +96,7 @@ pub struct LiveSource {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Longest wait for a frame before the thread looks whether it is to stop.
+/// Longest wait for a frame before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(100);
 
 /// How long a reader waits at a time; it is woken as soon as there is something.
@@ -126,7 +126,7 @@ impl LiveSource {
             config,
             queue: writer,
             stop: [stop, Arc::clone(&dropped)],
-            gate: Gate::new(Timeline::AsSent),
+            timestamps: TimestampFilter::new(Timeline::AsSent),
             unpaired_before: 0,
             missing_before: 0,
             last_frame: Instant::now(),
@@ -194,7 +194,7 @@ struct Watch {
     queue: FrameWriter,
     /// Either one ends it: the user's, or that nobody takes frames any more.
     stop: [Arc<AtomicBool>; 2],
-    gate: Gate,
+    timestamps: TimestampFilter,
     /// Pictures without partner of cameras that were closed.
     unpaired_before: u64,
     /// Frames that did not arrive at cameras that were closed.
@@ -263,19 +263,19 @@ impl Watch {
     /// Tells what did not arrive, also where nothing arrives at all.
     fn note_missing(&mut self, missing: u64) {
         let missing = self.missing_before + missing;
-        if missing != self.gate.statistics.missing {
-            self.gate.statistics.missing = missing;
-            self.queue.note(&self.gate.statistics);
+        if missing != self.timestamps.statistics.missing {
+            self.timestamps.statistics.missing = missing;
+            self.queue.note(&self.timestamps.statistics);
         }
     }
 
     /// Counts a damaged frame, and says so now and then: all of them may be.
     fn note_damage(&mut self, reason: &str) {
-        self.gate.statistics.damaged += 1;
-        self.queue.note(&self.gate.statistics);
+        self.timestamps.statistics.damaged += 1;
+        self.queue.note(&self.timestamps.statistics);
         if self.last_damage.is_none_or(|told| told.elapsed() > REPORT_EVERY) {
             self.last_damage = Some(Instant::now());
-            let damaged = self.gate.statistics.damaged;
+            let damaged = self.timestamps.statistics.damaged;
             tracing::warn!(source = self.name, damaged, reason, "damaged frame");
         }
     }
@@ -286,8 +286,8 @@ impl Watch {
 
     fn take(&mut self, frame: RgbdFrame, (unpaired, gap_us): (u64, i64)) {
         self.last_frame = Instant::now();
-        let frame = self.gate.pass(frame, host_utime());
-        let statistics = &mut self.gate.statistics;
+        let frame = self.timestamps.pass(frame, host_utime());
+        let statistics = &mut self.timestamps.statistics;
         statistics.unpaired = self.unpaired_before + unpaired;
         statistics.largest_pair_gap_us = statistics.largest_pair_gap_us.max(gap_us);
         self.queue.note(statistics);
@@ -301,9 +301,9 @@ impl Watch {
         }
     }
 
-    /// Opens the camera again, with growing patience; `Err(None)` when told to stop.
+    /// Opens the camera again, with exponential back-off; `Err(None)` when told to stop.
     fn reopen(&mut self, lost: String) -> Result<Box<dyn Camera>, Option<String>> {
-        let [mut wait, longest] = self.config.patience;
+        let [mut wait, longest] = self.config.backoff;
         let mut reason = lost;
         while self.last_frame.elapsed() < self.config.give_up {
             let until = Instant::now() + wait.min(self.config.give_up);
@@ -315,8 +315,8 @@ impl Watch {
             }
             match (self.opener)() {
                 Ok(camera) => {
-                    self.gate.statistics.reconnections += 1;
-                    self.queue.note(&self.gate.statistics);
+                    self.timestamps.statistics.reconnections += 1;
+                    self.queue.note(&self.timestamps.statistics);
                     tracing::info!(source = self.name, "camera is back");
                     return Ok(camera);
                 }
@@ -390,7 +390,7 @@ mod tests {
         LiveConfig {
             queue: 100,
             stall: Duration::from_millis(150),
-            patience: [Duration::from_millis(5), Duration::from_millis(20)],
+            backoff: [Duration::from_millis(5), Duration::from_millis(20)],
             give_up: Duration::from_millis(300),
         }
     }
@@ -521,12 +521,12 @@ mod tests {
     }
 
     #[test]
-    fn whoever_waits_for_a_silent_camera_is_given_back_the_turn() {
+    fn waiting_for_a_silent_camera_ends_at_the_timeout() {
         let acts = Arc::new(Mutex::new(VecDeque::from(vec![Act::Silence; 1000])));
         let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts), 0)) as Box<dyn Camera>);
-        let patient = config().patient();
+        let for_network = config().for_network();
         let mut source =
-            LiveSource::start("it", Box::new(opener), patient, Arc::default()).unwrap();
+            LiveSource::start("it", Box::new(opener), for_network, Arc::default()).unwrap();
         let start = Instant::now();
         let wait = Duration::from_millis(200);
         assert!(matches!(source.next_frame_within(wait), Ok(Awaited::Nothing)));

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-/// A queue with room for so many, at least one; when it is full the oldest gives way to a new one.
+/// A queue with room for this many, at least one; when it is full, a new one replaces the oldest.
 pub fn latest<T>(capacity: usize) -> (LatestWriter<T>, LatestReader<T>) {
     let (sender, receiver) = bounded(capacity.max(1));
     let dropped = Arc::new(AtomicU64::new(0));
@@ -74,15 +74,15 @@ impl<T> LatestReader<T> {
         })
     }
 
-    /// How many gave way.
+    /// How many were dropped.
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }
 }
 
-/// What is told about frames, beside them.
+/// What the two ends share besides the frames.
 #[derive(Default)]
-struct Told {
+struct Shared {
     /// Why no more came; unset at a recording's end.
     failure: OnceLock<String>,
     source: Mutex<SourceStatistics>,
@@ -91,22 +91,22 @@ struct Told {
 /// The capture thread's end of the queue of frames.
 pub struct FrameWriter {
     frames: LatestWriter<RgbdFrame>,
-    told: Arc<Told>,
+    shared: Arc<Shared>,
 }
 
 /// The other end.
 pub struct FrameReader {
     frames: LatestReader<RgbdFrame>,
-    told: Arc<Told>,
+    shared: Arc<Shared>,
     delivered: u64,
 }
 
 /// A queue of frames.
 pub fn frame_queue(capacity: usize) -> (FrameWriter, FrameReader) {
     let (writer, reader) = latest(capacity);
-    let told = Arc::new(Told::default());
-    let reader = FrameReader { frames: reader, told: Arc::clone(&told), delivered: 0 };
-    (FrameWriter { frames: writer, told }, reader)
+    let shared = Arc::new(Shared::default());
+    let reader = FrameReader { frames: reader, shared: Arc::clone(&shared), delivered: 0 };
+    (FrameWriter { frames: writer, shared }, reader)
 }
 
 impl FrameWriter {
@@ -117,18 +117,18 @@ impl FrameWriter {
 
     /// Keeps what the capture thread has counted.
     pub fn note(&self, source: &SourceStatistics) {
-        *self.told.source.lock().unwrap_or_else(PoisonError::into_inner) = *source;
+        *self.shared.source.lock().unwrap_or_else(PoisonError::into_inner) = *source;
     }
 
     /// No more will come; what waits can still be taken.
     pub fn close(self, failure: Option<String>) {
         if let Some(reason) = failure {
             // Only this end sets it, and it ends here.
-            let _ = self.told.failure.set(reason);
+            let _ = self.shared.failure.set(reason);
         }
     }
 
-    /// Frames that gave way to newer ones.
+    /// Frames that were dropped for newer ones.
     pub fn dropped(&self) -> u64 {
         self.frames.dropped.load(Ordering::Relaxed)
     }
@@ -144,14 +144,14 @@ impl FrameReader {
             }
             Err(RecvError::Timeout) => Ok(Awaited::Nothing),
             Err(RecvError::Closed) => {
-                self.told.failure.get().cloned().map_or(Ok(Awaited::End), Err)
+                self.shared.failure.get().cloned().map_or(Ok(Awaited::End), Err)
             }
         }
     }
 
     /// All counts.
     pub fn statistics(&self) -> SourceStatistics {
-        let source = *self.told.source.lock().unwrap_or_else(PoisonError::into_inner);
+        let source = *self.shared.source.lock().unwrap_or_else(PoisonError::into_inner);
         SourceStatistics { delivered: self.delivered, dropped: self.frames.dropped(), ..source }
     }
 }

@@ -4,11 +4,11 @@
 mod sys;
 
 use crate::error::SourceError;
-use crate::gate::{Gate, Timeline};
 use crate::kinect;
 use crate::live::{Camera, CameraFault, DeviceClock, Paired, Pairing, host_utime};
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
+use crate::timestamp_filter::{Timeline, TimestampFilter};
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use linkage_frames::camera::PinholeCamera;
 use linkage_frames::depth::Registration;
@@ -32,7 +32,7 @@ impl OpenNi2Camera {
     /// Opens a device by its URI; the first one where it is empty.
     ///
     /// # Errors
-    /// [`SourceError::Device`] with the library's own words and what to do.
+    /// [`SourceError::Device`] with the library's own error and what to do.
     pub fn open(uri: &str, camera: Option<&PinholeCamera>) -> Result<Self, SourceError> {
         let failed = |reason| SourceError::Device { name: format!("openni2:{uri}"), reason };
         let device = Device::open(uri).map_err(|e| {
@@ -75,7 +75,7 @@ pub struct OniRecording {
     device: Device,
     geometry: Geometry,
     pairing: Pairing<sys::Picture, sys::Picture>,
-    gate: Gate,
+    timestamps: TimestampFilter,
     delivered: u64,
     frames: usize,
     /// Number of the last picture read of each: playback may pass over some.
@@ -110,7 +110,7 @@ impl OniRecording {
             name,
             device,
             pairing: Pairing::new(DEFAULT_MAX_PAIR_GAP_US),
-            gate: Gate::new(Timeline::GoesOn),
+            timestamps: TimestampFilter::new(Timeline::Continuous),
             delivered: 0,
             frames,
             read: [0; 2],
@@ -161,13 +161,13 @@ impl RgbdSource for OniRecording {
                 Ok(frame) => {
                     // A recording has no other clock.
                     let arrival = frame.utime;
-                    if let Some(frame) = self.gate.pass(frame, arrival) {
+                    if let Some(frame) = self.timestamps.pass(frame, arrival) {
                         self.delivered += 1;
                         return Ok(Some(frame));
                     }
                 }
                 Err(reason) => {
-                    self.gate.statistics.damaged += 1;
+                    self.timestamps.statistics.damaged += 1;
                     tracing::warn!(source = self.name, reason, "damaged frame");
                 }
             }
@@ -189,7 +189,7 @@ impl RgbdSource for OniRecording {
             delivered: self.delivered,
             unpaired,
             largest_pair_gap_us,
-            ..self.gate.statistics
+            ..self.timestamps.statistics
         }
     }
 }
@@ -198,14 +198,14 @@ impl RgbdSource for OniRecording {
 struct Geometry {
     name: String,
     camera: Arc<PinholeCamera>,
-    /// Of depth that the device does not register.
+    /// Registration of depth that the device does not register itself.
     registration: Option<Registration>,
     is_mirroring_told: bool,
 }
 
 impl Geometry {
-    /// What a device tells of itself; the camera is the one that is given, if one is. Whatever
-    /// is assumed is said aloud.
+    /// What a device tells of itself; the camera is the one that is given, if one is. Whatever is
+    /// assumed is logged.
     fn of(device: &Device, camera: Option<&PinholeCamera>, name: &str) -> Result<Self, String> {
         let told = || camera_of(device.optics(Sensor::Color), "colour");
         let camera = camera.cloned().map_or_else(told, Ok)?;

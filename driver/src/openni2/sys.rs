@@ -15,7 +15,7 @@ const FRAMES_PER_SECOND: c_int = 30;
 /// once all are stopped it looks at them every 10 ms, and they can be taken away between.
 const UNTIL_IDLE: Duration = Duration::from_millis(50);
 /// Playback speed that waits for the reader.
-const BY_HAND: f32 = -1.0;
+const MANUAL_SPEED: f32 = -1.0;
 
 /// Which of the two pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,7 +37,7 @@ pub struct Picture {
     pub height: usize,
     /// RGB, or 16 bits of depth a pixel; never mirrored.
     pub bytes: Vec<u8>,
-    /// Of depth.
+    /// Units in a metre of depth.
     pub units_per_metre: f64,
 }
 
@@ -131,7 +131,7 @@ impl Device {
     /// lock: unless it waits already, a stream that is added then may crash it.
     pub fn open_recording(uri: &str) -> Result<Self, String> {
         let mut device = Self::without_streams(uri)?;
-        device.play_by_hand()?;
+        device.play_manually()?;
         device.start_both()?;
         Ok(device)
     }
@@ -233,16 +233,18 @@ impl Device {
         }
     }
 
-    fn play_by_hand(&mut self) -> Result<(), String> {
+    fn play_manually(&mut self) -> Result<(), String> {
         // SAFETY: the device is open; the properties are a float and an int.
         let done = unsafe {
             let speed = ffi::ONI_DEVICE_PROPERTY_PLAYBACK_SPEED as c_int;
             let repeat = ffi::ONI_DEVICE_PROPERTY_PLAYBACK_REPEAT_ENABLED as c_int;
-            set(|data, size| ffi::oniDeviceSetProperty(self.device, speed, data, size), BY_HAND)
-                && set(
-                    |data, size| ffi::oniDeviceSetProperty(self.device, repeat, data, size),
-                    0 as c_int,
-                )
+            set(
+                |data, size| ffi::oniDeviceSetProperty(self.device, speed, data, size),
+                MANUAL_SPEED,
+            ) && set(
+                |data, size| ffi::oniDeviceSetProperty(self.device, repeat, data, size),
+                0 as c_int,
+            )
         };
         if done { Ok(()) } else { Err(format!("it cannot be played: {}", last_error())) }
     }
@@ -422,7 +424,7 @@ fn get<T: Copy>(stream: ffi::OniStreamHandle, property: c_int) -> Option<T> {
     }
 }
 
-/// The library's words about its last failure on this thread.
+/// The library's text about its last failure on this thread.
 fn last_error() -> String {
     // SAFETY: the library returns a NUL-terminated string that lives until its next call.
     let words = unsafe { text(ffi::oniGetExtendedError()) };

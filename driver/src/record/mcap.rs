@@ -81,7 +81,7 @@ impl McapRecorder {
         std::fs::metadata(&self.path).map_or(self.whole_bytes, |m| m.len())
     }
 
-    /// Takes back what is left of a frame, and writes no more.
+    /// Removes the incomplete frame from the file, and stops writing.
     fn give_up(&mut self, reason: impl ToString) -> RecordError {
         if let Some(writer) = self.writer.take() {
             // Dropping it would write again.

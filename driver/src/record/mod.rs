@@ -1,8 +1,8 @@
 //! Recordings of what a source delivers: the TUM layout, an LCM log, an MCAP
 //! file, or a dump for fakenect.
 //!
-//! What was written is readable at any moment: pictures come before the lines that name them,
-//! and what a full disk cuts short is taken back.
+//! What was written is readable at any moment: pictures come before the lines that name them, and
+//! what a full disk cuts short is removed.
 
 mod fakenect;
 mod lcm_log;

@@ -1,7 +1,7 @@
 //! ROS 1 bags (format 2.0), also those of RealSense's viewer: chunks plain, bz2 or lz4.
 //!
-//! Chunks are read one after the other. The compressed chunk is in memory and is decompressed as
-//! its messages are asked for, so that no more than a message of what it unfolds to is.
+//! Chunks are read one after the other. The compressed chunk is in memory and is decompressed
+//! message by message, so that at most one decompressed message is in memory.
 
 mod record;
 

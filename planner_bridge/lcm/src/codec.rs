@@ -245,7 +245,8 @@ impl Decoder<'_> {
         if least > self.left.len() {
             return Err(DecodeError::Truncated { missing: least - self.left.len() });
         }
-        // So many are there if each is as short as it can be: no memory is taken beyond them.
+        // There are at most this many values, even if each is as short as possible: no more memory
+        // is taken.
         let mut values = Vec::with_capacity(count);
         for _ in 0..count {
             values.push(self.take()?);

@@ -21,7 +21,7 @@ pub enum LcmError {
         channel: String,
         /// Size.
         bytes: usize,
-        /// The system's word.
+        /// The error of the operating system.
         reason: String,
     },
     /// A channel name that none can have, or a subscription that is no regular expression.

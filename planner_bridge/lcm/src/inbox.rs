@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Packets that wait at most; more push out the oldest.
+/// Packets that wait at most; when more come, the oldest are dropped.
 const MAX_PACKETS: usize = 1024;
-/// Bytes of packets that wait at most; more push out the oldest.
+/// Bytes of packets that wait at most; when more come, the oldest are dropped.
 const MAX_BYTES: usize = 128 << 20;
 
 /// A queue between the thread that receives and those who take.
@@ -27,7 +27,7 @@ struct Waiting {
 }
 
 impl Inbox {
-    /// Adds a packet; the oldest ones give way.
+    /// Adds a packet; the oldest ones are dropped where there is no room.
     pub fn push(&self, packet: Packet) {
         let mut waiting = self.lock();
         waiting.bytes += packet.bytes.len();

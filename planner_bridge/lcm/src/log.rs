@@ -1,9 +1,9 @@
 //! LCM event logs, as lcm-logger writes them: events one after the other, each with a sync
 //! word, its number, time, channel and bytes, all big-endian.
 //!
-//! A damaged stretch is skipped and counted, and costs no whole event that follows it: a
-//! length is believed where the next event or the end of the log follows it, or where no
-//! other event begins within it.
+//! A damaged stretch is skipped and counted, and costs no whole event that follows it: a length is
+//! accepted where the next event or the end of the log follows it, or where no other event begins
+//! within it.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
@@ -16,7 +16,7 @@ const SYNC_BYTES: usize = 4;
 const HEADER: usize = SYNC_BYTES + 8 + 8 + 4 + 4;
 /// Longest channel name that liblcm knows.
 const MAX_CHANNEL: usize = 63;
-/// Largest message that is believed: a camera frame is 2 MB.
+/// Largest message that is accepted: a camera frame is 2 MB.
 pub const MAX_EVENT_BYTES: usize = 64 << 20;
 /// Bytes that are read at a time.
 const CHUNK: usize = 1 << 20;
@@ -103,7 +103,7 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Whether an event that claims to end here can be believed.
+    /// Whether an event that claims to end here can be accepted.
     fn is_whole(&self, end: usize) -> bool {
         let bytes = self.input.bytes();
         if bytes.len() < end {
@@ -217,7 +217,7 @@ impl<R: Read> Window<R> {
         &self.buffer[self.start..]
     }
 
-    /// Reads until so many unused bytes are there, or the stream has ended.
+    /// Reads until this many unused bytes are there, or the stream has ended.
     fn have(&mut self, count: usize) -> io::Result<()> {
         while self.bytes().len() < count && !self.has_ended {
             self.buffer.drain(..self.start);

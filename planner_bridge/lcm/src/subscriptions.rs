@@ -16,7 +16,7 @@ impl Subscriptions {
     /// `max_bytes`.
     ///
     /// # Errors
-    /// [`regex::Error`] for an expression that is none, or too large.
+    /// [`regex::Error`] for an expression that is not valid, or too large.
     pub fn add(&mut self, channel: &str, max_bytes: usize) -> Result<(), regex::Error> {
         let compiled = |text: &str| RegexBuilder::new(text).size_limit(MAX_COMPILED).build();
         // Alone first: an expression with a loose parenthesis must not become a sound one.

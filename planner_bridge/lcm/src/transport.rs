@@ -192,7 +192,7 @@ impl Lcm {
 /// Whether there is a server at the address of `tcpq://ADDRESS`; other kinds have none.
 fn server_answers(url: &str) -> Result<(), String> {
     match url.strip_prefix("tcpq://") {
-        Some(rest) => tcpq::greet(rest.split('?').next().unwrap_or_default()),
+        Some(rest) => tcpq::handshake(rest.split('?').next().unwrap_or_default()),
         None => Ok(()),
     }
 }

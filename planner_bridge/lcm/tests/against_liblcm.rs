@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use support::{image, listener, next, url};
 
 const CHANNEL: &str = "KINECT_FRAME";
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 /// With the channel's 12 bytes and a NUL, 65486 bytes are the longest that go in one piece, and
 /// each further piece holds 65487.
@@ -56,7 +56,7 @@ fn liblcm_receives_what_we_send() {
     let start = Instant::now();
     // Until it listens; it writes a log of nothing but what it heard.
     while read(&log).is_empty() {
-        assert!(start.elapsed() < PATIENCE, "lcm-logger hears nothing");
+        assert!(start.elapsed() < TIMEOUT, "lcm-logger hears nothing");
         lcm.publish_bytes(CHANNEL, b"are you there").unwrap();
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -67,7 +67,7 @@ fn liblcm_receives_what_we_send() {
     let heard = |length: &usize| read(&log).contains(&image(*length));
     while !LENGTHS.iter().all(heard) {
         let missing: Vec<_> = LENGTHS.iter().filter(|l| !heard(l)).collect();
-        assert!(start.elapsed() < 2 * PATIENCE, "lcm-logger did not receive {missing:?} bytes");
+        assert!(start.elapsed() < 2 * TIMEOUT, "lcm-logger did not receive {missing:?} bytes");
         std::thread::sleep(Duration::from_millis(50));
     }
 }
@@ -91,7 +91,7 @@ fn we_receive_what_liblcm_sends() {
         .expect("lcm-logplayer, which tools/setup installs");
     let _player = Program(player);
     for length in LENGTHS {
-        let received = next(&mut listener, CHANNEL, PATIENCE);
+        let received = next(&mut listener, CHANNEL, TIMEOUT);
         assert!(received.is_some_and(|bytes| bytes == image(length)), "{length} bytes");
     }
     assert_eq!(listener.reception().missing() + listener.reception().refused, 0);

@@ -33,9 +33,9 @@ fn survives(number: u8, datagrams: &[Vec<u8>]) -> linkage_lcm::Reception {
     }
     let start = Instant::now();
     Lcm::new(&url).unwrap().publish_bytes("LINKAGE_STATUS", b"alive").unwrap();
-    let patience = Duration::from_secs(1);
-    assert_eq!(next(&mut listener, "LINKAGE_STATUS", patience).as_deref(), Some(&b"alive"[..]));
-    assert!(start.elapsed() < patience);
+    let timeout = Duration::from_secs(1);
+    assert_eq!(next(&mut listener, "LINKAGE_STATUS", timeout).as_deref(), Some(&b"alive"[..]));
+    assert!(start.elapsed() < timeout);
     listener.reception()
 }
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use support::{image, listener, next};
 
 const URL: &str = "udpm://239.255.76.67:7667?ttl=0";
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// A cable from `eth0` to `eth1`, and a way out through `eth0`.
 const ETHERNET: &str = "ip link add eth0 type veth peer name eth1 && \
     ip addr add 10.9.0.2/24 dev eth0 && ip link set eth1 up && ip link set eth0 up && \
@@ -84,11 +84,11 @@ fn another_host_is_not_heard_where_nothing_leaves_this_one() {
 fn messages_are_received() {
     let mut listener = listener(URL);
     let sender = Lcm::new(URL).unwrap();
-    sender.self_test(PATIENCE).unwrap();
+    sender.self_test(TIMEOUT).unwrap();
     sender.publish_bytes("C", &image(300_000)).unwrap();
-    assert!(next(&mut listener, "C", PATIENCE).is_some_and(|bytes| bytes == image(300_000)));
+    assert!(next(&mut listener, "C", TIMEOUT).is_some_and(|bytes| bytes == image(300_000)));
     let network = linkage_lcm::udpm::Network::parse(URL).unwrap();
-    network.self_test(&network.sender().unwrap(), PATIENCE).unwrap();
+    network.self_test(&network.sender().unwrap(), TIMEOUT).unwrap();
 }
 
 #[test]
@@ -113,11 +113,11 @@ fn the_other_host_commands() {
 fn the_other_host_is_counted() {
     let mut this_host_only = listener(URL);
     let mut everybody = listener(&URL.replace("ttl=0", "ttl=1"));
-    assert!(next(&mut everybody, "LINKAGE_COMMAND", PATIENCE).is_some());
+    assert!(next(&mut everybody, "LINKAGE_COMMAND", TIMEOUT).is_some());
     std::thread::sleep(Duration::from_millis(200));
     assert_eq!(this_host_only.receive(Duration::ZERO).unwrap(), None);
     assert!(this_host_only.reception().foreign > 0);
     Lcm::new(URL).unwrap().publish_bytes("LINKAGE_COMMAND", b"ours").unwrap();
-    let received = next(&mut this_host_only, "LINKAGE_COMMAND", PATIENCE);
+    let received = next(&mut this_host_only, "LINKAGE_COMMAND", TIMEOUT);
     assert_eq!(received.as_deref(), Some(&b"ours"[..]));
 }

@@ -10,7 +10,7 @@ use std::net::{TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 use support::{attacker, group, image, listener, next, url};
 
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 
 #[test]
 fn what_is_published_is_received() {
@@ -18,10 +18,10 @@ fn what_is_published_is_received() {
     let mut listener = Lcm::new(&url).unwrap();
     listener.subscribe("LINKAGE_TEST_STATUS").unwrap();
     let sender = Lcm::new(&url).unwrap();
-    sender.self_test(PATIENCE).unwrap();
+    sender.self_test(TIMEOUT).unwrap();
     let status = Status { state: "idle".into(), frames: 3, ..Default::default() };
     sender.publish("LINKAGE_TEST_STATUS", &status).unwrap();
-    let packet = listener.receive(PATIENCE).unwrap().expect("a packet");
+    let packet = listener.receive(TIMEOUT).unwrap().expect("a packet");
     assert_eq!(packet.channel, "LINKAGE_TEST_STATUS");
     assert!(packet.sender.is_some_and(|s| s.port() != 0));
     assert_eq!(decode::<Status>(&packet.bytes).unwrap(), status);
@@ -35,7 +35,7 @@ fn messages_of_all_lengths_are_received() {
     // With its channel and a NUL, a message of 65497 bytes is the longest that goes in one piece.
     for length in [0, 1, 65_496, 65_497, 65_498, 130_971, 130_972, 130_973, 1_000_000, 4_000_000] {
         sender.publish_bytes("C", &image(length)).unwrap();
-        let received = next(&mut listener, "C", PATIENCE);
+        let received = next(&mut listener, "C", TIMEOUT);
         assert!(received.is_some_and(|bytes| bytes == image(length)), "{length}");
     }
     assert_eq!(listener.reception().missing(), 0);
@@ -51,9 +51,9 @@ fn another_group_on_the_same_port_is_not_heard() {
     Lcm::new(&others).unwrap().publish_bytes("LINKAGE_COMMAND", b"theirs").unwrap();
     let unicast = b"LC02\0\0\0\0LINKAGE_COMMAND\0unicast";
     attacker().send_to(unicast, ("127.0.0.1", group(&ours).port())).unwrap();
-    assert!(next(&mut others_listener, "LINKAGE_COMMAND", PATIENCE).is_some());
+    assert!(next(&mut others_listener, "LINKAGE_COMMAND", TIMEOUT).is_some());
     Lcm::new(&ours).unwrap().publish_bytes("LINKAGE_COMMAND", b"ours").unwrap();
-    let received = next(&mut listener, "LINKAGE_COMMAND", PATIENCE);
+    let received = next(&mut listener, "LINKAGE_COMMAND", TIMEOUT);
     assert_eq!(received.as_deref(), Some(&b"ours"[..]));
     assert_eq!(listener.reception().received, 1);
 }
@@ -68,7 +68,7 @@ fn messages_that_a_sender_left_out_are_counted_as_lost() {
         socket.send_to(&datagram, group(&url)).unwrap();
     }
     for _ in 0..4 {
-        assert!(next(&mut listener, "KINECT_FRAME", PATIENCE).is_some());
+        assert!(next(&mut listener, "KINECT_FRAME", TIMEOUT).is_some());
     }
     assert_eq!((listener.reception().lost, listener.reception().missing()), (3, 3));
 }
@@ -80,7 +80,7 @@ fn each_image_is_received_or_counted_as_missing() {
     let mut listener = listener(&format!("{url}&recv_buf_size=50000"));
     let sender = Lcm::new(&url).unwrap();
     sender.publish_bytes("KINECT_FRAME", b"first").unwrap();
-    assert!(next(&mut listener, "KINECT_FRAME", PATIENCE).is_some());
+    assert!(next(&mut listener, "KINECT_FRAME", TIMEOUT).is_some());
     (0..50).for_each(|_| sender.publish_bytes("KINECT_FRAME", &image(300_000)).unwrap());
     // Until one arrives, of those after the images too.
     let mut sent = 51;
@@ -102,7 +102,7 @@ fn a_datagram_is_sent_without_allocating() {
     let network = Network::parse(&url(60)).unwrap();
     let sender = network.sender().unwrap();
     sender.set_nonblocking(true).unwrap();
-    network.self_test(&sender, PATIENCE).unwrap();
+    network.self_test(&sender, TIMEOUT).unwrap();
     let datagram = b"LC02\0\0\0\0LINKAGE_SETPOINT\0abc";
     let memory = allocation_counter::measure(|| sender.send(datagram).unwrap());
     assert_eq!(memory.count_total, 0);
@@ -121,7 +121,7 @@ fn what_nobody_takes_in_time_is_counted() {
     }
     let start = Instant::now();
     let all_are_there = || listener.reception().received + listener.reception().lost >= 1500;
-    while !all_are_there() && start.elapsed() < PATIENCE {
+    while !all_are_there() && start.elapsed() < TIMEOUT {
         std::thread::sleep(Duration::from_millis(5));
     }
     let reception = listener.reception();
@@ -222,7 +222,7 @@ fn memory_carries_messages_up_to_their_limit() {
         lcm.publish_bytes("LINKAGE_COMMAND", &image(length)).unwrap();
     }
     for length in [0, 1000] {
-        assert_eq!(lcm.receive(PATIENCE).unwrap().unwrap().bytes, image(length));
+        assert_eq!(lcm.receive(TIMEOUT).unwrap().unwrap().bytes, image(length));
     }
     assert_eq!(lcm.receive(Duration::from_millis(10)).unwrap(), None);
     assert_eq!((lcm.reception().oversized, lcm.reception().received), (1, 2));

@@ -12,7 +12,7 @@ pub trait Port {
     fn monotonic_us(&mut self) -> u64;
     /// The host's clock, microseconds since 1970; it may be corrected at any time.
     fn utime(&mut self) -> i64;
-    /// Waits for so many microseconds at most.
+    /// Waits for this many microseconds at most.
     fn sleep(&mut self, us: u64);
     /// Sends a datagram; false when the network does not take it.
     fn send(&mut self, datagram: &[u8]) -> bool;
@@ -31,7 +31,7 @@ pub struct StreamReport {
     pub failed: u64,
 }
 
-/// Longest wait without a look whether to end, microseconds.
+/// Longest wait before the loop checks whether it is to end, microseconds.
 const LONGEST_SLEEP_US: u64 = 50_000;
 
 /// Sends setpoints at a fixed rate.
@@ -43,7 +43,7 @@ pub struct Cycle<'q> {
 }
 
 impl<'q> Cycle<'q> {
-    /// A loop of so many nanoseconds a period.
+    /// A loop of this many nanoseconds a period.
     pub fn new(stream: Stream<'q>, period_ns: NonZeroU64) -> Self {
         let buffer = [0; DATAGRAM_CAPACITY];
         Self { stream, period_ns, buffer, report: StreamReport::default() }
@@ -116,18 +116,18 @@ mod tests {
     const CHANNEL: &str = "S";
 
     /// A clock that each sleep advances, and a network that remembers stamps and positions.
-    struct Pretended<'q> {
+    struct FakePort<'q> {
         now_us: u64,
         until_us: u64,
         /// The host's clock is behind by this until half of the time, and then right.
         behind_us: i64,
-        /// Each so many microseconds another program takes the processor for 3 ms.
+        /// Period after which another program takes the processor for 3 ms, microseconds.
         busy_us: u64,
         shared: &'q Shared,
         sent: Vec<(i64, f64), 4096>,
     }
 
-    impl Port for Pretended<'_> {
+    impl Port for FakePort<'_> {
         fn monotonic_us(&mut self) -> u64 {
             self.now_us
         }
@@ -180,7 +180,7 @@ mod tests {
             NonZeroU64::new(1_000_000).unwrap(),
         );
         let sent = Vec::new();
-        let mut port = Pretended { now_us: 0, until_us, behind_us, busy_us, shared: &shared, sent };
+        let mut port = FakePort { now_us: 0, until_us, behind_us, busy_us, shared: &shared, sent };
         let report = cycle.run(&mut port);
         (port.sent, report)
     }

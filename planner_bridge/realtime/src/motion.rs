@@ -69,7 +69,7 @@ impl JointMotion {
         self.bounds.check(&Sample::rest(self.target))
     }
 
-    /// Of the joint.
+    /// The joint's name.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -127,7 +127,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Of an object, without joints yet.
+    /// A motion of an object, without joints yet.
     ///
     /// # Errors
     /// [`MotionError::TooMuch`] for a name that there is no room for.

@@ -1,4 +1,4 @@
-//! The planner's end of a stream: what is commanded, what is to follow, and what became of it.
+//! The planner's end of a stream: what is commanded, what is to follow, and the result of it.
 
 use crate::motion::{JointMotion, Motion};
 use crate::reason::{Reason, Refusal};
@@ -42,7 +42,7 @@ pub struct Moving {
 }
 
 impl Moving {
-    /// What a motion is so many seconds after its start, at an instant of the monotonic clock.
+    /// What a motion is this many seconds after its start, at an instant of the monotonic clock.
     pub fn new(motion: Motion, time: f64, at_us: u64) -> Self {
         Self { motion, time, at_us }
     }
@@ -147,7 +147,7 @@ impl<'q> Orders<'q> {
         self.shared.cancel(self.newest, why);
     }
 
-    /// What became of an order since this was asked last.
+    /// The result of an order since this was asked last.
     pub fn poll(&mut self) -> Option<Notice> {
         let status = self.shared.status()?;
         if status.ends != self.ends_told {

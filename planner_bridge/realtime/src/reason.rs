@@ -53,12 +53,12 @@ impl Reason {
         }
     }
 
-    /// As a number above 0.
+    /// Its code, a number above 0.
     pub(crate) fn code(self) -> u32 {
         self as u32 + 1
     }
 
-    /// Of a number; none for 0.
+    /// The one with this code; none for 0.
     pub(crate) fn of(code: u32) -> Option<Self> {
         Self::ALL.get(code.checked_sub(1)? as usize).copied()
     }
@@ -85,7 +85,7 @@ impl Refusal {
     const ALL: [Self; 6] =
         [Self::Late, Self::Jump, Self::Braking, Self::Cancelled, Self::NoFrame, Self::NoHeartbeat];
 
-    /// In words.
+    /// Its text.
     pub fn text(self) -> &'static str {
         match self {
             Self::Late => "the order came too late",
@@ -97,12 +97,12 @@ impl Refusal {
         }
     }
 
-    /// As a number above 0.
+    /// Its code, a number above 0.
     pub(crate) fn code(self) -> u32 {
         self as u32 + 1
     }
 
-    /// Of a number; none for 0.
+    /// The one with this code; none for 0.
     pub(crate) fn of(code: u32) -> Option<Self> {
         Self::ALL.get(code.checked_sub(1)? as usize).copied()
     }

@@ -96,7 +96,7 @@ impl fmt::Display for MotionError {
 impl core::error::Error for MotionError {}
 
 impl Sample {
-    /// At rest at a configuration.
+    /// A sample at rest.
     pub fn rest(position: f64) -> Self {
         Self { position, velocity: 0.0, acceleration: 0.0 }
     }
@@ -159,7 +159,7 @@ impl Segment {
         }
     }
 
-    /// Refuses a piece of so many seconds that leaves its bounds.
+    /// Refuses a piece of this many seconds that leaves its bounds.
     pub(crate) fn check(&self, length: f64, bounds: &Bounds) -> Result<(), MotionError> {
         let Self { velocity, acceleration, jerk, .. } = *self;
         if jerk.abs() > bounds.limits.jerk * (1.0 + ROUNDING) {

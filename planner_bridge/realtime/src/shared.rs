@@ -18,7 +18,7 @@ impl Signal {
         self.0.store(milliseconds(at_us).max(1), Ordering::Relaxed);
     }
 
-    /// True where it was there within so many microseconds before now; forgets it where not.
+    /// True where it was there within this many microseconds before now; forgets it where not.
     fn is_fresh(&self, now_us: u64, greatest_age_us: u64) -> bool {
         let noted = self.0.load(Ordering::Relaxed);
         if noted == 0 {
@@ -51,7 +51,7 @@ pub enum Phase {
     Braking,
 }
 
-/// What a stream tells of itself after each tick.
+/// The status of a stream, which it writes after each tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Status {
     /// What it is doing.
@@ -64,7 +64,7 @@ pub struct Status {
     pub decided: u32,
     /// Why that order was refused, if it was.
     pub refusal: Option<Refusal>,
-    /// Motions that have come to rest, so many, modulo 2^32.
+    /// Number of motions that have come to rest, modulo 2^32.
     pub ends: u32,
     /// Why the last of them ended before its target, if it did.
     pub reason: Option<Reason>,
@@ -110,7 +110,7 @@ impl Status {
 /// A status that one thread writes and others read: a sequence lock. The writer never waits; a
 /// reader that is interrupted by it reads again.
 #[derive(Debug, Default)]
-struct Told {
+struct SeqLock {
     /// Odd while it is being written.
     version: AtomicU32,
     words: [AtomicU32; WORDS],
@@ -119,7 +119,7 @@ struct Told {
 /// So often a status is read again while it is being written.
 const READS: usize = 64;
 
-impl Told {
+impl SeqLock {
     fn write(&self, status: &Status) {
         let version = self.version.load(Ordering::Relaxed);
         self.version.store(version.wrapping_add(1), Ordering::Relaxed);
@@ -152,26 +152,26 @@ impl Told {
 pub struct Shared {
     frames: Signal,
     heartbeat: Signal,
-    /// Why frames do not tell where the joints are, as a number; 0 where they do.
-    doubt: AtomicU32,
+    /// Why the newest frame does not show all moving joints, as a number; 0 where it does.
+    rejection: AtomicU32,
     /// Orders up to this one are cancelled, and why.
     cancelled: AtomicU32,
     cancelled_reason: AtomicU32,
-    told: Told,
+    status: SeqLock,
 }
 
 impl Shared {
     /// A frame was captured at that time, microseconds of the monotonic clock, which tells the
     /// configuration of all joints that move.
     pub fn frame_seen(&self, captured_us: u64) {
-        self.doubt.store(0, Ordering::Relaxed);
+        self.rejection.store(0, Ordering::Relaxed);
         self.frames.note(captured_us);
     }
 
-    /// A frame came that does not tell it, and why. Where none that does comes in time, this is
-    /// why the motion is braked.
-    pub fn frame_doubted(&self, why: Reason) {
-        self.doubt.store(why.code(), Ordering::Relaxed);
+    /// A frame came that does not show all moving joints, and why. Where no frame that does comes in
+    /// time, this is the reason for which the motion is braked.
+    pub fn frame_rejected(&self, why: Reason) {
+        self.rejection.store(why.code(), Ordering::Relaxed);
     }
 
     /// The consumer of the setpoints was alive at that time, microseconds of the monotonic clock.
@@ -179,9 +179,9 @@ impl Shared {
         self.heartbeat.note(at_us);
     }
 
-    /// What the stream is doing; none where it tells so often that it cannot be read.
+    /// What the stream is doing; none where it is written so often that it cannot be read.
     pub fn status(&self) -> Option<Status> {
-        self.told.read()
+        self.status.read()
     }
 
     /// Cancels all orders up to one.
@@ -202,7 +202,7 @@ impl Shared {
         if self.frames.is_fresh(now_us, greatest_age_us) {
             return Ok(());
         }
-        Err(Reason::of(self.doubt.load(Ordering::Relaxed)).unwrap_or(Reason::NoFrame))
+        Err(Reason::of(self.rejection.load(Ordering::Relaxed)).unwrap_or(Reason::NoFrame))
     }
 
     pub(crate) fn has_heartbeat(&self, now_us: u64, greatest_age_us: u64) -> bool {
@@ -210,7 +210,7 @@ impl Shared {
     }
 
     pub(crate) fn set_status(&self, status: &Status) {
-        self.told.write(status);
+        self.status.write(status);
     }
 }
 
@@ -249,10 +249,10 @@ mod tests {
     }
 
     #[test]
-    fn the_reason_for_a_doubt_holds_until_a_frame_is_seen() {
+    fn the_reason_of_a_rejection_holds_until_a_frame_is_seen() {
         let shared = Shared::default();
         assert_eq!(shared.frames(1_000_000, AGE), Err(Reason::NoFrame));
-        shared.frame_doubted(Reason::JointLost);
+        shared.frame_rejected(Reason::JointLost);
         assert_eq!(shared.frames(1_000_000, AGE), Err(Reason::JointLost));
         shared.frame_seen(1_000_000);
         assert_eq!(shared.frames(1_000_000, AGE), Ok(()));

@@ -38,7 +38,7 @@ pub struct Watch {
 pub enum Tick {
     /// Nothing moves.
     Idle,
-    /// So many bytes of the buffer are to be sent.
+    /// This many bytes of the buffer are to be sent.
     Send(usize),
 }
 
@@ -224,7 +224,7 @@ impl<'q> Stream<'q> {
         self.decide(verdict);
     }
 
-    /// Refuses to start blindly, or in motion.
+    /// Refuses to start without a fresh frame or heartbeat, or from motion.
     fn may_start(&self, motion: &Motion, due_us: u64) -> Result<(), Refusal> {
         if !motion.starts_at_rest() {
             return Err(Refusal::Jump);

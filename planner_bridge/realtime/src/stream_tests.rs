@@ -103,12 +103,14 @@ fn a_motion_is_streamed_to_its_end_and_no_further() {
 
 #[test]
 fn a_motion_is_braked_when_frames_stop_coming_and_says_why() {
-    for (doubt, reason) in [(None, Reason::NoFrame), (Some(Reason::JointLost), Reason::JointLost)] {
+    for (reported, reason) in
+        [(None, Reason::NoFrame), (Some(Reason::JointLost), Reason::JointLost)]
+    {
         with(WATCH, |it| {
             it.orders.run(&door(0.5), None).unwrap();
             (0..40).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
             it.frames_come = false;
-            doubt.into_iter().for_each(|d| it.shared.frame_doubted(d));
+            reported.into_iter().for_each(|d| it.shared.frame_rejected(d));
             (0..100).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
             let (ticks, said) = it.run_to_end();
             assert_eq!(said, Said { last: true, reason: Some(reason) });

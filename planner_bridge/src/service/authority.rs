@@ -59,8 +59,8 @@ pub enum Unauthorised {
 }
 
 impl Unauthorised {
-    /// The sender may know what became of the command. Who is not allowed to command gets no
-    /// answer: it could speak for another sender's command.
+    /// The sender may know the result of the command. Who is not allowed to command gets no answer:
+    /// it could speak for another sender's command.
     pub fn is_answered(&self) -> bool {
         !matches!(self, Self::Sender { .. } | Self::Signature { .. })
     }
@@ -74,7 +74,7 @@ pub enum KeyError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The key is too short to keep anybody out.
@@ -142,7 +142,7 @@ pub struct Authority {
 }
 
 impl Authority {
-    /// Of a service that begins now. `command_age` in seconds.
+    /// The authority of a service that begins now. `command_age` in seconds.
     ///
     /// # Errors
     /// [`KeyError`] when the rig names a key that cannot be used.

@@ -19,7 +19,7 @@ pub struct Arrived {
 pub struct Lost(Arc<AtomicU64>);
 
 impl Lost {
-    /// So many since the service began.
+    /// Their number since the service began.
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
@@ -44,7 +44,7 @@ pub struct Capture {
 
 /// Wait before a lost source is opened again.
 const REOPEN_AFTER: Duration = Duration::from_secs(1);
-/// Longest sleep without a look whether to stop.
+/// Longest sleep before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
 
 impl Capture {

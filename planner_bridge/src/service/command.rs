@@ -82,10 +82,10 @@ pub enum Fault {
     /// A name that cannot be.
     #[error("its {0} must have 1 to {MAX_NAME} bytes and no control characters")]
     Name(&'static str),
-    /// A target that is none.
+    /// A target that is not valid.
     #[error(transparent)]
     Target(#[from] PredictError),
-    /// A grasp that is no point.
+    /// A grasp that is not a point.
     #[error("its grasp is not finite")]
     Grasp,
     /// The sender may not command, or not any more.
@@ -162,10 +162,10 @@ fn grasp(message: &linkage::Command) -> Result<Option<Point3<f64>>, Fault> {
 /// The thread that listens.
 pub struct Listener {
     lcm: Lcm,
-    desk: Desk,
+    dispatcher: Dispatcher,
 }
 
-/// Longest wait for a packet without a look whether to stop.
+/// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
 
 impl Listener {
@@ -177,28 +177,28 @@ impl Listener {
     ) -> Result<Self, LcmError> {
         let mut lcm = Lcm::new(url)?;
         lcm.subscribe_up_to(channel::COMMAND, MAX_PACKET)?;
-        Ok(Self { lcm, desk: Desk::new(authority, commands, out) })
+        Ok(Self { lcm, dispatcher: Dispatcher::new(authority, commands, out) })
     }
 
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
         while !is_stopped() {
             match self.lcm.receive(POLL) {
                 Ok(Some(Packet { bytes, sender, .. })) => {
-                    self.desk.take(&bytes, sender.map(|s| s.ip()), host_utime());
+                    self.dispatcher.take(&bytes, sender.map(|s| s.ip()), host_utime());
                 }
                 Ok(None) => {}
                 Err(e) => {
-                    self.desk.out.note(Note::Error(e.to_string()));
+                    self.dispatcher.out.note(Note::Error(e.to_string()));
                     std::thread::sleep(POLL);
                 }
             }
-            self.desk.report();
+            self.dispatcher.report();
         }
     }
 }
 
 /// Takes commands in: each is passed on once, or refused with its reason.
-struct Desk {
+struct Dispatcher {
     authority: Authority,
     commands: Sender<Command>,
     out: Outbox,
@@ -211,7 +211,7 @@ struct Desk {
 /// Commands that are known again.
 const REMEMBERED: usize = 256;
 
-impl Desk {
+impl Dispatcher {
     fn new(authority: Authority, commands: Sender<Command>, out: Outbox) -> Self {
         let (refusals, repeats) = (Refusals::default(), Repeats::default());
         Self { authority, commands, out, known: VecDeque::new(), refusals, repeats }
@@ -264,9 +264,9 @@ impl Desk {
     }
 }
 
-/// Time between two tellings of refusals, or of repeats: a flood of them is a few notes.
+/// Time between two reports of refusals, or of repeats: a flood of them is a few notes.
 const TELL_EVERY: Duration = Duration::from_millis(50);
-/// Commands of which one telling speaks by name.
+/// Commands that one report names.
 const TOLD_BY_NAME: usize = 8;
 
 /// Refusals since they were told last.
@@ -327,7 +327,7 @@ impl Repeats {
 
 #[cfg(test)]
 mod tests {
-    use super::super::witness::Witness;
+    use super::super::observer::Observer;
     use super::*;
     use crate::limits::Access;
     use crossbeam_channel::Receiver;
@@ -351,7 +351,7 @@ mod tests {
     }
 
     struct Bench {
-        desk: Desk,
+        dispatcher: Dispatcher,
         commands: Receiver<Command>,
         notes: LatestReader<Note>,
     }
@@ -361,16 +361,16 @@ mod tests {
         let (packets, _unread) = latest(4);
         let (writer, notes) = latest(64);
         let authority = Authority::new(SESSION, 1.0, &Access::default()).unwrap();
-        let out = Outbox { packets, notes: writer, witness: Witness::default() };
-        Bench { desk: Desk::new(authority, sender, out), commands, notes }
+        let out = Outbox { packets, notes: writer, observer: Observer::default() };
+        Bench { dispatcher: Dispatcher::new(authority, sender, out), commands, notes }
     }
 
     impl Bench {
         /// What becomes of a packet: the notes that tell of it.
         fn take(&mut self, packet: &[u8]) -> Vec<Note> {
-            self.desk.take(packet, None, NOW);
-            self.desk.refusals.told = None;
-            self.desk.report();
+            self.dispatcher.take(packet, None, NOW);
+            self.dispatcher.refusals.told = None;
+            self.dispatcher.report();
             std::iter::from_fn(|| self.notes.pop(Duration::ZERO).ok()).collect()
         }
 
@@ -445,8 +445,8 @@ mod tests {
         let packet = encode(&message(4)).unwrap();
         bench.take(&packet);
         assert!(bench.commands.try_recv().is_ok());
-        bench.desk.take(&packet, None, NOW + 3_600_000_000);
-        bench.desk.report();
+        bench.dispatcher.take(&packet, None, NOW + 3_600_000_000);
+        bench.dispatcher.report();
         assert!(matches!(bench.notes.pop(Duration::ZERO), Ok(Note::Again(NOW))));
         assert!(bench.commands.try_recv().is_err());
     }
@@ -457,8 +457,8 @@ mod tests {
         for i in 0..10_000 {
             let utime = NOW + i % 100;
             let order = linkage::Command { utime, ..message((i % 7) as i8) };
-            bench.desk.take(&encode(&order).unwrap(), None, NOW);
-            bench.desk.report();
+            bench.dispatcher.take(&encode(&order).unwrap(), None, NOW);
+            bench.dispatcher.report();
         }
         assert_eq!(bench.notes.dropped(), 0);
     }

@@ -26,7 +26,7 @@ pub struct ServiceConfig {
 /// How a recording is played; a live camera has its own pace.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Playback {
-    /// So many times as fast as it was recorded; 0: as fast as it can be read.
+    /// This many times as fast as it was recorded; 0: as fast as it can be read.
     pub rate: f64,
     /// Again and again, in time that goes on.
     pub repeat: bool,

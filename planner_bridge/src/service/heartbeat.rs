@@ -14,9 +14,9 @@ const SCHEMA: i32 = 1;
 /// A heartbeat whose stamp is farther than this from the host's clock is none, microseconds: it may
 /// come from a log that is played back.
 const GREATEST_OFFSET_US: u64 = 1_000_000;
-/// Longest wait for a packet without a look whether to stop.
+/// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
-/// Time between two tellings of packets that are no heartbeat.
+/// Time between two reports of packets that are no heartbeat.
 const TELL_EVERY: Duration = Duration::from_millis(500);
 
 pub struct HeartbeatListener<'q> {
@@ -39,7 +39,7 @@ impl<'q> HeartbeatListener<'q> {
             match self.lcm.receive(POLL) {
                 Ok(Some(packet)) => match self.newest.take(&packet.bytes, host_utime()) {
                     Ok(()) => self.pulse.beat(),
-                    Err(reason) => self.complain(reason),
+                    Err(reason) => self.report(reason),
                 },
                 Ok(None) => {}
                 Err(e) => {
@@ -52,8 +52,8 @@ impl<'q> HeartbeatListener<'q> {
 }
 
 impl HeartbeatListener<'_> {
-    /// Tells what is wrong with a packet: of a flood of them now and then one.
-    fn complain(&mut self, reason: String) {
+    /// Reports what is wrong with a packet; of a flood of packets only some are reported.
+    fn report(&mut self, reason: String) {
         if self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY) {
             self.out.note(Note::Error(reason));
             self.told = Some(Instant::now());

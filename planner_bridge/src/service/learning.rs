@@ -1,10 +1,9 @@
 //! A demonstration that is over, learned and stored on a thread of its own, so that frames and
 //! commands are taken meanwhile and the service can stop at any moment.
 
-use crate::channel as on;
-use crate::messages;
+use crate::service::observer::EventKind;
 use crate::service::publisher::Outbox;
-use crate::service::witness::Found;
+use crate::{channel as on, messages};
 use linkage_driver::live::host_utime;
 use linkage_skill::internals::Track;
 use linkage_skill::object::Provenance;
@@ -115,21 +114,21 @@ impl LearningWorker {
         let utime = demonstration.frame_utimes.last().copied().unwrap_or_default();
         self.out.send(on::MODEL, &messages::model(model, utime));
         self.out.send(on::ARTICULATED_OBJECT, &messages::articulated_object(demonstration));
-        self.out.witness.found(utime, || shown(demonstration));
+        self.out.observer.event(utime, || learned_event(demonstration));
     }
 }
 
 /// What was learned, as the newest frame of the demonstration shows it.
-fn shown(demonstration: &Demonstration) -> Found {
+fn learned_event(demonstration: &Demonstration) -> EventKind {
     let newest = demonstration.frame_utimes.len().saturating_sub(1);
     let tracks = demonstration.tracks.tracks.iter().zip(&demonstration.track_parts);
-    let place =
+    let point =
         |(track, part): (&Track, &Option<usize>)| Some((*part, track.at(newest)?.point_in_camera?));
     let poses = demonstration.camera_from_part.iter();
-    Found::Learned {
+    EventKind::Learned {
         model: demonstration.model.clone(),
         camera_from_part: poses.map(|p| p.get(newest).copied().flatten()).collect(),
-        places: tracks.filter_map(place).collect(),
+        points: tracks.filter_map(point).collect(),
     }
 }
 
@@ -143,7 +142,7 @@ fn with_losses(learned: Result<Learned, String>, lost: Option<String>) -> Result
 }
 
 impl Learning {
-    /// What came of it, once it is over.
+    /// Its result, once it is over.
     pub fn poll(&self) -> Option<Result<Learned, String>> {
         match self.result.try_recv() {
             Ok(result) => Some(result),

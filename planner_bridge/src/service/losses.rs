@@ -1,4 +1,4 @@
-//! Frames that were lost on the way, over some time: a few are nothing, many spoil what is learned
+//! Frames that were lost on the way, over some time: a few do no harm, many degrade what is learned
 //! from the others.
 
 use super::capture::Lost;
@@ -15,7 +15,7 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// From now on, after so many frames were taken.
+    /// Counts losses from now on, after `taken` frames were taken.
     pub fn begin(lost: &Lost, taken: u64) -> Self {
         Self { since: Instant::now(), lost_before: lost.count(), taken_before: taken }
     }

@@ -9,21 +9,21 @@ mod command;
 mod config;
 mod heartbeat;
 mod learning;
-mod log_limit;
+mod log_rate_limit;
 mod losses;
+mod observer;
 mod perception;
 mod publisher;
 mod reacquire;
 mod stream;
 pub mod watchdog;
-mod witness;
 
 pub use authority::{CommandKey, KeyError, Unauthorised};
 pub use command::{Action, Command, Fault, Refusal, SCHEMA as COMMAND_SCHEMA};
 pub use config::{Playback, ServiceConfig, SourceOpener};
 pub use linkage_realtime::StreamReport;
+pub use observer::{Event, EventKind, Observation, Observations, Observer, observer};
 pub use stream::{Orders, Pulse, StreamError, StreamParts, Streamer};
-pub use witness::{Finding, Found, Sight, Sights, Witness, witness};
 
 use authority::Authority;
 use capture::Capture;
@@ -78,12 +78,13 @@ pub struct ServiceReport {
     pub stream: Option<StreamReport>,
 }
 
-/// Frames that wait for perception; more push out the oldest.
+/// Frames that wait for perception; when more come, the oldest are dropped.
 const WAITING_FRAMES: usize = 8;
 /// Commands that wait for it; more are refused.
 const WAITING_COMMANDS: usize = 16;
-/// Packets that wait to be published; more push out the oldest.
+/// Packets that wait to be published; when more come, the oldest are dropped.
 const WAITING_PACKETS: usize = 64;
+
 /// Serves until `stop` is set.
 ///
 /// # Errors
@@ -94,18 +95,18 @@ pub fn serve(
     config: &ServiceConfig,
     stop: &Arc<AtomicBool>,
 ) -> Result<ServiceReport, ServiceError> {
-    serve_before(open, config, stop, Witness::default())
+    serve_observed(open, config, stop, Observer::default())
 }
 
-/// The same, before a witness who is shown what the service sees and finds.
+/// Serves like [`serve`]; `observer` receives the frames and the results.
 ///
 /// # Errors
 /// As [`serve`].
-pub fn serve_before(
+pub fn serve_observed(
     mut open: Box<SourceOpener>,
     config: &ServiceConfig,
     stop: &Arc<AtomicBool>,
-    witness: Witness,
+    observer: Observer,
 ) -> Result<ServiceReport, ServiceError> {
     let library = known(&config.store)?;
     let lcm = Lcm::new(&config.url)?;
@@ -117,7 +118,7 @@ pub fn serve_before(
     let (packet_writer, packets) = latest(WAITING_PACKETS);
     let (note_writer, notes) = latest(WAITING_PACKETS);
     let (command_writer, commands) = crossbeam_channel::bounded(WAITING_COMMANDS);
-    let out = publisher::Outbox { packets: packet_writer, notes: note_writer, witness };
+    let out = publisher::Outbox { packets: packet_writer, notes: note_writer, observer };
 
     let capture = Capture::new(source, open, config.playback, frame_writer, out.clone());
     // The time at which it begins names this run.

@@ -6,11 +6,11 @@ use super::command::{Action, Command};
 use super::config::ServiceConfig;
 use super::learning::{Learning, LearningWorker};
 use super::losses::Losses;
+use super::observer::EventKind;
 use super::publisher::{Answer, Note, Outbox, Situation};
 use super::reacquire::Reacquisition;
 use super::stream::Orders;
 use super::watchdog::Watchdog;
-use super::witness::Found;
 use crate::channel;
 use crate::messages::{self, Stamps};
 use crate::plan::{PlanError, Request, predict};
@@ -74,7 +74,7 @@ struct Watching {
     /// Any where none is named.
     object: Option<String>,
     pending: Option<Pending>,
-    /// Best score so far of what was not believed.
+    /// Best score so far of what was not accepted.
     best_refused: f64,
     /// Frames that were searched.
     searched: usize,
@@ -107,15 +107,15 @@ struct Pending {
     since: Instant,
 }
 
-/// Longest wait for a frame without a look at commands.
+/// Longest wait for a frame before commands are read.
 const POLL: Duration = Duration::from_millis(20);
-/// Time between two tellings of what is believed while a demonstration runs, and of the situation
-/// where it changes in figures alone.
+/// Time between two reports of the current estimate while a demonstration runs, and of the
+/// situation where it changes in figures alone.
 const TELL_EVERY: Duration = Duration::from_millis(450);
-/// A prediction whose object is not found for so long is refused.
-const PATIENCE: Duration = Duration::from_secs(5);
-/// A prediction whose joint is not known for so long is refused: recognition is asked meanwhile.
-const JOINT_PATIENCE: Duration = Duration::from_secs(2);
+/// A prediction whose object is not found for this long is refused.
+const TIMEOUT: Duration = Duration::from_secs(5);
+/// A prediction whose joint is not known for this long is refused: recognition is asked meanwhile.
+const JOINT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Time over which losses of frames are counted.
 const LOSSES_OVER: Duration = Duration::from_secs(3);
 /// Arrivals that the frame rate is taken over, and how old they may be.
@@ -172,7 +172,7 @@ impl<'q> Perception<'q> {
         self.inbox.frames.dropped() + self.inbox.lost.count()
     }
 
-    /// Tells what became of a command.
+    /// Tells the result of a command.
     fn answer(&self, command: i64, result: Result<String, String>) {
         let accepted = result.is_ok();
         let text = result.unwrap_or_else(|reason| reason);
@@ -186,7 +186,7 @@ impl<'q> Perception<'q> {
     }
 
     fn handle_command(&mut self, Command { utime, valid_until, action }: Command) {
-        // Whatever held this thread up, an order from before that is not carried out late.
+        // A command that expired while this thread was busy is not executed.
         if host_utime() > valid_until {
             let reason = "it came too late to be begun: send it again".to_owned();
             return self.answer(utime, Err(reason));
@@ -222,7 +222,7 @@ impl<'q> Perception<'q> {
         work: impl FnOnce(&mut Self) -> Result<String, String>,
     ) {
         let result = work(self);
-        // Who reads the answer finds the state that it led to.
+        // The state is published first, so that a reader of the answer finds it.
         self.publish_status();
         self.answer(command, result);
     }
@@ -353,25 +353,25 @@ impl<'q> Perception<'q> {
         }
         self.arrivals.push_back(at);
         match &mut self.state {
-            State::Resting | State::Learning { .. } => self.out.witness.frame(frame),
+            State::Resting | State::Learning { .. } => self.out.observer.frame(frame),
             State::Demonstrating(_) => {
                 self.demonstrate(&frame);
-                self.out.witness.frame(frame);
+                self.out.observer.frame(frame);
             }
             State::Watching(_) => {
                 let newest = self.newest(Arrived { frame, at });
                 self.search(&newest);
-                self.out.witness.frame(newest.frame);
+                self.out.observer.frame(newest.frame);
             }
             State::Tracking(_) => {
                 let newest = self.newest(Arrived { frame, at });
                 self.follow(&newest);
-                self.out.witness.frame(newest.frame);
+                self.out.observer.frame(newest.frame);
             }
         }
     }
 
-    /// The newest frame that waits: what is there now counts, not what was.
+    /// The newest frame that waits; older ones are skipped.
     fn newest(&mut self, oldest: Arrived) -> Arrived {
         let mut newest = oldest;
         while let Ok(newer) = self.inbox.frames.pop(Duration::ZERO) {
@@ -387,16 +387,16 @@ impl<'q> Perception<'q> {
             Ok(()) => {}
             Err(e) => self.out.note(Note::Error(format!("{}: {e}", d.object))),
         }
-        let followed = || d.learner.tracker().lifted().into_iter().map(|(_, p)| p).collect();
-        self.out.witness.found(frame.utime, || Found::Followed(followed()));
+        let tracked = || d.learner.tracker().lifted().into_iter().map(|(_, p)| p).collect();
+        self.out.observer.event(frame.utime, || EventKind::Tracked(tracked()));
         if d.told.elapsed() >= TELL_EVERY {
             d.told = Instant::now();
             d.current_estimate = d.learner.current_estimate(&d.object);
             self.out.send(channel::MODEL, &messages::model(&d.current_estimate, frame.utime));
             if let Some(camera_from_object) = d.learner.camera_from_object() {
                 let model = || d.current_estimate.clone();
-                let estimated = || Found::Estimated { model: model(), camera_from_object };
-                self.out.witness.found(frame.utime, estimated);
+                let estimated = || EventKind::Estimated { model: model(), camera_from_object };
+                self.out.observer.event(frame.utime, estimated);
             }
         }
     }
@@ -417,7 +417,7 @@ impl<'q> Perception<'q> {
         let model_of = |name: &str| known.iter().map(|k| &k.model).find(|m| m.object == name);
         let message = messages::recognition(&believed, model_of, frame.utime);
         self.out.send(channel::RECOGNITION, &message);
-        self.out.witness.found(frame.utime, || Found::Recognised(believed.clone()));
+        self.out.observer.event(frame.utime, || EventKind::Recognised(believed.clone()));
         let Some(best) = believed.matches.into_iter().next() else { return };
         let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
         if let Some(follower) = Follower::new(Arc::clone(object), &best) {
@@ -452,7 +452,7 @@ impl<'q> Perception<'q> {
                     let model = &t.object.model;
                     let message = messages::recognition(&now, |_| Some(model), frame.utime);
                     self.out.send(channel::RECOGNITION, &message);
-                    self.out.witness.found(frame.utime, || Found::Recognised(now));
+                    self.out.observer.event(frame.utime, || EventKind::Recognised(now));
                 }
                 let Tracking { reacquisition, follower, object, recognised, .. } = &mut **t;
                 let skill = &self.config.skill;
@@ -504,7 +504,7 @@ impl<'q> Perception<'q> {
             &planned,
             Err(PlanError::Predict(PredictError::Unseen { .. }) | PlanError::Unclear { .. })
         );
-        if is_unclear && pending.since.elapsed() < JOINT_PATIENCE {
+        if is_unclear && pending.since.elapsed() < JOINT_TIMEOUT {
             t.pending = Some(pending);
             return;
         }
@@ -519,7 +519,7 @@ impl<'q> Perception<'q> {
         let message = messages::prediction(&plan.prediction, model, stamps);
         self.out.send(channel::PREDICTION, &message);
         self.out.send(channel::PLAN, &robot_plan);
-        self.out.witness.found(t.utime, || Found::Predicted(plan.prediction.clone()));
+        self.out.observer.event(t.utime, || EventKind::Predicted(plan.prediction.clone()));
         let knots = robot_plan.plan.len();
         let streamed = self.orders.as_mut().map(|orders| match plan.motion() {
             Err(_) => "; not streamed: too many joints",
@@ -532,7 +532,7 @@ impl<'q> Perception<'q> {
         self.answer(pending.command, Ok(text));
     }
 
-    /// Looks after what does not come with frames.
+    /// Does the work that does not depend on frames.
     fn tick(&mut self) {
         if self.losses.age() >= LOSSES_OVER {
             if let Some(lost) = self.losses.many(&self.inbox.lost, self.looked_at) {
@@ -581,7 +581,7 @@ impl<'q> Perception<'q> {
             State::Watching(w) => {
                 let what = w.object.as_deref().unwrap_or("anything known");
                 let reason = match since {
-                    Some(since) if since < PATIENCE => format!(
+                    Some(since) if since < TIMEOUT => format!(
                         "{what} is not recognised: the best score is {:.2}, {threshold:.2} is needed",
                         w.best_refused
                     ),
@@ -599,7 +599,7 @@ impl<'q> Perception<'q> {
             }
             _ => return,
         };
-        if pending.as_ref().is_some_and(|p| p.since.elapsed() > PATIENCE)
+        if pending.as_ref().is_some_and(|p| p.since.elapsed() > TIMEOUT)
             && let Some(refused) = pending.take()
         {
             self.answer(refused.command, Err(reason));

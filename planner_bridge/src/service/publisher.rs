@@ -1,8 +1,8 @@
 //! The thread that publishes: packets as they come, the status at least twice a second and at
 //! once when it changes.
 
-use super::log_limit::LogLimit;
-use super::witness::Witness;
+use super::log_rate_limit::LogRateLimit;
+use super::observer::Observer;
 use crate::channel;
 use crate::messages::STATUS_MESSAGE_SCHEMA;
 use linkage_driver::live::{LatestReader, LatestWriter, RecvError, host_utime};
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 pub struct Outbox {
     pub packets: LatestWriter<Packet>,
     pub notes: LatestWriter<Note>,
-    pub witness: Witness,
+    pub observer: Observer,
 }
 
 /// An encoded message.
@@ -29,7 +29,7 @@ pub struct Packet {
 pub enum Note {
     /// What perception is doing.
     Situation(Situation),
-    /// What became of a command.
+    /// The result of a command.
     Answer(Answer),
     /// A command came again: its answer is given again.
     Again(i64),
@@ -54,12 +54,12 @@ pub struct Situation {
     pub joints: Vec<(&'static str, f64)>,
 }
 
-/// What became of a command.
+/// The result of a command.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Answer {
     pub utime: i64,
     pub accepted: bool,
-    /// Nothing more will become of it.
+    /// It is finished.
     pub done: bool,
     pub text: String,
 }
@@ -73,12 +73,14 @@ impl Outbox {
         }
     }
 
-    /// Tells something for the status.
+    /// Hands over something for the status.
     pub fn note(&self, note: Note) {
         match &note {
-            Note::Answer(answer) => self.witness.say(!answer.accepted, || harmless(&answer.text)),
+            Note::Answer(answer) => {
+                self.observer.message(!answer.accepted, || sanitised(&answer.text))
+            }
             Note::Error(reason) | Note::Refused { reason, .. } => {
-                self.witness.say(true, || harmless(reason));
+                self.observer.message(true, || sanitised(reason));
             }
             Note::Situation(_) | Note::Again(_) | Note::NotTaken(_) => {}
         }
@@ -92,25 +94,26 @@ pub struct Publisher {
     notes: LatestReader<Note>,
     session: i64,
     situation: Situation,
-    /// By command, the last that was said of it.
+    /// The newest answer to each command.
     answers: VecDeque<Answer>,
-    /// Answers that no status has told yet, the oldest first.
+    /// Answers that no status has contained yet, the oldest first.
     untold: VecDeque<Answer>,
     /// The one that the status tells.
     answer: Answer,
     refused: u64,
     last_error: String,
     /// Which refusals of packets are logged.
-    refusal_log: LogLimit,
+    refusal_log: LogRateLimit,
     /// Which errors of the service itself are logged: a flood of refusals must not hide them.
-    error_log: LogLimit,
+    error_log: LogRateLimit,
     told: Option<Instant>,
     changed: bool,
 }
 
 /// Answers that are remembered.
 const REMEMBERED: usize = 256;
-/// Answers that wait for a status; more push out the oldest, which its sender asks for again.
+/// Answers that wait for a status; when more come, the oldest are dropped, and their senders ask
+/// again.
 const UNTOLD: usize = 64;
 /// Longest wait for a packet, so for a change to be told.
 const POLL: Duration = Duration::from_millis(5);
@@ -139,8 +142,8 @@ impl Publisher {
             answer: Answer::default(),
             refused: 0,
             last_error: String::new(),
-            refusal_log: LogLimit::default(),
-            error_log: LogLimit::default(),
+            refusal_log: LogRateLimit::default(),
+            error_log: LogRateLimit::default(),
             told: None,
             changed: false,
         }
@@ -211,7 +214,7 @@ impl Publisher {
         }
     }
 
-    /// Each answer is told by a status of its own; of one command the newest is enough.
+    /// Each answer is published in a status of its own; of one command only the newest is needed.
     fn say(&mut self, answer: Answer) {
         self.untold.retain(|a| a.utime != answer.utime);
         if self.untold.len() == UNTOLD {
@@ -222,7 +225,7 @@ impl Publisher {
     }
 
     fn error(&mut self, reason: String, is_refusal: bool) {
-        let reason = harmless(&reason);
+        let reason = sanitised(&reason);
         if self.last_error != reason {
             let log = if is_refusal { &mut self.refusal_log } else { &mut self.error_log };
             match log.admit(Instant::now()) {
@@ -259,13 +262,13 @@ impl Publisher {
             frames: number(now.frames),
             dropped_frames: number(now.dropped_frames),
             tracks: i32::try_from(now.tracks).unwrap_or(i32::MAX),
-            object: harmless(&now.object),
+            object: sanitised(&now.object),
             joint_kind: now.joints.iter().map(|j| j.0.to_owned()).collect(),
             joint_certainty: now.joints.iter().map(|j| j.1).collect(),
             command_utime: self.answer.utime,
             command_accepted: self.answer.accepted,
             command_done: self.answer.done,
-            command_answer: harmless(&self.answer.text),
+            command_answer: sanitised(&self.answer.text),
             refused: number(self.refused),
             last_error: self.last_error.clone(),
             session: self.session,
@@ -273,9 +276,9 @@ impl Publisher {
     }
 }
 
-/// A text as it may be sent and shown, whatever it quotes: control characters are written as
-/// their escapes, and it ends somewhere.
-fn harmless(text: &str) -> String {
+/// A text that may be sent and shown, whatever it quotes: control characters are written as their
+/// escapes, and its length is bounded.
+fn sanitised(text: &str) -> String {
     let mut out = String::new();
     for c in text.chars() {
         if out.len() >= TEXT_LENGTH {

@@ -27,7 +27,7 @@ struct Inquiry {
 }
 
 impl Reacquisition {
-    /// Of an object that recognition has just found.
+    /// For an object that recognition has just found.
     pub fn begun_now() -> Self {
         Self { inquiry: None, asked_at: Some(Instant::now()) }
     }
@@ -46,7 +46,7 @@ impl Reacquisition {
     /// the object is in it.
     ///
     /// # Errors
-    /// The system's word when a thread cannot be started.
+    /// The error of the operating system when a thread cannot be started.
     pub fn ask(
         &mut self,
         follower: &Follower,

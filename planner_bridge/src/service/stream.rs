@@ -21,7 +21,7 @@ use thread_priority::{
 /// A stream that cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
-    /// A rate that is none.
+    /// A rate that is not valid.
     #[error("{hz} setpoints a second cannot be streamed: 1 to 2000 can")]
     Rate {
         /// As asked.
@@ -35,7 +35,7 @@ pub enum StreamError {
         /// Why.
         source: NetworkError,
     },
-    /// The system's word.
+    /// The error of the operating system.
     #[error("setpoints cannot be sent: {0}")]
     Socket(#[from] std::io::Error),
     /// What this socket sends is not heard.
@@ -231,16 +231,16 @@ impl<'q> Orders<'q> {
         }
         match shows(recognised, self.orders.running()) {
             Ok(()) => self.shared.frame_seen(self.clock.at(arrived)),
-            Err(why) => self.shared.frame_doubted(why),
+            Err(why) => self.shared.frame_rejected(why),
         }
     }
 
     /// Tells that a frame did not show the object.
     pub fn frame_missed_it(&self) {
-        self.shared.frame_doubted(Reason::ObjectLost);
+        self.shared.frame_rejected(Reason::ObjectLost);
     }
 
-    /// What became of an order since this was asked last.
+    /// The result of an order since this was asked last.
     pub fn poll(&mut self) -> Option<Notice> {
         self.orders.poll()
     }
@@ -281,7 +281,7 @@ pub struct Pulse<'q> {
 }
 
 impl Pulse<'_> {
-    /// It is alive now.
+    /// Reports that the consumer is alive now.
     pub fn beat(&self) {
         self.shared.heartbeat(self.clock.now());
     }
@@ -367,16 +367,16 @@ mod tests {
         let (_, recognised) = fridge();
         let mut parts = StreamParts::default();
         let (_streamer, mut orders) = parts.open(URL, 200.0, &Rig::default()).unwrap();
-        orders.shared.frame_doubted(Reason::JointLost);
-        let doubt = |orders: &Orders| format!("{:?}", orders.shared);
-        let before = doubt(&orders);
+        orders.shared.frame_rejected(Reason::JointLost);
+        let state_of = |orders: &Orders| format!("{:?}", orders.shared);
+        let before = state_of(&orders);
         orders.frame_seen(&recognised, 7, Instant::now());
-        let seen = doubt(&orders);
+        let seen = state_of(&orders);
         assert_ne!(seen, before);
         orders.frame_seen(&recognised, 7, Instant::now() + Duration::from_secs(1));
-        assert_eq!(doubt(&orders), seen);
+        assert_eq!(state_of(&orders), seen);
         orders.frame_seen(&recognised, 8, Instant::now() + Duration::from_secs(1));
-        assert_ne!(doubt(&orders), seen);
+        assert_ne!(state_of(&orders), seen);
     }
 
     #[test]

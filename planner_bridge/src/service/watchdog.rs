@@ -4,8 +4,9 @@
 use sd_notify::NotifyState;
 use std::time::{Duration, Instant};
 
-/// The service's word to systemd. A unit with `Type=notify` waits for [`Self::ready`]; one with
-/// `WatchdogSec` starts the service again when [`Self::alive`] is not called for that long.
+/// Notifications of the service to systemd. A unit with `Type=notify` waits for [`Self::ready`];
+/// one with `WatchdogSec` starts the service again when [`Self::alive`] is not called for that
+/// long.
 #[derive(Debug)]
 pub struct Watchdog {
     /// Half of what the unit allows; `None` where it sets no watchdog.
@@ -14,7 +15,8 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    /// As the environment says (`NOTIFY_SOCKET`, `WATCHDOG_USEC`, `WATCHDOG_PID`).
+    /// A watchdog as the environment describes it (`NOTIFY_SOCKET`, `WATCHDOG_USEC`,
+    /// `WATCHDOG_PID`).
     pub fn from_environment() -> Self {
         Self { every: sd_notify::watchdog_enabled().map(|longest| longest / 2), told: None }
     }

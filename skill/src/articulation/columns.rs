@@ -1,4 +1,4 @@
-//! Which column of a pose log holds what: told by names, or by the number of columns.
+//! Which column of a pose log holds what, by the names of the columns or by their number.
 
 use super::table::Value;
 use std::str::FromStr;

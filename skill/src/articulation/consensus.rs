@@ -1,14 +1,14 @@
-//! Joints through few samples: starts that no outlier reaches (Fischler & Bolles 1981).
+//! Joints through few samples: initial states without outliers (Fischler & Bolles 1981).
 
 use super::pose_sample::PoseSample;
 use super::rest_state::State;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point3, UnitQuaternion, UnitVector3, Vector3};
-use rand::Rng;
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Draws of samples: with 30 % outliers all of 60 draws of three are spoilt once in 10^10 logs.
+/// Draws of samples: with 30 % outliers all of 60 draws of three contain an outlier once in 10^10
+/// logs.
 const DRAWS: usize = 60;
 /// Least angle between two orientations that tell an axis, radians.
 const MIN_TURN: f64 = 0.1;

@@ -1,8 +1,8 @@
-//! Samples that a tracker lost: it writes some pose, often the same each time, and goes on where
-//! the thing really is.
+//! Finds the samples at which a tracker was lost: it writes some pose, often the same each time,
+//! and later continues at the true pose.
 //!
-//! In space such samples may look like motion (a still thing and one other place make a slide).
-//! In time they do not: the thing would jump there and back within single samples.
+//! In space such samples may look like motion (a static object and one other position make a
+//! slide). In time they do not: the object would jump there and back within single samples.
 
 use super::pose_sample::PoseSample;
 use crate::math::robust::median;
@@ -10,9 +10,9 @@ use std::collections::HashMap;
 
 /// Share of samples that must follow one another without a jump. What remains may be lost.
 const MIN_KEPT: f64 = 0.65;
-/// A lost pose is so many standard deviations of a position away from the samples around it.
+/// A lost pose is this many standard deviations of a position away from the samples around it.
 const FAR_SIGMAS: f64 = 10.0;
-/// A thing may move so many times as fast as it does most of the time.
+/// A thing may move this many times as fast as it does most of the time.
 const MAX_SPEED_RATIO: f64 = 3.0;
 /// Samples that are all compared with the one behind them; of earlier ones ever fewer are.
 const ALL_BEFORE: usize = 32;
@@ -38,8 +38,8 @@ struct Path<'s> {
     samples: &'s [PoseSample],
     /// Median time between samples.
     period: f64,
-    /// By sample: whether its place comes again and again to the last bit, while others do not.
-    /// No chain begins or goes on there.
+    /// By sample: its position is repeated bit by bit, while others are not. No chain begins or
+    /// continues there.
     repeated: Vec<bool>,
     /// By sample: the first and the last of the consecutive samples that are at its very place.
     stays: Vec<(usize, usize)>,
@@ -122,15 +122,15 @@ impl<'s> Path<'s> {
         for pair in chain.windows(2) {
             let (a, b) = (pair[0], pair[1]);
             let run: Vec<usize> = (a + 1..b).filter(|&i| is_away(i, a) && is_away(i, b)).collect();
-            if !self.has_a_way_out(&run, a) {
+            if !self.is_on_the_path(&run, a) {
                 run.iter().for_each(|&i| lost[i] = true);
             }
         }
-        // Before and behind the chain the thing need not come back: only what tells nothing of a
-        // motion of its own is lost there.
+        // Before and after the chain the object need not return: only samples that show no motion
+        // of their own are lost there.
         for (run, from) in [(0..first, first), (last + 1..n, last)] {
             let away: Vec<usize> = run.clone().filter(|&i| is_away(i, from)).collect();
-            if self.has_a_way_out(&away, from) {
+            if self.is_on_the_path(&away, from) {
                 continue;
             }
             for i in away {
@@ -145,9 +145,9 @@ impl<'s> Path<'s> {
         lost
     }
 
-    /// True where samples of a run lie on the way from `a` to the middle of the run: a motion that
-    /// is seldom sampled.
-    fn has_a_way_out(&self, run: &[usize], a: usize) -> bool {
+    /// True where samples of a run lie on the path from `a` to the middle of the run: a motion with
+    /// few samples.
+    fn is_on_the_path(&self, run: &[usize], a: usize) -> bool {
         let Some(&middle) = run.get(run.len() / 2) else { return false };
         let whole = self.distance(a, middle);
         let is_between = |&&i: &&usize| {
@@ -158,8 +158,9 @@ impl<'s> Path<'s> {
     }
 }
 
-/// Marks places that come at least three times to the last bit, if few samples are there: what is
-/// measured never does, what a program writes for want of a pose does.
+/// Marks positions that occur at least three times bit by bit, if few samples have them: measured
+/// positions never repeat exactly, but the placeholder that a program writes for a missing pose
+/// does.
 fn repeated(samples: &[PoseSample]) -> Vec<bool> {
     let bits = |s: &PoseSample| s.position.coords.data.0[0].map(f64::to_bits);
     let mut counts: HashMap<[u64; 3], usize> = HashMap::new();

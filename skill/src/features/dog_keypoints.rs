@@ -1,7 +1,8 @@
 //! Keypoints: extrema of differences of Gaussians over place and scale, with the directions of
 //! their gradients (Lowe 2004). Loops over rows are as wide as the processor allows, with the same
-//! results on all; Debian's OpenCV takes half as long again (`benches/frame.rs`).
+//! results on all; Debian's OpenCV takes 1.5 times as long (`benches/frame.rs`).
 
+use super::blurred_plane::{Plane, ROWS};
 use super::orientation::{BINS, peaks};
 use super::sift_descriptor::eighths;
 use crate::image::gray::Gray;
@@ -10,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A place in the picture that looks like no other near it, at one scale.
+/// A distinctive point of the picture, at one scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Keypoint {
     /// Pixel.
@@ -37,36 +38,34 @@ const SIGMA: f32 = 1.6;
 const CAMERA_SIGMA: f32 = 0.5;
 /// Pixels at a picture's border that are left out.
 const BORDER: usize = 5;
-/// Largest ratio of the two curvatures: an edge has no place along itself.
+/// Largest ratio of the two curvatures: a keypoint has no position along an edge.
 const MAX_CURVATURE_RATIO: f32 = 12.0;
 /// Steps to an extremum between pixels and scales.
 const STEPS: usize = 5;
-/// Share of the contrast asked for that a pixel must have for the extremum between pixels to be
-/// looked for.
+/// Share of the wanted contrast that a pixel must have before the extremum between pixels is
+/// computed.
 const AT_PIXEL: f32 = 0.5;
-/// Rows that a thread takes at a time.
-const ROWS: usize = 32;
-
 /// All blurred pictures of one picture.
 pub struct ScaleSpace(Vec<Octave>);
 
 /// Pictures of one size, each blurred more than the last.
 struct Octave {
     planes: [Plane; LEVELS],
-    /// Pixels of the picture in one of these.
+    /// Pixels of the picture for each pixel of these planes.
     pixels: f32,
     /// Where in the picture the first of these is, right and down.
     first: f32,
 }
 
 impl ScaleSpace {
-    /// Of a picture and its halves.
+    /// The scale space of a picture.
     pub fn new(gray: &Gray) -> opencv::Result<Self> {
         let plane = Plane::new(gray.bytes()?, gray.width(), gray.height());
         Ok(Self::from_finest(&plane, 1.0))
     }
 
-    /// Of a picture doubled in size and its halves: for the smallest keypoints too.
+    /// The scale space that begins with the picture doubled in size: for the smallest keypoints
+    /// too.
     pub fn doubled(gray: &Gray) -> opencv::Result<Self> {
         let plane = Plane::doubled(gray.bytes()?, gray.width(), gray.height());
         Ok(Self::from_finest(&plane, 0.5))
@@ -110,9 +109,9 @@ fn inner(length: usize) -> Range<usize> {
 }
 
 impl Octave {
-    /// Of pictures half as large.
+    /// The next octave: pictures half as large.
     fn next(&self) -> Option<Self> {
-        let planes = planes_from(self.planes[INTERVALS].halved()?);
+        let planes = planes_from(self.planes[INTERVALS].halved(2 * BORDER)?);
         Some(Self { planes, pixels: 2.0 * self.pixels, first: self.first })
     }
 }
@@ -126,172 +125,6 @@ fn planes_from(first: Plane) -> [Plane; LEVELS] {
         planes.push(planes[level - 1].blurred(more));
     }
     planes.try_into().unwrap_or_else(|_| unreachable!("there are so many levels"))
-}
-
-/// A picture in floats; rows are filled up to whole registers.
-struct Plane {
-    width: usize,
-    height: usize,
-    stride: usize,
-    values: Vec<f32>,
-}
-
-/// Floats that are worked on together.
-const LANES: usize = 32;
-
-impl Plane {
-    fn empty(width: usize, height: usize) -> Self {
-        let stride = width.next_multiple_of(LANES);
-        Self { width, height, stride, values: vec![0.0; stride * height] }
-    }
-
-    fn row(&self, y: usize) -> &[f32] {
-        &self.values[y * self.stride..(y + 1) * self.stride]
-    }
-
-    #[inline(always)]
-    fn at(&self, x: usize, y: usize) -> f32 {
-        self.values[y * self.stride + x]
-    }
-
-    fn new(bytes: &[u8], width: usize, height: usize) -> Self {
-        let mut plane = Self::empty(width, height);
-        for (row, bytes) in plane.values.chunks_mut(plane.stride).zip(bytes.chunks(width)) {
-            row.iter_mut().zip(bytes).for_each(|(value, byte)| *value = f32::from(*byte));
-        }
-        plane
-    }
-
-    /// Twice as wide and high, bilinear.
-    fn doubled(bytes: &[u8], width: usize, height: usize) -> Self {
-        let mut plane = Self::empty(2 * width, 2 * height);
-        // Of two pixels in place of one each lies a quarter towards its neighbour.
-        let beside = |x: usize, length: usize| {
-            let towards = if x.is_multiple_of(2) { (x / 2).saturating_sub(1) } else { x / 2 + 1 };
-            (x / 2, towards.min(length - 1))
-        };
-        let mix = |near: f32, far: f32| 0.75 * near + 0.25 * far;
-        let stride = plane.stride;
-        plane.values.par_chunks_mut(stride).enumerate().for_each(|(y, row)| {
-            let (near, far) = beside(y, height);
-            let lines = [near, far].map(|y| &bytes[y * width..(y + 1) * width]);
-            let between: Vec<f32> = lines[0]
-                .iter()
-                .zip(lines[1])
-                .map(|(near, far)| mix(f32::from(*near), f32::from(*far)))
-                .collect();
-            for (x, value) in row[..2 * width].iter_mut().enumerate() {
-                let (near, far) = beside(x, width);
-                *value = mix(between[near], between[far]);
-            }
-        });
-        plane
-    }
-
-    /// Every other pixel of every other row; `None` where hardly any would be left.
-    fn halved(&self) -> Option<Self> {
-        let (width, height) = (self.width / 2, self.height / 2);
-        if width.min(height) <= 2 * BORDER {
-            return None;
-        }
-        let mut plane = Self::empty(width, height);
-        for (y, row) in plane.values.chunks_mut(plane.stride).enumerate() {
-            row[..width]
-                .iter_mut()
-                .zip(self.row(2 * y).iter().step_by(2))
-                .for_each(|(v, p)| *v = *p);
-        }
-        Some(plane)
-    }
-
-    /// Blurred by a Gaussian.
-    fn blurred(&self, sigma: f32) -> Self {
-        let kernel = half_kernel(sigma);
-        let mut plane = Self::empty(self.width, self.height);
-        let block = ROWS * self.stride;
-        plane
-            .values
-            .par_chunks_mut(block)
-            .enumerate()
-            .for_each(|(i, rows)| blur_rows(self, &kernel, i * ROWS, rows));
-        plane
-    }
-}
-
-/// Standard deviations that a kernel reaches.
-const KERNEL_SIGMAS: f32 = 3.5;
-
-/// A Gaussian's weights from its middle outwards.
-fn half_kernel(sigma: f32) -> Vec<f32> {
-    let reach = (KERNEL_SIGMAS * sigma).round() as usize;
-    let weight = |i: usize| (-0.5 * (i as f32 / sigma).powi(2)).exp();
-    let sum = weight(0) + 2.0 * (1..=reach).map(weight).sum::<f32>();
-    (0..=reach).map(|i| weight(i) / sum).collect()
-}
-
-/// A place beside a picture as reflected in a mirror at its last pixel.
-fn mirrored(i: isize, length: usize) -> usize {
-    let last = length as isize - 1;
-    let mut i = i;
-    while i < 0 || i > last {
-        i = if i < 0 { -i } else { 2 * last - i };
-    }
-    i as usize
-}
-
-/// Blurs rows from `first` on: down each column, then along the row.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
-fn blur_rows(from: &Plane, kernel: &[f32], first: usize, rows: &mut [f32]) {
-    let reach = kernel.len() - 1;
-    let (width, stride) = (from.width, from.stride);
-    let mut line = vec![0.0_f32; reach + stride + reach];
-    for (i, out) in rows.chunks_exact_mut(stride).enumerate() {
-        let y = (first + i) as isize;
-        let row = |by: isize| from.row(mirrored(y + by, from.height));
-        let pairs: Vec<(&[f32], &[f32])> =
-            (1..=reach as isize).map(|j| (row(-j), row(j))).collect();
-        let centre = row(0);
-        for (x, out) in (0..stride).step_by(LANES).zip(line[reach..].chunks_exact_mut(LANES)) {
-            let mut sum = weighted(lanes(centre, x), kernel[0]);
-            for ((above, below), weight) in pairs.iter().zip(&kernel[1..]) {
-                add_pair(&mut sum, lanes(above, x), lanes(below, x), *weight);
-            }
-            out.copy_from_slice(&sum);
-        }
-        for j in 1..=reach {
-            line[reach - j] = line[reach + mirrored(-(j as isize), width)];
-            line[reach + width - 1 + j] = line[reach + mirrored((width - 1 + j) as isize, width)];
-        }
-        for (x, out) in (0..stride).step_by(LANES).zip(out.chunks_exact_mut(LANES)) {
-            let mut sum = weighted(lanes(&line, reach + x), kernel[0]);
-            for (j, weight) in kernel.iter().enumerate().skip(1) {
-                let (left, right) = (lanes(&line, reach + x - j), lanes(&line, reach + x + j));
-                add_pair(&mut sum, left, right, *weight);
-            }
-            out.copy_from_slice(&sum);
-        }
-    }
-}
-
-#[inline(always)]
-fn lanes(row: &[f32], x: usize) -> &[f32; LANES] {
-    row[x..].first_chunk().expect("rows are filled up to whole registers")
-}
-
-#[inline(always)]
-fn weighted(values: &[f32; LANES], weight: f32) -> [f32; LANES] {
-    let mut weighted = [0.0; LANES];
-    for i in 0..LANES {
-        weighted[i] = weight * values[i];
-    }
-    weighted
-}
-
-#[inline(always)]
-fn add_pair(sum: &mut [f32; LANES], a: &[f32; LANES], b: &[f32; LANES], weight: f32) {
-    for i in 0..LANES {
-        sum[i] += weight * (a[i] + b[i]);
-    }
 }
 
 /// A row of a difference of Gaussians, and the most and least of each value and the two beside it.
@@ -380,7 +213,7 @@ fn extrema(octave: &Octave, number: usize, first: usize, contrast: f32) -> Vec<K
     found
 }
 
-/// Marks values that no other about them in place and scale exceeds.
+/// Marks values that are extrema among their neighbours in position and scale.
 #[inline(always)]
 fn mark(marks: &mut [u8], values: &[f32], around: &[Around], least_contrast: f32) {
     let [below, same, above] = around else { unreachable!("three scales are compared") };
@@ -398,8 +231,8 @@ fn mark(marks: &mut [u8], values: &[f32], around: &[Around], least_contrast: f32
     }
 }
 
-/// The extremum between pixels and scales that one at a pixel leads to, if it has contrast and a
-/// place of its own.
+/// The extremum between pixels and scales that an extremum at a pixel leads to, if it has enough
+/// contrast and is no edge.
 fn refined(
     octave: &Octave,
     number: usize,
@@ -491,7 +324,7 @@ impl Local {
     }
 }
 
-/// Standard deviation of the weights about a keypoint, in its own.
+/// Standard deviation of the weights about a keypoint, as a multiple of the keypoint's.
 const SPREAD: f32 = 1.5;
 
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
@@ -610,11 +443,5 @@ mod tests {
         assert_eq!(upright.len(), turned.len());
         let is_found = |a: f32| turned.iter().any(|b| apart(a, *b) < 0.035);
         assert!(upright.iter().all(|a| is_found(a + 0.5 * PI)), "{upright:?} {turned:?}");
-    }
-
-    #[test]
-    fn a_place_beside_the_picture_is_one_in_it() {
-        let all: Vec<usize> = (-5..9).map(|i| mirrored(i, 4)).collect();
-        assert_eq!(all, [1, 2, 3, 2, 1, 0, 1, 2, 3, 2, 1, 0, 1, 2]);
     }
 }

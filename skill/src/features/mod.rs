@@ -1,12 +1,13 @@
-//! Features of one frame, spread over the picture, described twice: by a patch of the picture, and
-//! by one of metric size on the surface's tangent plane, each turned to its own direction. Depth
-//! makes viewpoint and scale known, so they are used: large surfaces that are seen from the side
-//! are looked at as from the front. What is up is not: on what lies level no direction is, and a
-//! camera rolls.
+//! Features of one frame, spread over the picture. Each is described twice: by a patch of the
+//! picture, and by a patch of metric size on the tangent plane of the surface; each patch is turned
+//! to the main direction of its gradients. Depth makes viewpoint and scale known, so they are used:
+//! large surfaces that are seen from the side are rectified to a frontal view. The vertical is not
+//! used: horizontal surfaces have no upward direction, and a camera rolls.
 //!
 //! In: an RGB-D frame and its normals. Out: features with their place and normal in the camera frame,
 //! metres, and a RootSIFT descriptor. Keypoints are extrema of the difference of Gaussians (Lowe 2004).
 
+mod blurred_plane;
 mod dog_keypoints;
 mod orientation;
 pub(crate) mod quantised;
@@ -93,7 +94,7 @@ const PATCH_SIGMAS: f64 = 3.2;
 /// Levels of the picture from which patches are sampled, each half as large as the last.
 const LEVELS: usize = 5;
 
-/// Where features of a frame are, before depth is asked.
+/// Keypoints of a frame, before depth is used.
 pub struct Keypoints<W> {
     gray: Gray,
     found: Vec<Spot>,
@@ -115,7 +116,7 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     /// Finds them where `wanted` says so (by pixel).
     ///
     /// # Errors
-    /// Whatever the vision library says.
+    /// The error of the vision library.
     pub fn new(frame: &RgbdFrame, density: FeatureDensity, wanted: W) -> opencv::Result<Self> {
         let gray = Gray::from_color(&frame.color)?;
         let found = detect(&gray, density, &wanted)?;
@@ -125,7 +126,7 @@ impl<W: Fn(usize, usize) -> bool + Sync> Keypoints<W> {
     /// Describes them, both ways, and those of slanted surfaces as from the front.
     ///
     /// # Errors
-    /// Whatever the vision library says.
+    /// The error of the vision library.
     pub fn describe(
         &self,
         frame: &RgbdFrame,
@@ -228,7 +229,7 @@ fn strongest<T>(
     cells
 }
 
-/// A feature but for its descriptor, and the patch of the picture that this is of.
+/// A feature except for its descriptor, and the patch of the picture that this is of.
 #[derive(Clone)]
 struct Asked {
     feature: DescribedFeature,

@@ -19,13 +19,13 @@ pub const LEAST_COSINE: f64 = 0.2;
 const SLANTED: RangeInclusive<f64> = LEAST_COSINE..=0.75;
 /// Least cosine between a direction and the normals of the surface that faces it.
 const ALIKE: f64 = 0.95;
-/// Pixels from one normal that is asked to the next.
+/// Pixels between the normals that are used.
 const STRIDE_PX: usize = 8;
-/// Least normals of a direction: a surface of some size.
+/// Fewest normals of a direction: the surface must have some size.
 const LEAST: usize = 40;
-/// Directions that are faced.
+/// Largest number of views.
 const MOST_VIEWS: usize = 3;
-/// Normals that may lead to a direction.
+/// Normals that are tried as directions.
 const TRIED: usize = 100;
 /// Largest share of a picture's pixels that a view of it has.
 const MOST_PIXELS: f64 = 0.6;
@@ -70,7 +70,7 @@ impl RectifiedViews {
     /// Keypoints on the surfaces that are faced, by view; `detect` finds them in a picture.
     ///
     /// # Errors
-    /// Whatever the vision library says.
+    /// The error of the vision library.
     pub fn keypoints(
         &self,
         gray: &Gray,
@@ -139,7 +139,7 @@ fn directions(seen: &[Slanted]) -> Vec<Vector3<f64>> {
 
 /// What the camera would see if it faced a surface.
 struct View {
-    /// Of the surface.
+    /// Its unit normal.
     normal: Vector3<f64>,
     picture_from_view: Matrix3<f64>,
     focal_px: f64,

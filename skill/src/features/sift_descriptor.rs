@@ -16,8 +16,8 @@ const SIDE: usize = 20;
 const CELLS: usize = 4;
 /// Directions in a cell.
 const DIRECTIONS: usize = 8;
-/// Share of a descriptor that one of its values may have before the root is taken: light may
-/// fall so that one edge outshines all.
+/// Share of a descriptor that one of its values may have before the root is taken: a light may make
+/// one edge much stronger than all others.
 const MOST: f32 = 0.2;
 
 /// A parallelogram in the picture: half its sides, as vectors from its centre, pixels.
@@ -40,7 +40,7 @@ impl Patch {
     }
 }
 
-/// A picture and smaller and smaller ones of it.
+/// An image pyramid.
 pub struct Pyramid(Vec<Level>);
 
 struct Level {

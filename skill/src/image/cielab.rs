@@ -19,10 +19,10 @@ pub struct CielabImage {
 }
 
 impl CielabImage {
-    /// Of a colour picture.
+    /// Converts a colour picture.
     ///
     /// # Errors
-    /// Whatever the vision library says.
+    /// The error of the vision library.
     pub fn new(color: &ColorImage) -> opencv::Result<Self> {
         let rgb = Mat::from_slice(color.as_rgb())?;
         let rgb = rgb.reshape(3, color.height() as i32)?;

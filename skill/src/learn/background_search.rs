@@ -1,8 +1,9 @@
 //! Joints are sought while frames still arrive, on a thread of their own, so that little is left to
 //! do after the last frame.
 //!
-//! The result depends on frame numbers alone, not on how fast the threads run: a search starts every
-//! so many frames, when the one before it is over, and the end drops the last one.
+//! The result depends on frame numbers alone, not on how fast the threads run: a search starts
+//! after a fixed number of frames, when the one before it is over, and the last one is dropped at
+//! the end.
 
 use super::ego_motion::EgoMotion;
 use super::joint_search::{SearchSettings, WarmStart, search_ahead};
@@ -185,7 +186,7 @@ mod tests {
         assert_eq!(caught(|| panic!("frame {frame}")), Err::<(), _>("frame 7".to_owned()));
     }
 
-    /// Tracks of three frames, with a camera pose for so many of them.
+    /// Tracks of three frames, with a camera pose for this many of them.
     fn snapshot(poses: usize) -> Snapshot {
         let seen = Observation {
             pixel: Point2::origin(),
@@ -200,7 +201,7 @@ mod tests {
         }
     }
 
-    /// Frames that the last search over snapshots with so many camera poses leaves to the next.
+    /// Frames that the last search over snapshots with this many camera poses leaves to the next.
     fn frames_found(poses: &[usize]) -> usize {
         let config = SkillConfig::default();
         let mut background = BackgroundSearch::new(1, false);

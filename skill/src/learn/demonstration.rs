@@ -27,7 +27,7 @@ pub struct Demonstration {
     pub tracks: TrackSet,
     /// The part of each track; `None`: not known.
     pub track_parts: Vec<Option<usize>>,
-    /// By part: places on a plain part, which has no tracks, in its coordinates.
+    /// For each part: points on a plain part, which has no tracks, in its coordinates.
     pub plain_surface: Vec<Vec<Point3<f64>>>,
     /// Frames kept for appearance.
     pub keyframes: Keyframes,

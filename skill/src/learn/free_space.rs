@@ -1,6 +1,7 @@
 //! The free-space test: a model claims that a part has a surface at some points; a depth picture
 //! contradicts it where it shows something behind such a point. An arm moves with the part that it
-//! holds, but comes and leaves: pictures see through where it is claimed to be.
+//! holds, but is there only part of the time: other pictures see through the places where the model
+//! would have it.
 
 use super::ego_motion::coarse_sigma;
 use crate::math::rigid::{Pose, matrix_pose};

@@ -4,7 +4,7 @@
 use super::keyframes::Keyframes;
 use super::tracking::Trajectory;
 use crate::math::rigid::Pose;
-use crate::math::robust::{median_point, without_strays};
+use crate::math::robust::{median_point, without_isolated};
 use linkage_frames::RgbdFrame;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -16,9 +16,9 @@ const CELL_M: f64 = 0.015;
 const PIXEL_STRIDE: usize = 3;
 /// Frames over which a part is seen to move or to rest.
 const SPAN: usize = 4;
-/// Least way of a moving part's middle over these frames, metres.
+/// Smallest travel of a moving part's middle over these frames, metres.
 const MOVES_M: f64 = 0.008;
-/// Largest way of a resting part's middle over these frames, metres.
+/// Largest travel of a resting part's middle over these frames, metres.
 const RESTS_M: f64 = 0.002;
 /// Fewest and most keyframes in which the part moves, and the same of those in which it rests.
 const KEYFRAMES: [usize; 2] = [4, 14];
@@ -34,9 +34,9 @@ const REACH_M: f64 = 0.15;
 const HAND_M: f64 = 0.1;
 /// How much farther from the surface than its nearest place the grip reaches, metres.
 const GRIP_M: f64 = 0.02;
-/// Least way of a held place, as a share of the farthest way of the part's tracks, outliers included:
-/// a hand is where it moves the part with little force. What is near a hinge hardly moves, whatever it
-/// is.
+/// Smallest travel of a held place, as a share of the farthest travel of the part's tracks,
+/// outliers included: a hand is where it moves the part with little force. What is near a hinge
+/// hardly moves, whatever it is.
 const LEVER: f64 = 0.5;
 /// Distance between cells that belong together, in sides of a cell.
 const LINKED: f64 = 2.0;
@@ -72,7 +72,7 @@ impl GraspEstimator<'_> {
             return None;
         }
         let cell = CELL_M * (moving[0].0 * middle).z.max(1.0);
-        let surface = without_strays(&self.surface, OUTLIER_M, OUTLIER_NEIGHBOURS);
+        let surface = without_isolated(&self.surface, OUTLIER_M, OUTLIER_NEIGHBOURS);
         let near = Cells::around(&surface, REACH_M, REACH_M / 2.0);
         let far = self.surface.iter().map(|p| way(&moving, p)).fold(0.0, f64::max);
         let (mut hand, mut own) = (Vec::new(), Vec::new());
@@ -154,7 +154,7 @@ fn filled(frames: &[(Pose, &RgbdFrame)], near: &Cells, side: f64) -> Vec<Point3<
         .filter(|(_, (frames, _, _))| *frames as f64 >= often)
         .map(|(cell, (_, sum, n))| (cell, Point3::from(sum / n)))
         .collect();
-    // The map's order is anybody's.
+    // The order of a hash map is not deterministic.
     places.sort_by_key(|p| p.0);
     places.into_iter().map(|p| p.1).collect()
 }
@@ -180,7 +180,7 @@ fn filled_in(
     here
 }
 
-/// How far a place comes from where it is first.
+/// Largest distance of a point from its first position.
 fn way(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> f64 {
     let first = frames.first().map_or(*place, |(pose, _)| pose * place);
     frames.iter().map(|(pose, _)| (pose * place - first).norm()).fold(0.0, f64::max)

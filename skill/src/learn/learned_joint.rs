@@ -62,7 +62,7 @@ pub fn orient(geometry: &mut JointGeometry, configuration: &mut [f64]) {
     }
 }
 
-/// Least and greatest configuration, single strays left out.
+/// Least and greatest configuration, single outliers left out.
 pub fn range_of(configuration: &[f64]) -> [f64; 2] {
     let mut sorted = configuration.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -149,7 +149,7 @@ impl Learner {
     }
 
     /// Forgets frames in which little moves when there are as many as memory is kept for, so that a
-    /// demonstration may last as long as it likes.
+    /// demonstration may last for any time.
     fn make_room(&mut self) {
         let room = self.config.track.max_frames.max(4 * MIN_FRAMES);
         if self.tracker.frames() < room {
@@ -165,8 +165,8 @@ impl Learner {
         tracing::debug!(of = marks.len(), kept = self.tracker.frames(), "frames forgotten");
     }
 
-    #[doc(hidden)]
     /// The tracker, for drawing what it follows.
+    #[doc(hidden)]
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
     }
@@ -177,7 +177,7 @@ impl Learner {
     }
 
     /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
-    /// demonstration believes in. How long that part is depends on how fast this machine is.
+    /// demonstration has accepted. How long that part is depends on how fast this machine is.
     #[must_use]
     pub fn current_estimate(&self, object: &str) -> ObjectModel {
         let joints = self.background.current_estimate();

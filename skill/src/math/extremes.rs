@@ -1,5 +1,5 @@
-//! The larger and the smaller of two floats that are numbers: `f32::max` and `f32::min` mind those
-//! that are none, and are slower in loops over many.
+//! The larger and the smaller of two floats that are numbers: `f32::max` and `f32::min` also handle
+//! NaN, and are slower in loops over many.
 
 #[inline(always)]
 pub fn larger(a: f32, b: f32) -> f32 {

@@ -11,7 +11,7 @@ use std::f64::consts::{PI, TAU};
 /// A rigid motion or pose.
 pub type Pose = Isometry3<f64>;
 
-/// The same pose, which moves many points sooner.
+/// The same pose as a matrix, which transforms many points faster.
 pub fn matrix_pose(pose: &Pose) -> IsometryMatrix3<f64> {
     IsometryMatrix3::from_parts(pose.translation, pose.rotation.to_rotation_matrix())
 }

@@ -1,4 +1,4 @@
-//! Statistics that a few wrong values do not spoil, and others over lists of places.
+//! Robust statistics, and other statistics of lists of points.
 
 use nalgebra::Point3;
 
@@ -11,8 +11,13 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Points that more than so many others lie within `radius` of, themselves counted.
-pub fn without_strays(points: &[Point3<f64>], radius: f64, neighbours: usize) -> Vec<Point3<f64>> {
+/// Points that have more than `neighbours` points within `radius`, themselves counted (radius
+/// outlier removal).
+pub fn without_isolated(
+    points: &[Point3<f64>],
+    radius: f64,
+    neighbours: usize,
+) -> Vec<Point3<f64>> {
     let near = |p: &Point3<f64>| points.iter().filter(|o| (*o - p).norm() < radius).count();
     points.iter().copied().filter(|p| near(p) > neighbours).collect()
 }
@@ -43,7 +48,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Of pairs of samples.
+    /// The moments of pairs of samples.
     pub fn of(pairs: &[(f64, f64)]) -> Self {
         let n = pairs.len().max(1) as f64;
         let mean = |f: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(f).sum::<f64>() / n;

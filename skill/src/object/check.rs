@@ -1,4 +1,4 @@
-//! What a model must be, whoever wrote it. Kinematics, planning and reports rely on it: they index
+//! Checks of a model, whatever its source. Kinematics, planning and reports rely on it: they index
 //! parts by their numbers and multiply motions down the tree.
 
 use super::model::{
@@ -191,8 +191,7 @@ mod tests {
     use crate::object::joint_geometry::JointGeometry;
     use crate::object::model::covariance_rows;
     use crate::object::model::tests::door;
-    use nalgebra::Matrix6;
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::{Matrix6, Point3, Vector3};
 
     /// A door with a handle on it.
     fn with_handle() -> ObjectModel {

@@ -145,7 +145,7 @@ pub fn covariance_rows(covariance: &impl Index<(usize, usize), Output = f64>) ->
     (0..6).map(|r| std::array::from_fn(|c| symmetric[(r, c)])).collect()
 }
 
-/// True for finite, symmetric and positive semidefinite matrices, but for rounding.
+/// True for finite, symmetric and positive semidefinite matrices, except for rounding.
 pub(super) fn is_covariance(matrix: &Matrix6<f64>) -> bool {
     if !matrix.iter().all(|x| x.is_finite() && x.abs() <= LARGEST_VARIANCE) {
         return false;

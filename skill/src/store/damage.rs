@@ -1,5 +1,5 @@
-//! What a damaged file does: it gives the answer that it gave, or an error that names it; never
-//! another answer.
+//! Tests of damaged files: a damaged store gives the same answers as before, or an error that names
+//! the file; never another answer.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -62,7 +62,8 @@ fn errors_of(damaged: impl Iterator<Item = (usize, Vec<u8>)>, answer: &Answer) -
     errors
 }
 
-/// Every so many bytes one is changed; `LINKAGE_FLIP_EVERY` asks for more of them or fewer.
+/// Distance between the bytes that are changed; `LINKAGE_FLIP_EVERY` asks for more of them or
+/// fewer.
 fn every() -> usize {
     std::env::var("LINKAGE_FLIP_EVERY").ok().and_then(|n| n.parse().ok()).unwrap_or(397)
 }

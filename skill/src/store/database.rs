@@ -3,13 +3,10 @@
 //! In: the path of an SQLite file, objects by name. Out: objects, names, revisions, or an error that
 //! says what is wrong with the file and what can be done.
 
-use super::contents;
 use super::error::{Fault, StoreError, explain};
 use super::file::{self, Absent, Opened};
-use super::inverted_index;
 use super::record::Record;
-use super::schema;
-use super::transaction;
+use super::{contents, inverted_index, schema, transaction};
 use crate::object::stored_object::StoredObject;
 use crate::recognise::retrieval::Words;
 use rusqlite::Connection;
@@ -78,7 +75,7 @@ impl Store {
         if let Some(entry) = self.read(contents::entry(&self.connection, name))? {
             return Ok(Some(Revision(entry.number)));
         }
-        // That there is none is told by all rows together.
+        // Only the check of all rows shows that there is none.
         if self.names()?.iter().any(|known| known == name) {
             return Err(self.damaged(name, "the index of names has lost it".to_owned()));
         }
@@ -133,8 +130,8 @@ impl Store {
         self.put_all(std::slice::from_ref(object))
     }
 
-    /// Puts several objects in, all or none. One time in many, what has been put in before is made
-    /// ready to be found among them, which takes longer.
+    /// Puts several objects in, all or none. Once in many calls the words of earlier objects are
+    /// written to the posting lists, which takes longer.
     ///
     /// # Errors
     /// As [`Self::put`].

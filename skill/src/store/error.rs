@@ -165,7 +165,7 @@ mod tests {
     use super::*;
     use rusqlite::ffi;
 
-    /// What an error of SQLite with this code is told as.
+    /// The store's error for an SQLite error with this code.
     fn told(code: i32) -> StoreError {
         let error = rusqlite::Error::SqliteFailure(ffi::Error::new(code), None);
         Fault::Sql(error).in_file(Path::new("kitchen.linkage"))

@@ -7,11 +7,10 @@ use rusqlite::backup::{Backup, StepResult};
 use rusqlite::{Connection, ErrorCode, MAIN_DB, OpenFlags};
 use rustix::fs::{Access, access};
 use std::ffi::OsString;
-use std::fs;
-use std::io;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use std::{fs, io};
 
 /// An open file, its tables made and brought up to date.
 pub struct Opened {
@@ -36,7 +35,7 @@ pub fn open(path: &Path, absent: Absent) -> Result<Opened, StoreError> {
     flags.set(OpenFlags::SQLITE_OPEN_CREATE, absent == Absent::Create);
     match open_to_write(path, flags, absent) {
         Err(error) if needs_no_writing(&error) => {
-            // What cannot be read either is told as it was met first.
+            // Where it cannot be read either, the first error is returned.
             let connection = readers(path).find_map(|reader| reader().ok()).ok_or(error)?;
             Ok(Opened { connection: up_to_date(path, connection)?, is_read_only: true })
         }

@@ -18,13 +18,13 @@ use std::sync::Arc;
 
 /// Objects that may always be without lists: it keeps small stores simple.
 const FEW: u32 = 2_000;
-/// One object of so many that are listed may be without lists. That bounds both what is read when a
-/// store is opened and how often lists are written anew.
+/// One object for each `ONE_OF` that are listed may be without lists. That bounds both what is read
+/// when a store is opened and how often lists are written anew.
 const ONE_OF: u32 = 8;
 /// Lists that are written at a time: some ten megabytes where 100 000 objects are listed.
 const LISTS_AT_ONCE: usize = 4_096;
 
-/// Whether the words of so many objects should be listed, where those of so many are.
+/// Whether the words of `unlisted` objects should be listed, where those of `listed` objects are.
 fn are_many(unlisted: u32, listed: u32) -> bool {
     unlisted > FEW.max(listed / ONE_OF)
 }
@@ -204,7 +204,7 @@ pub struct PostingCache {
 }
 
 impl PostingCache {
-    /// None read yet.
+    /// An empty cache.
     pub fn new() -> Self {
         Self { recent: LruCache::unbounded(), bytes: 0 }
     }

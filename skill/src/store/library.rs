@@ -112,7 +112,7 @@ impl Store {
 }
 
 impl Library {
-    /// Of objects that are there already.
+    /// A library of objects in memory.
     pub fn new(objects: Vec<StoredObject>) -> Self {
         let index = Index::new(objects.iter().map(|o| Words::of(&o.appearance)));
         let names = objects.iter().map(|o| o.model.object.clone()).collect();
@@ -120,7 +120,7 @@ impl Library {
         Self { names, index, objects: Objects::Ready(objects.into_iter().map(ready).collect()) }
     }
 
-    /// Of a store's objects, by their names and index.
+    /// A library of a store's objects, with their names and index.
     fn lazy(store: Store, names: Vec<String>, index: Index) -> Self {
         let reader = Reader { store, lists: PostingCache::new(), ready: LruCache::new(MOST_READY) };
         Self { names, index, objects: Objects::Stored(Box::new(Mutex::new(reader))) }
@@ -175,7 +175,7 @@ impl Library {
         self.recognise_listed(scene, listed, config, seed)
     }
 
-    /// The same of given objects, but for those that were taken out of the store meanwhile.
+    /// The same of given objects, except for those that were taken out of the store meanwhile.
     ///
     /// # Errors
     /// As [`Self::recognise`].

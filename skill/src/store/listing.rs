@@ -1,5 +1,5 @@
-//! Objects of a store whose words are in posting lists, and such whose words are not yet, are found
-//! alike, whatever happens to the store meanwhile.
+//! Tests: objects whose words are in posting lists, and objects whose words are not yet, are found
+//! equally well, also while the store changes.
 
 use super::contents::all_rows;
 use super::database::Store;

@@ -1,6 +1,7 @@
 //! The store: one SQLite file with models, appearance, words and provenance. Every change is one
-//! transaction, so a kill at any moment leaves what was there before. All that is kept has a
-//! checksum, and so has the list of all objects: what is damaged is told, and gives no other answer.
+//! transaction, so that a process that is killed leaves the state before it. All that is kept has a
+//! checksum, and so has the list of all objects: damage is reported, and never gives a wrong
+//! answer.
 //!
 //! [`Store`] opens the file, puts objects in and takes them out; [`Library`] is all that a store
 //! holds, to be looked for in pictures.

@@ -8,7 +8,7 @@ use crate::object::stored_object::{Provenance, StoredObject};
 
 /// Largest coordinate of a place on an object, and largest feature, metres.
 const LARGEST_PLACE: f32 = 1e4;
-/// Longest normal: unit vectors, but for rounding; zero where unknown.
+/// Longest normal: unit vectors, except for rounding; zero where unknown.
 const LONGEST_NORMAL: f32 = 1.01;
 /// Largest value of a colour in CIE L*a*b*.
 const LARGEST_COLOUR: f32 = 1e3;
@@ -27,7 +27,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Of an object that can be read again.
+    /// The record of an object; it is checked that it can be read again.
     ///
     /// # Errors
     /// What is wrong with the object, in words.

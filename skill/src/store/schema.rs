@@ -4,7 +4,7 @@ use super::contents::{self, Entry};
 use super::error::{Fault, StoreError, explain};
 use super::inverted_index;
 use super::record::Record;
-use super::transaction::{begin, patiently};
+use super::transaction::{begin, with_retries};
 use crate::object::stored_object::Provenance;
 use rusqlite::{Connection, params};
 use std::path::Path;
@@ -150,7 +150,7 @@ pub fn prepare(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     let state = state(path, connection)?;
     if state == State::Empty {
         connection.pragma_update(None, "page_size", PAGE_BYTES).map_err(sql)?;
-        patiently(|| connection.pragma_update(None, "journal_mode", "WAL")).map_err(sql)?;
+        with_retries(|| connection.pragma_update(None, "journal_mode", "WAL")).map_err(sql)?;
     }
     if !state.is_newest() {
         upgrade(path, connection)?;

@@ -12,7 +12,7 @@ pub fn begin(connection: &Connection) -> rusqlite::Result<Transaction<'_>> {
 
 /// Tries again while another process that does the same has the file: SQLite itself does not wait
 /// where a reader becomes a writer.
-pub fn patiently(mut change: impl FnMut() -> rusqlite::Result<()>) -> rusqlite::Result<()> {
+pub fn with_retries(mut change: impl FnMut() -> rusqlite::Result<()>) -> rusqlite::Result<()> {
     let mut tries = 0;
     loop {
         match change() {
@@ -32,8 +32,8 @@ const MOST_TRIES: i32 = 1_000;
 /// Longest wait between two tries is 2 to this power, milliseconds.
 const LONGEST_WAIT: i32 = 6;
 
-/// Waits for another process that has the file, each time for a random while, so that of many who
-/// wait none is always the last; `false` when it has waited long enough.
+/// Waits for a random time while another process holds the file, so that of many waiting processes
+/// none is always the last; `false` when it has waited long enough.
 pub fn wait_for_turn(tries: i32) -> bool {
     if tries >= MOST_TRIES {
         return false;

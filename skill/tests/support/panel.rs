@@ -1,5 +1,5 @@
-// A made-up recording: a panel with texture slides before a board. Tests, examples and the examples of
-// the documentation include this file.
+// A synthetic recording: a panel with texture slides before a board. Tests, examples and the
+// examples of the documentation include this file.
 
 use linkage_frames::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use std::sync::Arc;

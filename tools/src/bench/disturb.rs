@@ -1,5 +1,5 @@
-//! What goes on beside a service in a soak: somebody sends what nobody should, and somebody watches
-//! whether setpoints ever jump.
+//! What goes on beside a service in a soak: one thread sends invalid datagrams, and another checks
+//! that setpoints never jump.
 
 use crate::outcome::Outcome;
 use anyhow::Context;
@@ -21,7 +21,7 @@ const WHOLE: u32 = 0x4c43_3032;
 const FRAGMENT: u32 = 0x4c43_3033;
 /// What rounding adds to the way between two setpoints, metres.
 const ROUNDING_M: f64 = 1e-5;
-/// Wait for a setpoint without a look whether to stop.
+/// Longest wait for a setpoint before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
 
 /// Counts of what went on.
@@ -33,7 +33,7 @@ pub struct Disturbance {
     jumps: AtomicU64,
 }
 
-/// Both threads, until they are dropped.
+/// The two threads; they end when this is dropped.
 pub struct Disturbing {
     counts: Arc<Disturbance>,
     threads: Vec<JoinHandle<()>>,
@@ -50,7 +50,7 @@ impl Disturbing {
         let send = move || {
             let mut rng = ChaCha8Rng::seed_from_u64(1);
             while !sent.stop.load(Ordering::Relaxed) {
-                // What the system does not take was no disturbance.
+                // A datagram that the system does not send is not counted.
                 if socket.send(&hostile(&mut rng)).is_ok() {
                     sent.hostile.fetch_add(1, Ordering::Relaxed);
                 }
@@ -79,8 +79,8 @@ impl Drop for Disturbing {
     }
 }
 
-/// A datagram that nobody should send: noise, a fragment that claims what it likes, or a message on
-/// a channel that the service listens to with noise in it.
+/// An invalid datagram: noise, a fragment that claims what it likes, or a message on a channel that
+/// the service listens to with noise in it.
 fn hostile(rng: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = Vec::new();
     match rng.random_range(0..3) {

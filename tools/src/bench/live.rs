@@ -29,7 +29,7 @@ pub const STREAM_HZ: f64 = 200.0;
 const SEED: u64 = 1;
 /// Frames a second.
 const FRAME_RATE: f64 = 30.0;
-/// For so many frames nothing moves at first, so that a command can be given.
+/// Number of first frames in which nothing moves, so that a command can be given.
 const STILL: u64 = 45;
 /// Frames whose instants are remembered.
 const REMEMBERED: usize = 600;
@@ -107,7 +107,7 @@ impl Playing {
         })
     }
 
-    /// From the first frame until the recording's end was handed out once.
+    /// Time from the first frame until the last frame of the recording was handed out once.
     pub fn length(&self) -> Duration {
         Duration::from_secs_f64((STILL + self.frames.len() as u64) as f64 / FRAME_RATE)
     }
@@ -203,9 +203,9 @@ impl Live {
         Ok(command.utime)
     }
 
-    /// The status in which nothing more will become of a command.
-    pub fn done(&mut self, command: i64, patience: Duration) -> Outcome<Option<Status>> {
-        self.receive(channel::STATUS, patience, |s: &Status| {
+    /// The status in which a command is finished.
+    pub fn done(&mut self, command: i64, timeout: Duration) -> Outcome<Option<Status>> {
+        self.receive(channel::STATUS, timeout, |s: &Status| {
             s.command_utime == command && s.command_done
         })
     }
@@ -214,11 +214,11 @@ impl Live {
     pub fn receive<M: Message>(
         &mut self,
         channel: &str,
-        patience: Duration,
+        timeout: Duration,
         mut wanted: impl FnMut(&M) -> bool,
     ) -> Outcome<Option<M>> {
         let start = Instant::now();
-        while start.elapsed() < patience {
+        while start.elapsed() < timeout {
             let packet = self.lcm.receive(Duration::from_millis(100))?;
             let Some(packet) = packet.filter(|p| p.channel == channel) else { continue };
             let message: M = decode(&packet.bytes)?;

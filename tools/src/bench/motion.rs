@@ -85,7 +85,7 @@ pub struct ConfigurationError {
     pub joint: String,
     /// Mean absolute error.
     pub mean: f64,
-    /// Of what.
+    /// Its unit.
     pub unit: &'static str,
 }
 

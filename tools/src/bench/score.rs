@@ -3,11 +3,9 @@
 //! by what they did over time; the distance of an axis is taken where it is nearest to the part.
 
 use crate::truth::{TrueJoint, Truth};
-use linkage_skill::ObjectModel;
 use linkage_skill::internals::{distance_to_line, line_angle, nearest_on_line, orthonormal_basis};
-use linkage_skill::object::Joint;
-use linkage_skill::object::JointKind;
-use linkage_skill::pose_from_array;
+use linkage_skill::object::{Joint, JointKind};
+use linkage_skill::{ObjectModel, pose_from_array};
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use serde::Serialize;
 
@@ -29,7 +27,7 @@ pub struct JointScore {
     pub axis_deg: Option<f64>,
     /// Distance of the axes at the part, centimetres; 0 for slides.
     pub position_cm: Option<f64>,
-    /// Of a screw, how far the pitches are apart, centimetres a turn.
+    /// Difference of the pitches of a screw, centimetres a turn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pitch_cm: Option<f64>,
     /// Found range as a share of the true one.
@@ -219,8 +217,8 @@ fn score_joint(
     }
 }
 
-/// Of the true line from the found one, in the found one's covariance: two degrees of freedom
-/// for a slide's direction, two more for where a hinge lies.
+/// Squared Mahalanobis distance of the true line from the found one: two degrees of freedom for the
+/// direction of a slide, two more for the position of a hinge.
 fn line_distance_sq(truth: &TrueJoint, found: &Joint) -> Option<f64> {
     let axis = Vector3::from(found.axis).normalize();
     let mut true_axis = Vector3::from(truth.axis).normalize();
@@ -252,8 +250,7 @@ fn line_distance_sq(truth: &TrueJoint, found: &Joint) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::JointGeometry;
-    use linkage_skill::object::ReferenceFrame;
+    use linkage_skill::object::{JointGeometry, ReferenceFrame};
     use nalgebra::UnitVector3;
 
     const FRAMES: usize = 40;

@@ -1,4 +1,4 @@
-//! The live skill under the clock: from the end of a demonstration to its model on the wire; from a
+//! Latencies of the live skill: from the end of a demonstration to its model on the wire; from a
 //! frame to its prediction there, with few and with many objects known; and how well the stream of
 //! setpoints keeps its time while perception works.
 
@@ -15,8 +15,7 @@ use linkage_lcm::messages::linkage::{Command, Model, Prediction};
 use linkage_planner_bridge::channel;
 use linkage_planner_bridge::service::ServiceConfig;
 use linkage_skill::SkillConfig;
-use linkage_skill::internals::ModelFeature;
-use linkage_skill::internals::median;
+use linkage_skill::internals::{ModelFeature, median};
 use linkage_skill::object::StoredObject;
 use linkage_skill::store::Store;
 use serde::Serialize;
@@ -29,10 +28,10 @@ const DEMONSTRATED: [&str; 3] = [SCENE, "office_chair", "bicycle"];
 const SIZES: [usize; 3] = [1, 100, 1000];
 /// Predictions a size.
 const TRIES: usize = 30;
-/// For so long setpoints are streamed.
+/// Time for which setpoints are streamed.
 const STREAM_FOR: Duration = Duration::from_secs(60);
 /// Longest wait for an answer.
-const PATIENCE: Duration = Duration::from_secs(8);
+const TIMEOUT: Duration = Duration::from_secs(8);
 
 /// A demonstration that was learned while it went on.
 #[derive(Serialize)]
@@ -131,7 +130,7 @@ fn learn(scene: &str, take: &Path, work: &Path, config: &SkillConfig) -> Outcome
     })?;
     let finish = Instant::now();
     live.tell(Command::FINISH_DEMONSTRATION, "", "")?;
-    let model = live.receive(channel::MODEL, PATIENCE, |m: &Model| m.demonstrations > 0)?;
+    let model = live.receive(channel::MODEL, TIMEOUT, |m: &Model| m.demonstrations > 0)?;
     let finish_s = finish.elapsed().as_secs_f64();
     live.stop()?;
     let model = model.ok_or_else(|| anyhow!("{scene} was not learned"))?;
@@ -139,10 +138,10 @@ fn learn(scene: &str, take: &Path, work: &Path, config: &SkillConfig) -> Outcome
     Ok(Learning { object: model.object, joints: model.joints.len(), guesses_a_second, finish_s })
 }
 
-/// After so long an object that was recognised is followed.
+/// Time after which an object that was recognised is followed.
 const SETTLED: Duration = Duration::from_millis(400);
 
-/// A store of the learned object among made-up ones.
+/// A store of the learned object among synthetic ones.
 fn store_of(work: &Path, object: &StoredObject, objects: usize) -> Outcome<PathBuf> {
     let path = new_store(work.join(format!("objects-{objects}.linkage")))?;
     let features: Vec<&ModelFeature> = object.appearance.features.iter().collect();
@@ -159,7 +158,7 @@ fn store_of(work: &Path, object: &StoredObject, objects: usize) -> Outcome<PathB
 
 /// Waits for a prediction: milliseconds since its frame was handed out.
 fn prediction(live: &mut Live, playing: &Playing) -> Outcome<Option<f64>> {
-    let prediction = live.receive(channel::PREDICTION, PATIENCE, |_: &Prediction| true)?;
+    let prediction = live.receive(channel::PREDICTION, TIMEOUT, |_: &Prediction| true)?;
     let handed_out = prediction.and_then(|p| playing.handed_out(p.utime));
     Ok(handed_out.map(|at| at.elapsed().as_secs_f64() * 1e3))
 }

@@ -1,6 +1,6 @@
 //! A service that is used for long: a recording is played before it again and again while it is
 //! told to learn, to recognise, to predict, to stream, and to another target in the middle of that.
-//! Beside it somebody sends what nobody should. Its memory must not grow, no setpoint may jump, and
+//! Meanwhile a thread sends invalid datagrams. Its memory must not grow, no setpoint may jump, and
 //! every command is answered.
 
 use super::disturb::Disturbing;
@@ -25,7 +25,7 @@ const ROWS: u32 = 12;
 /// A demonstration takes so long.
 const DEMONSTRATION: Duration = Duration::from_secs(6);
 /// Longest wait for what a command leads to.
-const PATIENCE: Duration = Duration::from_secs(8);
+const TIMEOUT: Duration = Duration::from_secs(8);
 
 /// Up to an instant.
 #[derive(Serialize)]
@@ -128,7 +128,7 @@ fn round(live: &mut Live, peak: &mut f64, unanswered: &mut u64) -> Outcome<Statu
         (Command::CANCEL, ""),
     ] {
         let command = live.tell(action, "", target)?;
-        let done = live.done(command, PATIENCE)?;
+        let done = live.done(command, TIMEOUT)?;
         *unanswered += u64::from(done.is_none());
         last = done.or(last);
         *peak = peak.max(resident_mib()?);

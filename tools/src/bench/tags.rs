@@ -6,8 +6,7 @@ use crate::tags::TagLog;
 use crate::truth::{PoseArray, TrueJoint, Truth};
 use linkage_skill::articulation::{PoseSample, fit_models};
 use linkage_skill::internals::rotation_nearest;
-use linkage_skill::{Demonstration, SkillConfig};
-use linkage_skill::{Pose, pose_from_array, pose_to_array};
+use linkage_skill::{Demonstration, Pose, SkillConfig, pose_from_array, pose_to_array};
 use nalgebra::{Point3, Vector3};
 use std::path::Path;
 

@@ -1,13 +1,12 @@
-//! `linkage demo`: the whole way once, on recordings that it simulates itself. A fridge is
-//! opened by a hand, learned, met again from another viewpoint with its door ajar,
-//! recognised; its opening is predicted and published to a subscriber that decodes it. One page tells
-//! it all.
+//! `linkage demo`: the whole pipeline once, on recordings that it simulates itself. A hand opens a
+//! fridge; the fridge is learned, and recognised from another viewpoint with its door ajar. Its opening
+//! is predicted and published to a subscriber that decodes it. One page shows all results.
 
 use super::predict::publish;
 use crate::cli::{Common, DemoArgs};
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
-use crate::report::{self, Asked, Chapters, Story};
+use crate::report::{self, Asked, DemoPage, DetailLinks};
 use crate::simulate::Take;
 use crate::steps::{demonstrate, film, last_frame, recognise_frame, remember, skill_config};
 use crate::truth::Truth;
@@ -26,12 +25,13 @@ use nalgebra::{Point3, Vector3};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The object of the demonstration, and the rooms that it is seen in.
+/// The object of the demonstration.
 const SCENE: &str = "fridge";
+/// Seeds of the two rooms.
 const DEMONSTRATION_SEED: u64 = 1;
 const ENCOUNTER_SEED: u64 = 3;
 
-/// Its store, in the folder.
+/// Name of the store in the output folder.
 const STORE: &str = "objects.linkage";
 /// Quality of the picture, of 100.
 const PICTURE_QUALITY: u8 = 88;
@@ -81,15 +81,15 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let right = errors(&watched, &met, &demonstration.model.joints[0], best)?;
     let proof: Vec<String> = right.lines().map(str::to_owned).chain([received.summary()]).collect();
     proof.iter().for_each(|line| println!("{line}"));
-    let story = Story {
+    let page = DemoPage {
         demonstration: &demonstration,
         object: &stored,
         frame: &frame,
         recognised: best,
         prediction: &plan.prediction,
     };
-    let page = tell(&story, &proof, out)?;
-    println!("look at {}", page.display());
+    let path = write_demo_page(&page, &proof, out)?;
+    println!("look at {}", path.display());
     Ok(())
 }
 
@@ -114,19 +114,19 @@ fn learn(
     Ok((demonstration, stored))
 }
 
-/// Writes the page of the whole way, and the picture of it; where the page is.
-fn tell(story: &Story, proof: &[String], out: &Path) -> Outcome<PathBuf> {
-    let chapters = Chapters {
+/// Writes the page of the whole demo and its picture; returns the path of the page.
+fn write_demo_page(page: &DemoPage, proof: &[String], out: &Path) -> Outcome<PathBuf> {
+    let links = DetailLinks {
         learned: "report.html",
         recognised: "recognition.html",
         predicted: "prediction.html",
     };
-    let page = out.join("index.html");
-    write_text(&page, &story.page(&chapters, proof)?)?;
+    let path = out.join("index.html");
+    write_text(&path, &page.html(&links, proof)?)?;
     let picture = out.join("demo.jpg");
-    let bytes = jpeg::encode(&story.picture()?, PICTURE_QUALITY).map_err(anyhow::Error::msg)?;
+    let bytes = jpeg::encode(&page.picture()?, PICTURE_QUALITY).map_err(anyhow::Error::msg)?;
     std::fs::write(&picture, bytes).with_context(|| picture.display().to_string())?;
-    Ok(page)
+    Ok(path)
 }
 
 fn say(common: &Common, text: &str) {

@@ -1,5 +1,5 @@
-//! Where `linkage learn` keeps what it learns. All that can stand against it is found before the
-//! long work begins.
+//! Where `linkage learn` keeps what it learns. Everything that prevents storing is found before
+//! learning begins, which takes long.
 
 use crate::cli::{DEFAULT_STORE, LearnArgs};
 use crate::interrupt;
@@ -14,11 +14,11 @@ use std::path::{Path, PathBuf};
 pub struct Destination {
     path: PathBuf,
     object: String,
-    way: Way,
+    mode: Mode,
 }
 
-/// What becomes of an object of that name.
-enum Way {
+/// What happens to an existing object of that name.
+enum Mode {
     /// There is none, and must be none when the new one is stored.
     New,
     /// It is replaced.
@@ -47,23 +47,23 @@ impl Destination {
 
     fn at(path: PathBuf, args: &LearnArgs) -> Outcome<Self> {
         let store = existing(&path)?;
-        let way = match &store {
-            _ if args.replace => Way::Replace,
-            Some(store) if args.add => Way::Add(store.find(&args.object)?.map(Box::new)),
-            None if args.add => Way::Add(None),
+        let mode = match &store {
+            _ if args.replace => Mode::Replace,
+            Some(store) if args.add => Mode::Add(store.find(&args.object)?.map(Box::new)),
+            None if args.add => Mode::Add(None),
             Some(store) if store.revision(&args.object)?.is_some() => {
                 return Err(taken(&path, &args.object));
             }
-            _ => Way::New,
+            _ => Mode::New,
         };
-        Ok(Self { path, object: args.object.clone(), way })
+        Ok(Self { path, object: args.object.clone(), mode })
     }
 
     /// What demonstrations are added to.
     pub fn known(&self) -> Option<&StoredObject> {
-        match &self.way {
-            Way::Add(known) => known.as_deref(),
-            Way::New | Way::Replace => None,
+        match &self.mode {
+            Mode::Add(known) => known.as_deref(),
+            Mode::New | Mode::Replace => None,
         }
     }
 
@@ -88,15 +88,15 @@ impl Destination {
         again: impl Fn(Option<&StoredObject>) -> Outcome<StoredObject>,
     ) -> Outcome<StoredObject> {
         let mut store = Store::open_or_create(&self.path)?;
-        match &self.way {
-            Way::New => {
+        match &self.mode {
+            Mode::New => {
                 match store.put_unchanged(std::slice::from_ref(&object), &[None::<Revision>]) {
                     Err(StoreError::Changed { .. }) => return Err(taken(&self.path, &self.object)),
                     result => result?,
                 }
             }
-            Way::Replace => store.put(&object)?,
-            Way::Add(before) => {
+            Mode::Replace => store.put(&object)?,
+            Mode::Add(before) => {
                 return store.update(&self.object, |now| {
                     if now == before.as_deref() { Ok(object.clone()) } else { again(now) }
                 });

@@ -8,8 +8,7 @@ use linkage_skill::SkillConfig;
 use linkage_skill::articulation::{
     FittedJoint, PoseLog, PoseLogError, PoseSample, fit_models, read_pose_log, type_probabilities,
 };
-use linkage_skill::internals::{covariance_rows, is_undecided};
-use linkage_skill::internals::{orient, range_of};
+use linkage_skill::internals::{covariance_rows, is_undecided, orient, range_of};
 use linkage_skill::object::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use std::path::Path;
 

@@ -10,10 +10,8 @@ use crate::steps::{demonstrate_past, remember, skill_config};
 use crate::tags::TagLog;
 use crate::view::{View, Wanted, Watched};
 use linkage_driver::{RgbdFrame, RgbdSource};
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
-use linkage_skill::pose_to_array;
-use linkage_skill::{Demonstration, SkillConfig};
+use linkage_skill::object::{Appearance, StoredObject};
+use linkage_skill::{Demonstration, SkillConfig, pose_to_array};
 use std::fmt::Write;
 use std::path::Path;
 

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Longest wait for a packet without a look whether to stop.
+/// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(100);
 /// Time between two lines of one channel that say nothing but other figures.
 const FIGURES_EVERY: Duration = Duration::from_secs(1);

@@ -11,7 +11,7 @@ use linkage_driver::live::LiveConfig;
 use linkage_driver::{SourceOptions, open_with};
 use linkage_planner_bridge::Rig;
 use linkage_planner_bridge::service::{
-    Playback, ServiceConfig, ServiceReport, Witness, serve_before, witness,
+    Observer, Playback, ServiceConfig, ServiceReport, observer, serve_observed,
 };
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,18 +46,18 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
     if !common.quiet {
         eprintln!("serving {name} on {}; Ctrl-C ends it", config.url);
     }
-    let serve = move |witness| {
-        serve_before(Box::new(move || open_with(&name, &options)), &config, &stop, witness)
+    let serve = move |observer| {
+        serve_observed(Box::new(move || open_with(&name, &options)), &config, &stop, observer)
     };
     let report = match view {
-        None => serve(Witness::default())?,
+        None => serve(Observer::default())?,
         Some(view) => {
-            let (witness, sights) = witness();
+            let (observer, observations) = observer();
             let is_over = AtomicBool::new(false);
             let report = std::thread::scope(|scope| {
-                scope.spawn(|| view.follow(&sights, &args.store, &is_over));
+                scope.spawn(|| view.follow(&observations, &args.store, &is_over));
                 let _over = SetOnDrop(&is_over);
-                serve(witness)
+                serve(observer)
             });
             let closed = view.close();
             let report = report?;

@@ -8,8 +8,8 @@ use anyhow::anyhow;
 
 pub fn run(args: &SimulateArgs, common: &Common) -> Outcome {
     if args.scene == "list" {
-        for (name, story) in SCENES {
-            println!("{name:14} {story}");
+        for (name, description) in SCENES {
+            println!("{name:14} {description}");
         }
         return Ok(());
     }

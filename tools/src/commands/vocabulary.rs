@@ -8,15 +8,13 @@ use crate::outcome::Outcome;
 use crate::simulate::{Shot, Take, instances, record, scene};
 use crate::steps::last_frame;
 use anyhow::{Context, anyhow};
-use linkage_skill::internals::Descriptor;
-use linkage_skill::internals::Vocabulary;
-use linkage_skill::internals::quantise;
+use linkage_skill::internals::{Descriptor, Vocabulary, quantise};
 use linkage_skill::recognise::Scene;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-/// Viewpoints of each thing, turned by so much, degrees.
+/// Viewpoints of each thing, degrees.
 const TURNS: [f64; 3] = [-35.0, 5.0, 40.0];
 /// Descriptors that the words are made of.
 const DESCRIPTORS: usize = 200_000;

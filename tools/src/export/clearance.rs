@@ -1,4 +1,4 @@
-//! Shapes that leave each other room.
+//! Collision shapes with clearance between them.
 //!
 //! In: the boxes of all parts at configuration 0, and the joints. Out: boxes that no configuration
 //! within the ranges makes overlap. Boxes of parts that move beside each other are trimmed where they
@@ -22,8 +22,8 @@ const MOST_COMPARISONS: usize = 100_000;
 const MOST_CUTS: usize = 4_000;
 /// Most times that a pair is trimmed.
 const TRIMS: usize = 12;
-/// Parts of which a greater share would have to be trimmed do bump into each other, as a drawer does
-/// into the door before it.
+/// Parts of which a greater share would have to be trimmed do collide, as a drawer does into the
+/// door before it.
 const LARGEST_TRIM: f64 = 0.25;
 
 /// A part in the export's frame at configuration 0.

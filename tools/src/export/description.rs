@@ -16,9 +16,7 @@ use super::upright::{box_rotation, world_from_object};
 use anyhow::bail;
 use linkage_planner_bridge::Rig;
 use linkage_skill::Pose;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
-use linkage_skill::object::{ObjectModel, Part};
+use linkage_skill::object::{Appearance, ObjectModel, Part, StoredObject};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
 /// Colour of a part that was not seen.

@@ -1,9 +1,9 @@
 //! The surface of a part as an implicit function, fused from the pieces that were seen.
 //!
 //! Near a place the surface is the moving-least-squares plane through the pieces around it that face
-//! the same way. It ends a little beyond the last piece, but not in a gap between pieces (`gap.rs`). As
-//! it is open, it is thickened inwards, so
-//! that the outer side is where the surface was seen and the whole is a closed body.
+//! the same way. It ends a little beyond the last piece, but not in a gap between pieces (`gap.rs`).
+//! The surface is open, so it is thickened inwards: the outer side is where the surface was seen, and
+//! the whole is a closed body.
 
 use super::colour::srgb;
 use super::cuboid::Cuboid;

@@ -1,7 +1,8 @@
 //! Gaps between pieces of surface: places that no piece covers and that pieces surround.
 //!
-//! What was seen is kept as so many pieces, drawn by chance: here and there they lie farther apart. A
-//! gap is no wider than the pieces round it are dense, so that an opening stays open.
+//! What was seen is kept as a limited number of pieces, drawn at random: in some places they lie
+//! farther apart. A gap is no wider than the pieces round it are dense, so that an opening stays
+//! open.
 
 use nalgebra::Vector3;
 use std::f64::consts::TAU;

@@ -3,8 +3,7 @@
 use anyhow::bail;
 use linkage_planner_bridge::Rig;
 use linkage_skill::Pose;
-use linkage_skill::object::Joint;
-use linkage_skill::object::{JointGeometry, JointKind};
+use linkage_skill::object::{Joint, JointGeometry, JointKind};
 
 /// Damping where nothing is known: newton metre seconds a radian, newton seconds a metre.
 const DAMPING: [f64; 2] = [0.1, 1.0];
@@ -37,7 +36,7 @@ pub struct Hinge {
 pub enum Motion {
     Turns,
     Slides,
-    /// Turns, and advances so many metres a turn.
+    /// Turns, and advances this many metres a turn.
     Screws(f64),
 }
 
@@ -90,7 +89,7 @@ impl Hinge {
         matches!(self.motion, Motion::Screws(_))
     }
 
-    /// Configurations from one end of the range to the other, so many and no more.
+    /// This many configurations from one end of the range to the other.
     pub fn configurations(&self, count: usize) -> Vec<f64> {
         let [low, high] = self.range;
         let share = |i: usize| i as f64 / (count.max(2) - 1) as f64;

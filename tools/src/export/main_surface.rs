@@ -1,4 +1,4 @@
-//! The surface that hangs together.
+//! The main connected component of a surface.
 //!
 //! Some of what was seen of a part is not of it: a piece of the floor that the part moved over, a
 //! sleeve. Such pieces lie apart from the rest. They do no harm to recognition, but a box around all
@@ -8,7 +8,7 @@ use super::patch::Patch;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
-/// Side of a cell; surface in cells that touch hangs together, metres.
+/// Side of a cell; surface in cells that touch is connected, metres.
 const CELL_M: f64 = 0.05;
 /// Pieces of fewer patches than this share of the largest piece are left out.
 const LEAST_SHARE: f64 = 0.2;

@@ -37,7 +37,7 @@ fn asset<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
     }
 }
 
-/// MuJoCo lets what is fixed to the world bump into its own children.
+/// MuJoCo lets bodies that are fixed to the world collide with their own children.
 fn exclude<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> io::Result<()> {
     let names = [joint.parent, joint.child].map(|link| of.links[link].name.as_str());
     empty(writer, "exclude", &[("body1", names[0]), ("body2", names[1])])

@@ -38,13 +38,12 @@ mod tests {
     use super::overlap::overlap;
     use super::*;
     use linkage_planner_bridge::Rig;
-    use linkage_skill::ObjectModel;
-    use linkage_skill::Pose;
     use linkage_skill::internals::Surfel;
-    use linkage_skill::object::Appearance;
-    use linkage_skill::object::StoredObject;
-    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
-    use linkage_skill::object::{JointGeometry, JointKind};
+    use linkage_skill::object::{
+        Appearance, Joint, JointGeometry, JointKind, MODEL_SCHEMA, Part, ReferenceFrame,
+        StoredObject,
+    };
+    use linkage_skill::{ObjectModel, Pose};
     use nalgebra::{Point3, Vector3};
 
     /// Pieces of surface over a rectangle, 2 cm apart; places in a camera's frame, y down.
@@ -120,7 +119,8 @@ mod tests {
         Description::new(object, &Rig::default()).unwrap()
     }
 
-    /// The deepest overlap of any two links at any of so many configurations of each joint, metres.
+    /// The deepest overlap of any two links at any of this many configurations of each joint,
+    /// metres.
     fn deepest_overlap(of: &Description, steps: usize) -> f64 {
         let grids: Vec<Vec<f64>> = of.joints.iter().map(|j| j.configurations(steps)).collect();
         let mut deepest: f64 = 0.0;

@@ -3,8 +3,7 @@
 use super::cuboid::Cuboid;
 use nalgebra::Vector3;
 use parry3d::math::{Pose, Vector};
-use parry3d::query;
-use parry3d::shape;
+use parry3d::{query, shape};
 
 /// Distance that shapes of different parts keep, metres.
 pub const CLEARANCE_M: f64 = 0.002;

@@ -15,7 +15,7 @@ const TAKEN: &[&str] = &["world", "world_to_base"];
 /// is.
 ///
 /// # Errors
-/// Whatever the writer says.
+/// The error of the writer.
 pub fn sdf(of: &Description) -> anyhow::Result<String> {
     let of = &legal(of, legal_name, TAKEN);
     let version = if of.joints.iter().any(Hinge::is_screw) { "1.10" } else { "1.9" };
@@ -49,7 +49,7 @@ fn link<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
     })
 }
 
-/// The boxes, to be seen or to bump into.
+/// The boxes, as visual or as collision shapes.
 fn shapes<W: Write>(writer: &mut Writer<W>, link: &Link, purpose: &str) -> io::Result<()> {
     link.boxes.iter().enumerate().try_for_each(|(i, shape)| {
         element(writer, purpose, &[("name", &format!("{purpose}{}", i + 1))], |w| {

@@ -5,10 +5,8 @@ use super::draw::{Canvas, part_colour};
 use super::overlay;
 use super::units::amount;
 use linkage_driver::{ColorImage, RgbdFrame};
-use linkage_skill::Demonstration;
-use linkage_skill::Pose;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::{Joint, ObjectModel};
+use linkage_skill::object::{Appearance, Joint, ObjectModel};
+use linkage_skill::{Demonstration, Pose};
 
 /// Time by which a configuration may be away from a frame, microseconds.
 const AT_ONCE_US: f64 = 0.2e6;

@@ -6,18 +6,15 @@ use super::draw::{Canvas, part_colour};
 use super::film_strip::{axes, configuration_at, film_strip};
 use super::layout::{self, facts, keys, part_style, vector};
 use super::overlay::lifted_outline;
-use super::reel;
-use super::spread;
 use super::tree::tree;
 use super::units::{angle, length, probability};
 use super::words::{self, Seen};
+use super::{animation, spread};
 use linkage_driver::{ColorImage, RgbdFrame, image_file};
 use linkage_planner_bridge::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
-use linkage_skill::Demonstration;
-use linkage_skill::Pose;
 use linkage_skill::internals::Track;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::{Joint, ObjectModel};
+use linkage_skill::object::{Appearance, Joint, ObjectModel};
+use linkage_skill::{Demonstration, Pose};
 use maud::{Markup, html};
 use nalgebra::{Point2, Point3, Vector3};
 use std::path::{Path, PathBuf};
@@ -211,11 +208,15 @@ pub fn animation(
     demonstration: &Demonstration,
     appearance: Option<&Appearance>,
 ) -> anyhow::Result<Markup> {
-    let frames = film_strip(demonstration, appearance, reel::MOST_FRAMES, reel::WIDTH)?;
+    let frames = film_strip(demonstration, appearance, animation::MOST_FRAMES, animation::WIDTH)?;
     let opened = |i: &usize| frames[*i].opened;
     let still = (0..frames.len()).max_by(|a, b| opened(a).total_cmp(&opened(b))).unwrap_or(0);
     let pictures: Vec<ColorImage> = frames.into_iter().map(|f| f.picture).collect();
-    reel::reel(&pictures, still, "The motion as it was seen, with what was learned from it")
+    animation::animation(
+        &pictures,
+        still,
+        "The motion as it was seen, with what was learned from it",
+    )
 }
 
 fn strip(demonstration: &Demonstration, appearance: Option<&Appearance>) -> anyhow::Result<Markup> {

@@ -1,6 +1,8 @@
-//! Pictures and pages to look at.
+//! Reports for people: HTML pages, pictures and text.
 
+mod animation;
 mod chart;
+mod demo_page;
 mod draw;
 mod encountered;
 mod film_strip;
@@ -8,14 +10,13 @@ mod layout;
 mod learned;
 mod overlay;
 mod predicted;
-mod reel;
 mod spread;
-mod story;
 mod text;
 mod tree;
 mod units;
 mod words;
 
+pub use demo_page::{DemoPage, DetailLinks};
 #[cfg(feature = "view")]
 pub use draw::part_colour;
 #[cfg(feature = "view")]
@@ -25,7 +26,6 @@ pub use encountered::{Asked, recognition_page};
 pub use learned::deviations_by_frame;
 pub use learned::{demonstration_page, save_demonstration_pictures};
 pub use predicted::{prediction_page, save_prediction_picture};
-pub use story::{Chapters, Story};
 pub use text::{describe, describe_stream, summary};
 #[cfg(feature = "view")]
 pub use units::amount;

@@ -1,26 +1,25 @@
 //! The page about a prediction: how each joint will move in words and over time, and where its part
 //! goes; or why nothing is predicted.
 
+use super::animation;
 use super::chart::{self, Curve, Ground};
 use super::draw::{Canvas, part_colour};
 use super::encountered::{in_words, numbers, overlaid};
 use super::layout::{self, facts};
 use super::overlay::{outline_of, surface};
-use super::reel;
 use super::units::{amount, length};
 use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
 use linkage_planner_bridge::Prediction;
 use linkage_planner_bridge::plan::PlannedJoint;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
+use linkage_skill::object::{Appearance, StoredObject};
 use linkage_skill::recognise::Recognised;
 use linkage_skill::{Pose, pose_from_array};
 use maud::{Markup, html};
 use nalgebra::Point3;
 use std::path::Path;
 
-/// Outlines drawn along the way of a part.
+/// Outlines drawn along the path of a part.
 const OUTLINES: usize = 9;
 
 /// A page about a prediction, or about why there is none.
@@ -59,7 +58,7 @@ pub fn save_prediction_picture(
     appearance: &Appearance,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let picture = way_picture(frame, recognised, prediction, appearance)?;
+    let picture = path_picture(frame, recognised, prediction, appearance)?;
     Ok(linkage_driver::image_file::write_color(path, &picture)?)
 }
 
@@ -70,7 +69,7 @@ fn motion(
     object: &StoredObject,
     prediction: &Prediction,
 ) -> anyhow::Result<Markup> {
-    let picture = way_picture(frame, recognised, prediction, &object.appearance)?;
+    let picture = path_picture(frame, recognised, prediction, &object.appearance)?;
     let charts: Vec<Markup> = moving(prediction)
         .map(|j| {
             let caption = format!("{}: configuration over time, as planned", j.state.name);
@@ -102,7 +101,7 @@ pub fn animation(
     prediction: &Prediction,
 ) -> anyhow::Result<Markup> {
     let longest = prediction.parts.iter().map(|p| p.poses.len()).max().unwrap_or(0);
-    let count = longest.min(reel::MOST_FRAMES);
+    let count = longest.min(animation::MOST_FRAMES);
     let outlines = outlines(frame, &object.appearance, &poses_at(prediction, 0.0))?;
     let mut pictures = Vec::new();
     for i in 0..count {
@@ -119,15 +118,15 @@ pub fn animation(
         for (i, joint) in recognised.joints.iter().enumerate() {
             canvas.axis(&joint.geometry(), part_colour(i + 1))?;
         }
-        canvas.shrink_to(reel::WIDTH)?;
+        canvas.shrink_to(animation::WIDTH)?;
         pictures.push(canvas.finish()?);
     }
     let caption = "The motion as predicted: dots are the learned surface, lines the outline of what is \
                    seen of it";
-    reel::reel(&pictures, pictures.len().saturating_sub(1), caption)
+    animation::animation(&pictures, pictures.len().saturating_sub(1), caption)
 }
 
-/// What is seen of a part at the start of its way.
+/// What is seen of a part at the start of its path.
 struct Outlined {
     part: usize,
     /// Its outline in the camera frame, metres.
@@ -135,7 +134,7 @@ struct Outlined {
     camera_from_part: Pose,
 }
 
-/// What is seen of parts at the start of their way.
+/// What is seen of parts at the start of their path.
 fn outlines(
     frame: &RgbdFrame,
     appearance: &Appearance,
@@ -151,7 +150,7 @@ fn outlines(
     Ok(all)
 }
 
-/// `camera_from_part` of the parts that move, at a share of their way.
+/// `camera_from_part` of the parts that move, at a share of their path.
 fn poses_at(prediction: &Prediction, share: f64) -> Vec<Option<Pose>> {
     let parts = prediction.parts.iter().map(|p| p.part + 1).max().unwrap_or(0);
     let mut poses = vec![None; parts];
@@ -208,7 +207,7 @@ fn rows(j: &PlannedJoint) -> Vec<(&'static str, String)> {
 }
 
 /// The frame with the axes, and the outline of each part that moves along its way.
-pub fn way_picture(
+pub fn path_picture(
     frame: &RgbdFrame,
     recognised: &Recognised,
     prediction: &Prediction,

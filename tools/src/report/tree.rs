@@ -1,4 +1,4 @@
-//! How the parts of an object hang together, as a list in lists: what carries, by which joint, what.
+//! The kinematic tree of an object as nested lists: which part carries which, by which joint.
 
 use super::layout::part_style;
 use super::units::amount;
@@ -34,8 +34,7 @@ fn branch(model: &ObjectModel, part: usize, depth: usize) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use linkage_skill::object::JointGeometry;
-    use linkage_skill::object::{Joint, MODEL_SCHEMA, Part, ReferenceFrame};
+    use linkage_skill::object::{Joint, JointGeometry, MODEL_SCHEMA, Part, ReferenceFrame};
     use nalgebra::{Point3, Vector3};
 
     #[test]

@@ -39,7 +39,7 @@ pub fn probability(p: f64) -> String {
     }
 }
 
-/// A number with so many decimals; a minus as it is printed, and none before zero.
+/// A number with this many decimals; a minus as it is printed, and none before zero.
 fn digits(x: f64, decimals: usize) -> String {
     let text = format!("{x:.decimals$}");
     let zero = text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.');

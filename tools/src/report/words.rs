@@ -7,8 +7,7 @@
 use super::units::{amount, angle, length, probability};
 use linkage_planner_bridge::Rig;
 use linkage_planner_bridge::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
-use linkage_skill::object::Joint;
-use linkage_skill::object::JointKind;
+use linkage_skill::object::{Joint, JointKind};
 use nalgebra::{Point3, Vector3};
 
 /// Turn below which a demonstration is short, radians.

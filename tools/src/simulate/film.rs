@@ -256,7 +256,7 @@ impl<'s> Film<'s> {
         }
     }
 
-    /// All solids in the first frame, but for the person.
+    /// All solids in the first frame, except for the person.
     fn true_solids(&self) -> Vec<TrueSolid> {
         let camera_from_world = self.camera_from_world(0.0);
         let solids = self.solids_at(0.0, &[]);

@@ -99,7 +99,7 @@ pub fn rising_door(look: Look) -> Scene {
     s
 }
 
-/// A chest of two drawers, of which so many can be pulled.
+/// A chest of two drawers, of which this many can be pulled.
 pub fn drawers(look: Look, count: usize) -> Scene {
     let mut p = Palette::new(look);
     let (body, metal) = (p.paint(WOOD), p.paint(DARK));

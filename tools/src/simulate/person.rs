@@ -25,7 +25,7 @@ pub struct Person {
 }
 
 impl Person {
-    /// Dresses someone.
+    /// A person whose clothes are drawn from a seed.
     pub fn new(seed: u64) -> Self {
         let material = |colour, richness, seed| Material {
             texture: Arc::new(Texture::new(colour, richness, seed)),

@@ -2,9 +2,8 @@
 
 use super::film::{Film, RATE, START, Take};
 use super::render::{View, expose};
-use super::sensor;
-use super::tags;
 use super::world::{Scene, Solid};
+use super::{sensor, tags};
 use crate::truth::Truth;
 use anyhow::Context;
 use linkage_driver::{ColorImage, image_file};

@@ -1,6 +1,6 @@
-//! What a Kinect makes of a scene: colour with noise; depth with noise that grows with the
-//! square of the distance, steps of disparity, and holes at edges, at grazing angles, in the
-//! projector's shadow and on surfaces that swallow its light.
+//! What a Kinect makes of a scene: colour with noise; depth with noise that grows with the square
+//! of the distance, steps of disparity, and holes at edges, at grazing angles, in the projector's
+//! shadow and on surfaces that absorb its light.
 
 use super::render::SurfacePoint;
 use linkage_driver::depth::depth_sigma;

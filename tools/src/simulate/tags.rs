@@ -40,7 +40,7 @@ struct Candidate {
 /// The scene with a tag on each part that has room for one, and where they are.
 ///
 /// # Errors
-/// When the vision library cannot paint them.
+/// The error of the vision library.
 pub fn attach(film: &Film) -> anyhow::Result<(Scene, TagPlaces)> {
     let mut scene = film.scene.clone();
     let mut places = TagPlaces::default();

@@ -2,8 +2,7 @@
 
 use linkage_driver::RgbdFrame;
 use linkage_skill::Pose;
-use linkage_skill::internals::Gray;
-use linkage_skill::internals::{plane_through, rigid_fit};
+use linkage_skill::internals::{Gray, plane_through, rigid_fit};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use opencv::aruco;
 use opencv::core::{Mat, Point2f, Ptr, Vector};
@@ -99,7 +98,7 @@ impl TagSighting {
         (off.fold(0.0, f64::max) < MAX_CORNER_OFF * size_m).then_some(pose)
     }
 
-    /// Its corners, so many times as far from its middle, pixels.
+    /// Its corners, this many times as far from its middle, pixels.
     pub fn grown(&self, by: f64) -> [Point2<f64>; 4] {
         let centre = self.corners.iter().map(|c| c.coords).sum::<Vector2<f64>>() / 4.0;
         self.corners.map(|c| Point2::from(centre + by * (c.coords - centre)))

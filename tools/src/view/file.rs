@@ -1,5 +1,5 @@
-//! A file that remembers the first fault of writing it: the library that writes the messages tells
-//! such faults to the log alone.
+//! A file that remembers the first fault of writing it: the library that writes the messages only
+//! logs such faults.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};

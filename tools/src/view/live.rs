@@ -1,10 +1,10 @@
-//! A running service in a view, by the frames and findings that it shows.
+//! Shows a running service in a view: its frames and its events.
 
-use super::present::View;
+use super::enabled::View;
 use super::shown::Shown;
 use linkage_driver::live::RecvError;
 use linkage_planner_bridge::Prediction;
-use linkage_planner_bridge::service::{Finding, Found, Sight, Sights};
+use linkage_planner_bridge::service::{Event, EventKind, Observation, Observations};
 use linkage_skill::object::StoredObject;
 use linkage_skill::store::Store;
 use linkage_skill::{Pose, pose_from_array};
@@ -13,52 +13,50 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Longest wait without a look whether the service is over.
+/// Longest wait for an event before `is_over` is read again.
 const POLL: Duration = Duration::from_millis(100);
-/// Objects whose surface is kept at hand.
+/// Objects of the store that are kept in memory.
 const KEPT_OBJECTS: usize = 16;
-/// Time between two showings of a predicted part, for viewers that came later, microseconds.
-const AGAIN_US: i64 = 500_000;
+/// Time after which a predicted part is shown again, for viewers that connect later, microseconds.
+const REPEAT_US: i64 = 500_000;
 
 impl View {
-    /// Shows what a service sees and finds until it is over: `is_over` is set, or nothing more can
-    /// come. `store` is where its objects are.
-    pub fn follow(&self, sights: &Sights, store: &Path, is_over: &AtomicBool) {
+    /// Shows the frames and events of a service until `is_over` is set or the service has dropped its
+    /// end of the queues. `store`: the store that the service uses.
+    pub fn follow(&self, observations: &Observations, store: &Path, is_over: &AtomicBool) {
         let mut objects = Objects { store, kept: BTreeMap::new() };
         let mut target = None;
         loop {
-            match sights.next(POLL) {
-                Ok(Sight::Frame(frame)) => self.frame(&frame),
-                Ok(Sight::Finding(finding)) => self.show(finding, &mut objects, &mut target),
+            match observations.next(POLL) {
+                Ok(Observation::Frame(frame)) => self.frame(&frame),
+                Ok(Observation::Event(event)) => self.show(event, &mut objects, &mut target),
                 // A thread that learns may hold the other end for longer than the service runs.
                 Err(RecvError::Timeout) if is_over.load(Ordering::Relaxed) => break,
                 Err(RecvError::Timeout) => {}
                 Err(RecvError::Closed) => break,
             }
         }
-        if sights.dropped() > 0 {
-            tracing::warn!("the view was too slow for {} frames and findings", sights.dropped());
+        if observations.dropped() > 0 {
+            tracing::warn!(
+                "the view was too slow for {} frames and events",
+                observations.dropped()
+            );
         }
     }
 
-    fn show(
-        &self,
-        Finding { utime, what }: Finding,
-        objects: &mut Objects,
-        at: &mut Option<Ghost>,
-    ) {
-        match what {
-            Found::Followed(places) => self.tracks(utime, places.into_iter().map(|p| (None, p))),
-            Found::Estimated { model, camera_from_object } => {
+    fn show(&self, Event { utime, kind }: Event, objects: &mut Objects, at: &mut Option<Ghost>) {
+        match kind {
+            EventKind::Tracked(points) => self.tracks(utime, points.into_iter().map(|p| (None, p))),
+            EventKind::Estimated { model, camera_from_object } => {
                 let shown = Shown::learned(&model, vec![Some(camera_from_object)], None);
                 self.objects(utime, &[shown]);
             }
-            Found::Learned { model, camera_from_part, places } => {
+            EventKind::Learned { model, camera_from_part, points } => {
                 objects.kept.clear();
-                self.tracks(utime, places);
+                self.tracks(utime, points);
                 self.objects(utime, &[Shown::learned(&model, camera_from_part, None)]);
             }
-            Found::Recognised(recognition) => {
+            EventKind::Recognised(recognition) => {
                 let is_gone =
                     |ghost: &Ghost| recognition.matches.iter().all(|m| m.object != ghost.object);
                 if at.as_ref().is_some_and(is_gone) {
@@ -69,33 +67,33 @@ impl View {
                 }
                 self.recognised(utime, &recognition, |name| objects.known(name));
                 if let Some(ghost) = at
-                    && (utime - ghost.told_utime).abs() >= AGAIN_US
+                    && (utime - ghost.shown_utime).abs() >= REPEAT_US
                 {
                     self.ghost_again(utime, ghost, objects);
                 }
             }
-            Found::Predicted(prediction) => {
+            EventKind::Predicted(prediction) => {
                 objects.keep(&prediction.object);
                 let ghost = at.insert(Ghost::of(&prediction));
                 self.ghost_again(utime, ghost, objects);
             }
-            Found::Said { is_warning, text } => self.say(utime, is_warning, &text),
+            EventKind::Message { is_warning, text } => self.say(utime, is_warning, &text),
         }
     }
 
     fn ghost_again(&self, utime: i64, ghost: &mut Ghost, objects: &Objects) {
-        ghost.told_utime = utime;
+        ghost.shown_utime = utime;
         if let Some(object) = objects.known(&ghost.object) {
             self.ghost(utime, &ghost.object, &object.appearance, &ghost.object_from_part);
         }
     }
 }
 
-/// Where parts will be.
+/// The parts at their target, which viewers draw transparent.
 struct Ghost {
     object: String,
     object_from_part: Vec<Option<Pose>>,
-    told_utime: i64,
+    shown_utime: i64,
 }
 
 impl Ghost {
@@ -112,7 +110,7 @@ impl Ghost {
                 object_from_part[part.part] = pose;
             }
         }
-        Self { object: prediction.object.clone(), object_from_part, told_utime: 0 }
+        Self { object: prediction.object.clone(), object_from_part, shown_utime: 0 }
     }
 }
 
@@ -124,7 +122,7 @@ struct Objects<'s> {
 }
 
 impl Objects<'_> {
-    /// Reads an object, unless it is at hand.
+    /// Reads an object unless it is in memory.
     fn keep(&mut self, name: &str) {
         if self.kept.contains_key(name) {
             return;

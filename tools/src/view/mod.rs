@@ -1,27 +1,27 @@
-//! What the skill sees and thinks, for Foxglove and rerun: an MCAP file, or a WebSocket server for a
-//! viewer that looks on.
+//! Frames and results for Foxglove and rerun: an MCAP file, or a WebSocket server for a live viewer.
 //!
-//! It is built with `--features view`; without it, who asks for it is told so. Messages are Foxglove's
-//! own schemas, in metres and radians, and bear the time stamps of the frames that they are about.
+//! It is built with `--features view`; without the feature, `--mcap` and `--view` are errors.
+//! Messages are Foxglove's own schemas, in metres and radians, and bear the time stamps of the
+//! frames that they are about.
 
 mod wanted;
 mod watched;
 
 #[cfg(not(feature = "view"))]
-mod absent;
+mod disabled;
 
 #[cfg(feature = "view")]
 mod cloud;
 #[cfg(feature = "view")]
 mod convert;
 #[cfg(feature = "view")]
+mod enabled;
+#[cfg(feature = "view")]
 mod file;
 #[cfg(feature = "view")]
 mod live;
 #[cfg(feature = "view")]
 mod pictures;
-#[cfg(feature = "view")]
-mod present;
 #[cfg(feature = "view")]
 mod readings;
 #[cfg(feature = "view")]
@@ -32,8 +32,8 @@ mod shown;
 mod topics;
 
 #[cfg(not(feature = "view"))]
-pub use absent::View;
+pub use disabled::View;
 #[cfg(feature = "view")]
-pub use present::View;
+pub use enabled::View;
 pub use wanted::Wanted;
 pub use watched::Watched;

@@ -1,4 +1,5 @@
-//! Joints as lines in space: the axis, the way of the part over its range, and where on it the part is.
+//! Joints as lines in space: the axis, the path of the part over its range, and where on it the
+//! part is.
 
 use super::convert::{colour, place, pose, timestamp, translation_and_rotation};
 use super::pictures::CAMERA;
@@ -22,7 +23,7 @@ const LINE_M: f64 = 0.006;
 const MARK_M: f64 = 0.04;
 /// Height of letters, metres.
 const LETTERS_M: f64 = 0.04;
-/// What is no longer told vanishes after so long.
+/// Time after which what is no longer updated vanishes.
 const LIFETIME_S: i32 = 2;
 
 /// The frames of an object's parts in the camera.

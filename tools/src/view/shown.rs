@@ -1,12 +1,9 @@
 //! An object as it is shown in one frame, whether it is being learned, recognised or predicted.
 
 use crate::report::camera_from_part;
-use linkage_skill::ObjectModel;
-use linkage_skill::Pose;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::Joint;
-use linkage_skill::object::JointGeometry;
+use linkage_skill::object::{Appearance, Joint, JointGeometry};
 use linkage_skill::recognise::Recognised;
+use linkage_skill::{ObjectModel, Pose};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 

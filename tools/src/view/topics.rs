@@ -21,7 +21,7 @@ pub struct Topics {
     pub tracks: Channel<PointCloud>,
     /// The learned surface where it was recognised.
     pub surface: Channel<PointCloud>,
-    /// Axes, and the ways of parts over their ranges.
+    /// Axes, and the paths of parts over their ranges.
     pub joints: Channel<SceneUpdate>,
     pub states: Channel<JointStates>,
     pub readings: Channel<JointReadings>,

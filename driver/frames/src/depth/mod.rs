@@ -10,4 +10,4 @@ pub use bilateral::{BilateralConfig, smooth};
 pub use noise::{depth_sigma, depth_tolerance};
 pub use normals::{NormalMap, SurfacePatch};
 pub use registration::Registration;
-pub use scale::{ScaleDoubt, ScaleWatch};
+pub use scale::{ScaleCheck, ScaleIssue};

@@ -31,7 +31,7 @@ impl SurfacePatch {
     }
 }
 
-/// What the first window that fits says.
+/// The result of the first window that fits.
 fn largest_window(
     [width, height]: [usize; 2],
     u: usize,

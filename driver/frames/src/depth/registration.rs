@@ -1,4 +1,4 @@
-//! Registration: depth seen by one camera as another, a hand's breadth beside it, would see it.
+//! Registration: depth seen by one camera as another, some centimetres beside it, would see it.
 
 use crate::camera::PinholeCamera;
 use crate::frame::DepthImage;

@@ -1,5 +1,5 @@
-//! Whether depth is of the scale that it is read at: millimetres read at 5000 units a metre put
-//! a door 0.2 m before the camera.
+//! Checks the scale of depth: where millimetres are read at 5000 units a metre, a door appears 0.2 m
+//! before the camera.
 
 use crate::frame::DepthImage;
 
@@ -7,41 +7,40 @@ use crate::frame::DepthImage;
 const USUAL_METRES: std::ops::RangeInclusive<f32> = 0.4..=8.0;
 /// Nearer than this a Kinect, whose scale is assumed where none is given, sees nothing, metres.
 const NEAREST_METRES: f32 = 0.3;
-/// Frames that are looked at.
+/// Frames that are checked.
 const FRAMES: usize = 3;
-/// Readings that are looked at in a frame, about.
+/// About this many readings of a frame are checked.
 const SAMPLES: usize = 10_000;
-/// Fewest readings that tell a scale.
+/// Fewest readings from which a scale is estimated.
 const FEWEST: usize = 50;
 /// Scales that are in use, units in a metre.
 const SCALES: [f64; 4] = [1000.0, 5000.0, 10_000.0, 4000.0];
 
-/// Looks at the first frames of a source.
+/// Checks the first frames of a source.
 #[derive(Debug, Clone)]
-pub struct ScaleWatch {
+pub struct ScaleCheck {
     units_per_metre: f64,
     is_assumed: bool,
     frames_left: usize,
 }
 
-/// What is odd about the scale of depth, in words.
+/// What is wrong with the scale of depth, in words.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum ScaleDoubt {
-    /// The scale is assumed, and the scene contradicts it: it must be asked for.
+pub enum ScaleIssue {
+    /// The scale is assumed, and the scene contradicts it: an error.
     Wrong(String),
-    /// The scale is given, or the scene allows it: it is told.
+    /// The scale is given, or the scene allows it: a warning.
     Odd(String),
 }
 
-impl ScaleWatch {
-    /// Watches depth that is read at so many units a metre, which somebody gave or which is
-    /// assumed.
+impl ScaleCheck {
+    /// Checks depth that is read at this many units a metre, which are given or assumed.
     pub fn new(units_per_metre: f64, is_assumed: bool) -> Self {
         Self { units_per_metre, is_assumed, frames_left: FRAMES }
     }
 
-    /// Looks at the next frame's depth. One doubt is told at most.
-    pub fn look(&mut self, depth: &DepthImage) -> Option<ScaleDoubt> {
+    /// Checks the next frame's depth. At most one issue is returned.
+    pub fn look(&mut self, depth: &DepthImage) -> Option<ScaleIssue> {
         if self.frames_left == 0 {
             return None;
         }
@@ -62,10 +61,10 @@ impl ScaleWatch {
             return None;
         }
         self.frames_left = 0;
-        Some(self.doubt(near, median))
+        Some(self.issue(near, median))
     }
 
-    fn doubt(&self, near: f32, median: f32) -> ScaleDoubt {
+    fn issue(&self, near: f32, median: f32) -> ScaleIssue {
         let units = self.units_per_metre;
         let seen = format!(
             "half of its depth is nearer than {median:.2} m and a twentieth nearer than {near:.2} m at {units} units in a metre"
@@ -79,11 +78,11 @@ impl ScaleWatch {
             format!("; at {scale} units in a metre the median would be {metres:.2} m")
         });
         if self.is_assumed {
-            return ScaleDoubt::Wrong(format!(
+            return ScaleIssue::Wrong(format!(
                 "{seen}, which are assumed{instead}: write the camera's depth_units_per_metre into camera.toml"
             ));
         }
-        ScaleDoubt::Odd(format!("{seen}{instead}: is depth_units_per_metre right?"))
+        ScaleIssue::Odd(format!("{seen}{instead}: is depth_units_per_metre right?"))
     }
 }
 
@@ -100,8 +99,8 @@ mod tests {
     #[test]
     fn millimetres_read_at_an_assumed_5000_units_a_metre_are_wrong() {
         for metres in [0.5, 1.0, 1.5, 1.9] {
-            let doubt = ScaleWatch::new(5000.0, true).look(&around(metres / 5.0));
-            let Some(ScaleDoubt::Wrong(words)) = doubt else { panic!("{metres} m: {doubt:?}") };
+            let issue = ScaleCheck::new(5000.0, true).look(&around(metres / 5.0));
+            let Some(ScaleIssue::Wrong(words)) = issue else { panic!("{metres} m: {issue:?}") };
             assert!(words.contains("5000 units") && words.contains("depth_units_per_metre"));
             assert_eq!(words.contains("at 1000 units"), metres > 0.6, "{words}");
         }
@@ -111,28 +110,28 @@ mod tests {
     fn an_odd_scale_that_is_given_is_told() {
         for (metres, suggestion) in [(0.2, "at 1000 units"), (12.0, "at 10000 units")] {
             let units = if metres < 1.0 { 5000.0 } else { 1000.0 };
-            let doubt = ScaleWatch::new(units, false).look(&around(metres));
-            let Some(ScaleDoubt::Odd(words)) = doubt else { panic!("{metres} m: {doubt:?}") };
+            let issue = ScaleCheck::new(units, false).look(&around(metres));
+            let Some(ScaleIssue::Odd(words)) = issue else { panic!("{metres} m: {issue:?}") };
             assert!(words.contains(&format!("{metres:.2} m")), "{words}");
             assert!(words.contains(suggestion) || metres > 1.0, "{words}");
         }
     }
 
     #[test]
-    fn usual_scenes_raise_no_doubt() {
+    fn usual_scenes_raise_no_issue() {
         for metres in [0.6, 1.0, 2.5, 6.0] {
             for is_assumed in [true, false] {
-                let mut watch = ScaleWatch::new(5000.0, is_assumed);
+                let mut watch = ScaleCheck::new(5000.0, is_assumed);
                 assert!((0..5).all(|_| watch.look(&around(metres)).is_none()), "{metres} m");
             }
         }
     }
 
     #[test]
-    fn a_doubt_is_told_once_and_later_frames_are_not_looked_at() {
-        let mut watch = ScaleWatch::new(5000.0, false);
+    fn an_issue_is_returned_once_and_later_frames_are_not_looked_at() {
+        let mut watch = ScaleCheck::new(5000.0, false);
         assert!(watch.look(&around(0.1)).is_some() && watch.look(&around(0.1)).is_none());
-        let mut watch = ScaleWatch::new(5000.0, false);
+        let mut watch = ScaleCheck::new(5000.0, false);
         for _ in 0..FRAMES {
             assert_eq!(watch.look(&around(1.0)), None);
         }
@@ -144,7 +143,7 @@ mod tests {
         let mut values = vec![f32::NAN; 2000];
         values[..20].fill(0.1);
         let sparse = DepthImage::from_metres(50, 40, values).unwrap();
-        let mut watch = ScaleWatch::new(5000.0, true);
+        let mut watch = ScaleCheck::new(5000.0, true);
         assert!((0..10).all(|_| watch.look(&sparse).is_none()));
         assert!(watch.look(&around(0.1)).is_some());
     }

@@ -11,7 +11,7 @@ mod ffi {
     include!(concat!(env!("OUT_DIR"), "/liblcm.rs"));
 }
 
-/// Packets that wait at most; more push out the oldest.
+/// Packets that wait at most; when more come, the oldest are dropped.
 const MAX_WAITING: usize = 1024;
 /// liblcm waits with `select`, which aborts the program for descriptors from here on.
 const SELECT_LIMIT: c_int = 1024;
@@ -62,7 +62,7 @@ impl Handle {
         }
     }
 
-    /// Receives messages of at most so many bytes on channels that match.
+    /// Receives messages of at most this many bytes on channels that match.
     pub fn subscribe(&mut self, channel: &str, max_bytes: usize) -> Result<(), String> {
         let name = CString::new(channel).map_err(|e| e.to_string())?;
         self.state.wanted.add(channel, max_bytes).map_err(|e| e.to_string())?;

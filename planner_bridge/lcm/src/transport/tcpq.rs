@@ -14,16 +14,16 @@ const HELLO_OF_CLIENT: u32 = 0x2876_17fb;
 const HELLO_OF_SERVER: u32 = 0x2876_17fa;
 const VERSION: u32 = 0x0100;
 /// Longest wait for a connection, and for the answer.
-const PATIENCE: Duration = Duration::from_secs(2);
+const TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Connects, greets and leaves again.
+/// Connects, exchanges the first messages, and disconnects.
 ///
 /// # Errors
 /// Why there is no LCM server at `ADDRESS:PORT`.
-pub fn greet(address: &str) -> Result<(), String> {
+pub fn handshake(address: &str) -> Result<(), String> {
     let said = |e: io::Error| format!("no LCM server answers at {address}: {e}");
-    let mut server = TcpStream::connect_timeout(&server_of(address)?, PATIENCE).map_err(said)?;
-    server.set_read_timeout(Some(PATIENCE)).map_err(said)?;
+    let mut server = TcpStream::connect_timeout(&server_of(address)?, TIMEOUT).map_err(said)?;
+    server.set_read_timeout(Some(TIMEOUT)).map_err(said)?;
     let hello = [HELLO_OF_CLIENT.to_be_bytes(), VERSION.to_be_bytes()].concat();
     server.write_all(&hello).map_err(said)?;
     let mut answer = [0; 8];

@@ -1,4 +1,4 @@
-//! LCM's multicast over UDP, in safe Rust: what a network sends is believed only where it agrees
+//! LCM's multicast over UDP, in safe Rust: what a network sends is accepted only where it agrees
 //! with what has arrived.
 //!
 //! liblcm 1.3 writes beyond its memory for a fragment whose offset wraps, hands out a length near

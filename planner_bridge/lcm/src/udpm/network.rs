@@ -3,9 +3,8 @@
 use super::own::OwnAddresses;
 use super::sender::DatagramSender;
 use socket2::{Domain, Protocol, Socket, Type};
-use std::fmt;
-use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::{fmt, io};
 
 /// The group and port of a URL that names none, as liblcm has them.
 const DEFAULT_GROUP: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::new(239, 255, 76, 67), 7667);

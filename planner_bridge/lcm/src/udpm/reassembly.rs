@@ -15,7 +15,7 @@ const MAX_UNFINISHED: usize = 64;
 /// Messages of one sender that may be unfinished at once: a sender sends one after the other,
 /// and the last parts of one may come late.
 const MAX_UNFINISHED_OF_SENDER: usize = 2;
-/// An unfinished message is given up when no part of it has come for so long.
+/// An unfinished message is given up when no part of it has come for this long.
 const MAX_SILENCE: Duration = Duration::from_millis(500);
 /// Time between two looks for unfinished messages that are given up.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -68,7 +68,7 @@ struct Unfinished {
     channel: Option<String>,
     size: u32,
     count: u16,
-    /// By number. No two overlap, and neighbours touch each other.
+    /// The parts by their number. No two overlap, and neighbours touch each other.
     parts: BTreeMap<u16, Piece>,
     /// Bytes that it takes.
     held: usize,

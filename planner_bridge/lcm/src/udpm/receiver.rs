@@ -1,5 +1,5 @@
 //! The thread that empties the socket, so that the system's buffer, which may be small, does not
-//! run over while the packets wait to be taken.
+//! overflow while the packets wait to be taken.
 
 use super::network::Network;
 use super::own::OwnAddresses;
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 /// Room for any datagram, bytes.
 const ROOM: usize = 1 << 16;
-/// Longest wait for a datagram before the thread looks whether it is to stop.
+/// Longest wait for a datagram before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(20);
 
 /// Hears a network until it is dropped.
@@ -43,7 +43,7 @@ impl Receiver {
         let (socket, granted_buffer) = network.receiver()?;
         socket.set_read_timeout(Some(POLL))?;
         let shared = Arc::new(Shared::default());
-        let ear = Ear {
+        let ear = ReceiverThread {
             socket,
             shared: Arc::clone(&shared),
             own: network.own_addresses(),
@@ -54,7 +54,7 @@ impl Receiver {
         Ok(Self { shared, granted_buffer, thread: Some(thread) })
     }
 
-    /// Receives from now on what is sent on channels that match, of at most so many bytes.
+    /// Receives from now on what is sent on channels that match, of at most this many bytes.
     pub fn subscribe(&self, channel: &str, max_bytes: usize) -> Result<(), regex::Error> {
         let mut wanted = self.shared.wanted.write().unwrap_or_else(PoisonError::into_inner);
         wanted.add(channel, max_bytes)
@@ -85,13 +85,13 @@ impl Receiver {
 impl Drop for Receiver {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
-        // It panics nowhere, and if it did, dropping would be no place to say so.
+        // The thread does not panic; if it did, a destructor could not report it.
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 
 /// What the thread owns.
-struct Ear {
+struct ReceiverThread {
     socket: UdpSocket,
     shared: Arc<Shared>,
     /// This host's addresses, where no other host is heard.
@@ -99,7 +99,7 @@ struct Ear {
     reassembly: Reassembly,
 }
 
-impl Ear {
+impl ReceiverThread {
     fn listen(mut self) {
         let mut buffer = vec![0; ROOM];
         while !self.shared.stop.load(Ordering::Relaxed) {
@@ -127,7 +127,7 @@ impl Ear {
         }
         let wanted = self.shared.wanted.read().unwrap_or_else(PoisonError::into_inner);
         if let Some(whole) = self.reassembly.take(from, datagram, &wanted, Instant::now()) {
-            // Who takes the packet finds it counted.
+            // It is counted before it can be taken.
             self.tell_counts();
             self.shared.inbox.push(Packet {
                 channel: whole.channel,

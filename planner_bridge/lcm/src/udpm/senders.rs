@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::net::SocketAddr;
 use std::time::Instant;
 
-/// Senders that are remembered; the one that was silent longest gives way.
+/// Senders that are remembered; the one that was silent longest is forgotten for a new one.
 const MAX_SENDERS: usize = 256;
 /// A number this much before the last one is that of a late datagram; an earlier one means that
 /// the sender began again.

@@ -32,10 +32,10 @@ pub fn attacker() -> UdpSocket {
 }
 
 /// The bytes of the next packet of a channel.
-pub fn next(lcm: &mut Lcm, channel: &str, patience: Duration) -> Option<Vec<u8>> {
+pub fn next(lcm: &mut Lcm, channel: &str, timeout: Duration) -> Option<Vec<u8>> {
     let start = std::time::Instant::now();
-    while start.elapsed() < patience {
-        match lcm.receive(patience.saturating_sub(start.elapsed())).unwrap() {
+    while start.elapsed() < timeout {
+        match lcm.receive(timeout.saturating_sub(start.elapsed())).unwrap() {
             Some(packet) if packet.channel == channel => return Some(packet.bytes),
             _ => {}
         }

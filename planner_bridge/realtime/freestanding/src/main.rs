@@ -101,7 +101,7 @@ fn motion() -> Result<Motion, MotionError> {
 /// What a planner does between ticks.
 fn plan(orders: &mut Orders, shared: &Shared) -> Result<(), NotNow> {
     shared.frame_seen(black_box(4));
-    shared.frame_doubted(black_box(Reason::JointLost));
+    shared.frame_rejected(black_box(Reason::JointLost));
     shared.heartbeat(black_box(4));
     let moving = orders.commanded_at(black_box(9))?;
     if let Some(moving) = &moving {

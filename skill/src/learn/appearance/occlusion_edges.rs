@@ -3,8 +3,7 @@
 
 use super::part_labels::PosedFrame;
 use crate::math::rigid::orthonormal_basis;
-use crate::object::appearance::Edge;
-use crate::object::appearance::Surfel;
+use crate::object::appearance::{Edge, Surfel};
 use crate::object::model::{Joint, ObjectModel};
 use linkage_frames::RgbdFrame;
 use linkage_frames::depth::depth_tolerance;
@@ -14,9 +13,9 @@ use std::f64::consts::TAU;
 
 /// How far beyond a piece of surface the place lies that must be seen through, metres.
 const BEYOND_M: f64 = 0.04;
-/// Distance from the surface from which all places must be seen through, too, metres: depth frays at
-/// edges.
-const FRAYED_M: f64 = 0.03;
+/// Distance from the surface from which all places must be seen through, too, metres: depth is
+/// unreliable at edges.
+const EDGE_MARGIN_M: f64 = 0.03;
 /// Directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
 /// Frames that must see through a place.
@@ -26,7 +25,7 @@ const MAX_PASSING: f64 = 0.1;
 /// Least cosine between a surface and the viewing ray of a picture that shows it.
 const LEAST_COSINE: f64 = 0.3;
 
-/// At most `per_part` edges of each part's surface, whose order stands for none of it.
+/// At most `per_part` edges of each part's surface, which comes in random order.
 pub fn edges(
     posed: &[PosedFrame],
     surface: &[Surfel],
@@ -101,7 +100,7 @@ fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
         let towards = u * angle.cos() + v * angle.sin();
         let free = |distance: f64| free(views, s.part, &(surface + towards * distance), &normal);
         let (low, high) = free(BEYOND_M)?;
-        let (nearer_low, nearer_high) = free(FRAYED_M)?;
+        let (nearer_low, nearer_high) = free(EDGE_MARGIN_M)?;
         let (low, high) = (low.max(nearer_low), high.min(nearer_high));
         (low <= high).then(|| Edge {
             part: s.part,

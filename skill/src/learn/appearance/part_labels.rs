@@ -2,7 +2,7 @@
 //! the pixel's point must be in the other keyframes; their depth pictures say which claim
 //! holds. What fits no claim (the person) belongs to nothing.
 
-use super::strangers::StrangersInFrame;
+use super::dynamic_features::FrameFeatures;
 use crate::learn::ego_motion::coarse_sigma;
 use crate::math::rigid::Pose;
 use linkage_frames::RgbdFrame;
@@ -16,7 +16,7 @@ pub struct PosedFrame<'f> {
     pub frame: &'f RgbdFrame,
     /// Its number in the demonstration.
     pub number: usize,
-    /// By part.
+    /// The pose of each part.
     pub camera_from_part: Vec<Option<Pose>>,
 }
 
@@ -34,12 +34,13 @@ const MAX_CONTRADICTION: f64 = 0.12;
 /// Turn of a part after which other light may fall on it, radians. A drawer does not turn: what looks
 /// different where it was is the hand that pulled it.
 const OTHER_LIGHT_RAD: f64 = 0.15;
-/// What rests is seen through in fewer frames than this: a person who stands beside the object for
-/// most of the time bends down at last.
+/// Number of frames that see through a place which does not belong to the base. Fewer see through
+/// static surface; a person who stands beside the object for most of the time bends down at some
+/// time.
 const SEEN_THROUGH_FRAMES: usize = 2;
 /// What is seen through lies this far before what is seen, metres.
 const FAR_BEHIND_M: f64 = 0.15;
-/// And so do the pixels at this distance, pixels.
+/// The pixels at this distance lie behind it as well, pixels.
 const AROUND_PX: f64 = 3.0;
 
 /// Part of each place on a grid of [`STEP`] pixels.
@@ -55,24 +56,24 @@ enum Label {
     Nothing,
     /// A part; 0: the base.
     Part(u16),
-    /// Depth says that it is the base's, but features beside it move: somebody stands there, or reaches
-    /// past it. Other keyframes tell which.
-    Stranger,
+    /// Its depth agrees with the base, but features near it move: a person stands there or reaches
+    /// past it. Other keyframes tell which of the two.
+    Dynamic,
 }
 
 impl LabelGrid {
-    /// The part at a pixel; 0 as well where features beside it move.
+    /// The part at a pixel; 0 as well where features near it move.
     pub fn at(&self, u: usize, v: usize) -> Option<u16> {
         match self.label(u, v) {
             Some(Label::Part(part)) => Some(part),
-            Some(Label::Stranger) => Some(0),
+            Some(Label::Dynamic) => Some(0),
             Some(Label::Nothing) | None => None,
         }
     }
 
-    /// A pixel of the base with features beside it that move.
-    pub fn is_stranger(&self, u: usize, v: usize) -> bool {
-        self.label(u, v) == Some(Label::Stranger)
+    /// The depth of the pixel agrees with the base, but features near it move.
+    pub fn is_dynamic(&self, u: usize, v: usize) -> bool {
+        self.label(u, v) == Some(Label::Dynamic)
     }
 
     fn label(&self, u: usize, v: usize) -> Option<Label> {
@@ -84,12 +85,13 @@ impl LabelGrid {
 /// may lie on it.
 pub type NearPart<'n> = dyn Fn(usize, &Point3<f64>) -> bool + Sync + 'n;
 
-/// Labels all places of `frames[index]`, in which somebody may be seen.
+/// Labels all places of `frames[index]`, in which a person may be seen; `features` are those of that
+/// frame.
 pub fn label(
     frames: &[PosedFrame],
     index: usize,
     near_part: &NearPart,
-    strangers: &StrangersInFrame,
+    features: &FrameFeatures,
 ) -> LabelGrid {
     let picture = frames[index].frame;
     let columns = picture.camera.width.div_ceil(STEP);
@@ -98,10 +100,10 @@ pub fn label(
         .into_par_iter()
         .map(|i| {
             let (u, v) = ((i % columns) * STEP + STEP / 2, (i / columns) * STEP + STEP / 2);
-            let moves = || picture.point_at(u, v).is_some_and(|p| strangers.hold(&p));
+            let moves = || picture.point_at(u, v).is_some_and(|p| features.are_dynamic_near(&p));
             match label_point(frames, index, (u, v), near_part) {
                 None => Label::Nothing,
-                Some(0) if moves() => Label::Stranger,
+                Some(0) if moves() => Label::Dynamic,
                 Some(part) => Label::Part(part),
             }
         })
@@ -172,10 +174,10 @@ fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
 /// contradict: a surface is hardly ever seen through, but a hand that holds it is, before it comes
 /// and after it has left.
 ///
-/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the
-/// frame that the place was seen in, and its luma there: a surface that slides in its own plane
-/// agrees in depth with any claim, but shows another place of its pattern. Where the part has turned
-/// and the surface lies at the place of this claim alone, the luma may differ: a door that turns reflects
+/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the frame
+/// that the place was seen in, and its luma there: a surface that slides in its own plane agrees in
+/// depth with any claim, but shows another place of its pattern. Where the part has turned and the
+/// surface lies at the place of this claim alone, the luma may differ: a door that turns reflects
 /// more or less light.
 fn support(
     frames: &[PosedFrame],
@@ -273,7 +275,8 @@ impl Verdict {
     }
 }
 
-/// All that is seen at a place and round it lies far behind: no error of its edge.
+/// All that is seen at a place and around it lies far behind, so that no error at an edge explains
+/// it.
 fn is_seen_through(frame: &RgbdFrame, place: &Point3<f64>) -> bool {
     let Some(pixel) = frame.camera.project(place) else { return false };
     let beside =
@@ -307,7 +310,7 @@ mod tests {
             .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
             .collect();
         let near_part = |_: usize, p: &Point3<f64>| p.x.abs() < 0.25 && p.y.abs() < 0.25;
-        label(&posed, index, &near_part, &StrangersInFrame::default())
+        label(&posed, index, &near_part, &FrameFeatures::default())
     }
 
     #[test]
@@ -341,16 +344,16 @@ mod tests {
     }
 
     #[test]
-    fn whom_moving_features_show_is_a_stranger() {
+    fn a_person_with_moving_features_is_dynamic() {
         let frames = standing(|_| false);
         let posed: Vec<PosedFrame> = frames
             .iter()
             .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
             .collect();
-        let moving = (0..4).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 1.5)).collect();
-        let strangers = StrangersInFrame { moving, resting: Vec::new() };
-        let grid = label(&posed, 0, &|_, _| false, &strangers);
-        assert!(grid.is_stranger(MIDDLE.0, MIDDLE.1));
-        assert!(!grid.is_stranger(CORNER.0, CORNER.1));
+        let dynamic = (0..4).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 1.5)).collect();
+        let features = FrameFeatures { dynamic, resting: Vec::new() };
+        let grid = label(&posed, 0, &|_, _| false, &features);
+        assert!(grid.is_dynamic(MIDDLE.0, MIDDLE.1));
+        assert!(!grid.is_dynamic(CORNER.0, CORNER.1));
     }
 }

@@ -2,9 +2,9 @@
 //! camera is found first, so that a moving camera is handled by construction and everything
 //! else is seen in one still frame.
 //!
-//! Each track carries a map point, the running mean of where it was in the base frame; each
-//! frame is registered to the map by RANSAC and a reweighted fit. A moving part's and the
-//! person's map points are wrong, but they vote little.
+//! Each track carries a map point, the running mean of where it was in the base frame; each frame
+//! is registered to the map by RANSAC and a reweighted fit. A moving part's and the person's map
+//! points are wrong, but have little weight.
 
 mod depth_noise;
 mod observation;
@@ -31,7 +31,7 @@ const RANSAC_ITERATIONS: usize = 30;
 const MAX_POINTS: usize = 900;
 /// Least extent of a moving track's smoothed path, metres. Ours.
 pub const MIN_EXTENT_M: f64 = 0.015;
-/// The same in standard deviations of its depth. Ours.
+/// The least extent in standard deviations of its depth. Ours.
 pub const MIN_EXTENT_SIGMAS: f64 = 4.0;
 
 /// A track as seen from the base.
@@ -88,7 +88,7 @@ struct MapPoint {
 /// Registers frames to the base as they come.
 pub struct EgoMotionEstimator {
     rng: ChaCha8Rng,
-    /// By number of the track.
+    /// The map point of each track, by its number.
     map: Vec<Option<MapPoint>>,
     camera_from_base: Vec<Pose>,
 }
@@ -190,7 +190,7 @@ impl MapPoint {
     }
 }
 
-/// A track of which the first points are known.
+/// A track in the base frame; its first points may be known already.
 fn into_base(
     track: &Track,
     known: &[Option<BaseObservation>],

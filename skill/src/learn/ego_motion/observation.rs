@@ -7,9 +7,9 @@ use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 
 /// Share of the coarse noise of a lifted feature that a track's has.
 const TRACKED_SHARE: f64 = 0.7;
-/// Least way of what has moved, metres.
+/// Smallest travel of what has moved, metres.
 const MOVED_M: f64 = 0.012;
-/// Least way of what has moved, in standard deviations.
+/// Smallest travel of what has moved, in standard deviations.
 const MOVED_SIGMAS: f64 = 3.0;
 
 /// One observation of a track in the frame of the base, or of a part.
@@ -71,7 +71,7 @@ pub struct Information {
 }
 
 impl Information {
-    /// From a unit direction and standard deviations, metres.
+    /// The information of a ray with this unit direction and these standard deviations, metres.
     pub fn new(ray: &Vector3<f64>, across_sigma: f64, ray_sigma: f64) -> Self {
         let (across, along) = (across_sigma.powi(-2), ray_sigma.powi(-2));
         Self { ray: ray.cast(), across: across as f32, excess: (along - across) as f32 }
@@ -94,7 +94,7 @@ impl Information {
         f64::from(self.across) * vector.norm_squared() + f64::from(self.excess) * along * along
     }
 
-    /// As a matrix.
+    /// The inverse covariance as a matrix.
     pub fn matrix(&self) -> Matrix3<f64> {
         let ray = self.ray.cast::<f64>();
         Matrix3::from_diagonal_element(f64::from(self.across))

@@ -124,7 +124,7 @@ fn relative(pose: &Pose, parent: Option<&Pose>) -> Pose {
 mod tests {
     use super::*;
 
-    /// A body of eight features that moves as `pose` says, in so many frames.
+    /// A body of eight features that moves as `pose` says, in this many frames.
     fn body(frames: usize, pose: impl Fn(f64) -> Pose) -> Body {
         let corner = |i: usize| {
             Point3::new(0.2 * (i % 2) as f64, 0.2 * (i / 2 % 2) as f64, 1.0 + 0.1 * (i / 4) as f64)

@@ -11,7 +11,7 @@ const MAX_DISTANCE_CHANGE_M: f64 = 0.025;
 pub const MIN_COMMON_FRAMES: usize = 10;
 /// Smaller bodies are dropped.
 const MIN_FEATURES: usize = 10;
-/// Least way of a body's features, metres: what stays is background.
+/// Smallest travel of a body's features, metres: what stays is background.
 const MIN_MOTION_M: f64 = 0.05;
 
 /// A rigid body.
@@ -123,7 +123,7 @@ mod tests {
 
     const FRAMES: usize = 30;
 
-    /// So many features in a row, each where `place` says in each frame.
+    /// This many features in a row, each where `place` says in each frame.
     fn features(
         count: usize,
         place: impl Fn(usize, usize) -> Point3<f64>,

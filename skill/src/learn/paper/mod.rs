@@ -19,7 +19,7 @@ use merge::{merge_rigid, merge_segments};
 use part_motions::motions_of;
 use pose_optimisation::PartMotion;
 use rayon::prelude::*;
-use rejection::doubt;
+use rejection::rejection_reason;
 use segmentation::segment;
 use tree::build_tree;
 
@@ -32,13 +32,13 @@ pub fn learn(recording: &Recording, seed: u64, times: &mut StageTimes) -> Learne
         clusters.par_iter().flat_map_iter(|c| motions_of(recording, c, seed)).collect()
     });
     times.measure("articulate", || {
-        let (parts, rejections) = believed(recording, motions, seed);
+        let (parts, rejections) = accepted(recording, motions, seed);
         LearnedJoints { joints: build_tree(recording, parts), rejections }
     })
 }
 
 /// The moving things that are parts of an object, and those that are not.
-fn believed(
+fn accepted(
     recording: &Recording,
     motions: Vec<PartMotion>,
     seed: u64,
@@ -47,9 +47,9 @@ fn believed(
     merge_rigid(&recording.ego_motion, &mut fitted, seed);
     merge_segments(&mut fitted);
     fitted.sort_by_key(|c| std::cmp::Reverse(c.motion.tracks.len()));
-    let (mut believed, mut rejections) = (Vec::new(), Vec::new());
+    let (mut accepted, mut rejections) = (Vec::new(), Vec::new());
     for candidate in fitted {
-        let reason = doubt(recording, &candidate, &believed);
+        let reason = rejection_reason(recording, &candidate, &accepted);
         tracing::debug!(
             tracks = candidate.motion.tracks.len(),
             kind = candidate.fit.geometry.kind.name(),
@@ -61,8 +61,8 @@ fn believed(
         );
         match reason {
             Some(reason) => rejections.push(candidate.rejected(reason)),
-            None => believed.push(candidate),
+            None => accepted.push(candidate),
         }
     }
-    (believed, rejections)
+    (accepted, rejections)
 }

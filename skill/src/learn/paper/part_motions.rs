@@ -62,7 +62,8 @@ fn without_outliers(recording: &Recording, mut motion: PartMotion, seed: u64) ->
 /// Rounds of removing outliers: the motion is clearer after each.
 const OUTLIER_ROUNDS: u64 = 3;
 
-/// Tracks whose place on the part is not seen through in a third of the keyframes that show something there.
+/// Tracks whose place on the part is not seen through in a third of the keyframes that show
+/// something there.
 fn uncontradicted(recording: &Recording, motion: &PartMotion, tracks: &[usize]) -> Vec<usize> {
     let base = &recording.ego_motion;
     let on_part = |id: usize| {

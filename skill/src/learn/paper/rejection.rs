@@ -32,10 +32,10 @@ const MAX_SEEN_THROUGH: f64 = 0.28;
 const MAX_CORRELATION: f64 = 0.85;
 
 /// Why a moving thing is no part of an object, if it is not.
-pub(super) fn doubt(
+pub(super) fn rejection_reason(
     recording: &Recording,
     candidate: &Candidate,
-    believed: &[Candidate],
+    accepted: &[Candidate],
 ) -> Option<String> {
     let fit = &candidate.fit;
     let span = span_of(&fit.configuration);
@@ -66,7 +66,7 @@ pub(super) fn doubt(
     if through > MAX_SEEN_THROUGH {
         return Some(format!("{:.0} % of it is seen through", 100.0 * through));
     }
-    if believed.iter().any(|b| correlation(candidate, b) > MAX_CORRELATION) {
+    if accepted.iter().any(|b| correlation(candidate, b) > MAX_CORRELATION) {
         return Some("it moves as a part does that more tracks vouch for".to_owned());
     }
     None
@@ -87,7 +87,7 @@ mod tests {
     const FRAMES: usize = 60;
 
     /// Why a part that slides by `way` metres between two rests, or without any, is refused.
-    fn doubt_about(way: f64, rests: bool, believed: bool) -> Option<String> {
+    fn reason_for(way: f64, rests: bool, accepted: bool) -> Option<String> {
         let z = |f: usize| {
             let moved = if rests { f.clamp(20, 40) - 20 } else { f / 3 };
             1.5 - way * moved as f64 / 20.0
@@ -109,28 +109,28 @@ mod tests {
         let motion =
             PartMotion { base_from_part: (0..FRAMES).map(pose).collect(), tracks: vec![0] };
         let candidate = fit_to_base(motion).unwrap();
-        let others = if believed { vec![candidate.clone()] } else { Vec::new() };
-        doubt(&recording, &candidate, &others)
+        let others = if accepted { vec![candidate.clone()] } else { Vec::new() };
+        rejection_reason(&recording, &candidate, &others)
     }
 
     #[test]
     fn a_drawer_that_is_pulled_and_rests_is_believed() {
-        assert_eq!(doubt_about(0.3, true, false), None);
+        assert_eq!(reason_for(0.3, true, false), None);
     }
 
     #[test]
     fn what_hardly_moves_is_refused() {
-        let reason = doubt_about(0.04, true, false).unwrap();
+        let reason = reason_for(0.04, true, false).unwrap();
         assert!(reason.contains("moves by") || reason.contains("does not move"), "{reason}");
     }
 
     #[test]
     fn what_never_rests_is_a_hand() {
-        assert_eq!(doubt_about(0.3, false, false).unwrap(), "only 0 % of it ever rests");
+        assert_eq!(reason_for(0.3, false, false).unwrap(), "only 0 % of it ever rests");
     }
 
     #[test]
-    fn what_moves_as_a_believed_part_does_is_a_consequence_of_it() {
-        assert!(doubt_about(0.3, true, true).unwrap().starts_with("it moves as a part does"));
+    fn what_moves_as_an_accepted_part_does_is_a_consequence_of_it() {
+        assert!(reason_for(0.3, true, true).unwrap().starts_with("it moves as a part does"));
     }
 }

@@ -1,4 +1,4 @@
-//! The kinematic tree (paper, section III-D): which part hangs on which, by least BIC.
+//! The kinematic tree (paper, section III-D): which part carries which, by least BIC.
 //!
 //! In come parts with their poses in the base frame; out come joints in the object frame, which is
 //! the base frame at the first frame.

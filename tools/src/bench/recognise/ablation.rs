@@ -5,8 +5,7 @@ use crate::outcome::Outcome;
 use linkage_driver::{DepthImage, RgbdFrame};
 use linkage_skill::SkillConfig;
 use linkage_skill::config::RecogniseConfig;
-use linkage_skill::internals::FeatureKind;
-use linkage_skill::internals::median;
+use linkage_skill::internals::{FeatureKind, median};
 use linkage_skill::object::Appearance;
 use linkage_skill::recognise::{KnownObject, Recognised, Scene, find};
 use rayon::prelude::*;
@@ -69,7 +68,7 @@ pub struct Row {
     configurations_told: usize,
     base_deg: f64,
     base_cm: f64,
-    /// Of all objects in one still.
+    /// Time for all objects in one still.
     milliseconds: f64,
 }
 

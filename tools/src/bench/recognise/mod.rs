@@ -49,7 +49,7 @@ struct Row {
     reported: Vec<String>,
     right: bool,
     precision: Option<Precision>,
-    /// By stage.
+    /// Time of each stage.
     milliseconds: BTreeMap<&'static str, f64>,
 }
 
@@ -203,7 +203,7 @@ fn recognise_timed(
 
 /// What each object scores in a still, whatever it shows.
 struct PairScores {
-    /// Of the right object.
+    /// The report of the right object.
     own: Option<Recognised>,
     /// The best of the wrong objects, with its name.
     wrong: Option<(String, f64)>,

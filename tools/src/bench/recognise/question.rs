@@ -5,10 +5,8 @@ use super::stills::Still;
 use crate::bench::dir::{ConfigurationScore, configuration_scores};
 use crate::truth::Truth;
 use linkage_driver::RgbdFrame;
-use linkage_skill::internals::DescribedFeature;
-use linkage_skill::internals::distance_to_line;
-use linkage_skill::object::JointKind;
-use linkage_skill::object::StoredObject;
+use linkage_skill::internals::{DescribedFeature, distance_to_line};
+use linkage_skill::object::{JointKind, StoredObject};
 use linkage_skill::pose_from_array;
 use linkage_skill::recognise::Recognised;
 use nalgebra::{Point3, Vector3};
@@ -39,7 +37,7 @@ pub struct Precision {
     /// Where the base is, not where its frame begins: that is at the demonstration's camera.
     pub base_cm: f64,
     pub joints: Vec<ConfigurationScore>,
-    /// Of hinges.
+    /// Error of the axis' position, of hinges only.
     pub axis_cm: Vec<f64>,
 }
 

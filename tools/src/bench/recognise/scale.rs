@@ -1,13 +1,10 @@
-//! How far the shortlist carries: the learned things among many made-up ones.
+//! How far the shortlist carries: the learned things among many synthetic ones.
 
 use super::question::Question;
 use crate::outcome::Outcome;
 use anyhow::{Context, anyhow};
-use linkage_skill::internals::ModelFeature;
-use linkage_skill::internals::median;
-use linkage_skill::internals::{Index, Words};
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
+use linkage_skill::internals::{Index, ModelFeature, Words, median};
+use linkage_skill::object::{Appearance, StoredObject};
 use linkage_skill::store::Store;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -20,7 +17,7 @@ use std::time::Instant;
 const SIZES: [usize; 5] = [100, 1_000, 10_000, 30_000, 100_000];
 /// Objects written at a time.
 const AT_ONCE: usize = 500;
-/// Features of a made-up object: more than the index takes.
+/// Features of a synthetic object: more than the index takes.
 const FEATURES: usize = 700;
 /// Places in the shortlist that are asked about.
 const PLACES: [usize; 3] = [1, 5, MOST_PLACES];
@@ -35,20 +32,20 @@ pub struct Row {
     /// Median time of a shortlist, milliseconds.
     milliseconds: f64,
     bytes_per_object: f64,
-    /// Of a store that holds them; of the largest libraries none is written.
+    /// Times of a store that holds them; the largest libraries are not written to a store.
     store: Option<StoreTimes>,
 }
 
 /// How long a store takes, milliseconds.
 #[derive(Serialize)]
 struct StoreTimes {
-    /// To be opened and made ready for the first picture.
+    /// Time to open it and prepare it for the first picture.
     opening: f64,
     /// The shortlist of the first picture after that, for which what it needs is read.
     first_shortlist: f64,
     /// The median over the shortlists of the others, each seen for the first time.
     shortlist: f64,
-    /// To take up one more object.
+    /// Time to insert one more object.
     insertion: f64,
 }
 
@@ -151,7 +148,7 @@ fn times(
     Ok(StoreTimes { opening, first_shortlist: *first, shortlist, insertion })
 }
 
-/// What comes of it, and after how many milliseconds.
+/// Its result, and after how many milliseconds.
 fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
     let start = Instant::now();
     let result = run();

@@ -4,11 +4,9 @@ use super::question::{Learned, Question};
 use super::scale::made_up;
 use crate::outcome::Outcome;
 use linkage_skill::SkillConfig;
-use linkage_skill::internals::ModelFeature;
-use linkage_skill::internals::median;
+use linkage_skill::internals::{ModelFeature, median};
 use linkage_skill::learn::StageTimes;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
+use linkage_skill::object::{Appearance, StoredObject};
 use linkage_skill::recognise::Scene;
 use linkage_skill::store::Library;
 use serde::Serialize;
@@ -19,7 +17,7 @@ const SIZES: [usize; 3] = [1, 10, 100];
 /// Stages, in their order.
 const STAGES: [&str; 3] = ["describe", "shortlist", "compare"];
 
-/// Frames of known things looked at with so many objects known.
+/// Frames of known things looked at with this many objects known.
 #[derive(Serialize)]
 pub struct Row {
     objects: usize,
@@ -95,7 +93,7 @@ fn with(
     })
 }
 
-/// A learned thing, other learned things, and made-up ones that have a learned one's shape.
+/// A learned thing, other learned things, and synthetic ones that have a learned one's shape.
 fn among_others(number: usize, objects: usize, learned: &[Learned]) -> Vec<StoredObject> {
     let stored = |number: usize| &learned[number % learned.len()].stored;
     let features: Vec<&ModelFeature> =
@@ -116,7 +114,7 @@ fn among_others(number: usize, objects: usize, learned: &[Learned]) -> Vec<Store
         .collect()
 }
 
-/// Features of an object that has so many parts.
+/// Features of an object that has this many parts.
 fn of_parts(features: Vec<ModelFeature>, parts: usize) -> Vec<ModelFeature> {
     let of_part = |f: ModelFeature| ModelFeature { part: f.part % parts as u16, ..f };
     features.into_iter().map(of_part).collect()

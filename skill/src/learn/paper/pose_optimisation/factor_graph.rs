@@ -58,11 +58,11 @@ pub fn optimise(
         values.insert(X(i as u32), to_factrs(&pose.inverse()));
     }
     let mut graph = build(motions, frames, &slot, reference);
-    hold_loosely(&mut graph, &initial);
+    add_weak_priors(&mut graph, &initial);
     let mut optimiser: GaussNewton = GaussNewton::new_default(graph);
     // The solver panics where a system cannot be solved: that part then has no trajectory.
     let solved = match catch_unwind(AssertUnwindSafe(|| optimiser.optimize(values))).ok()? {
-        // A robust loss may let the last steps swing about the minimum.
+        // With a robust loss the last steps may oscillate about the minimum.
         Ok(solved) | Err(OptError::MaxIterations(solved)) => solved,
         Err(OptError::InvalidSystem | OptError::FailedToStep) => return None,
     };
@@ -76,18 +76,18 @@ pub fn optimise(
     poses.iter().all(|p| p.translation.vector.iter().all(|x| x.is_finite())).then_some(poses)
 }
 
-/// A weak prior on every pose: where robust losses let go of all that a pose hangs on, it stays
-/// where it was guessed, and the system can be solved.
-fn hold_loosely(graph: &mut Graph, initial: &[Pose]) {
+/// A weak prior on every pose: where the robust losses reject all measurements of a pose, the pose
+/// stays at its initial guess, and the system can be solved.
+fn add_weak_priors(graph: &mut Graph, initial: &[Pose]) {
     for (i, pose) in initial.iter().enumerate() {
-        let loose = GaussianNoise::<6>::from_scalar_sigma(LOOSE);
+        let loose = GaussianNoise::<6>::from_scalar_sigma(WEAK_PRIOR_SIGMA);
         let guess = to_factrs(&pose.inverse());
         graph.add_factor(fac![PriorResidual::new(guess), X(i as u32), loose]);
     }
 }
 
 /// Standard deviation of that prior, radians and metres.
-const LOOSE: f64 = 0.5;
+const WEAK_PRIOR_SIGMA: f64 = 0.5;
 
 fn build(
     motions: &[RelativeMotion],

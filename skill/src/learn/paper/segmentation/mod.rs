@@ -1,10 +1,10 @@
 //! Motion segmentation (paper, section III-B): features whose mutual distance and angle stay
 //! constant over their common life lie on one rigid part; DBSCAN finds the parts.
 //!
-//! The base's own tracks are known already ([`crate::learn::ego_motion`]); what moves is clustered here.
-//! Two tracks say something about each other only in frames in which one of them moves: a
-//! long rest side by side would outvote any motion, and everything that once rested would be
-//! one part.
+//! The base's own tracks are known already ([`crate::learn::ego_motion`]); what moves is clustered
+//! here. Two tracks say something about each other only in frames in which one of them moves: a
+//! long rest side by side would outvote any motion, and everything that once rested would be one
+//! part.
 
 mod dbscan;
 mod pair_evidence;
@@ -184,7 +184,7 @@ fn similarity(set: &TrackSet, base: &EgoMotion, common: &Common) -> Option<f64> 
         return Some(by_distance);
     }
     let width = 1.0 - NORMAL_SIGMA_RAD.cos();
-    // Normals of small patches are noisy: they may veto, not improve.
+    // Normals of small patches are noisy: they may lower a similarity, not raise it.
     Some(by_distance * mean_kernel(&angles, 4.0 * width).max(0.5).powf(0.25))
 }
 

@@ -1,11 +1,11 @@
-//! The paint of a surface apart from the light on it. A plain door that turns reflects more or less
-//! light from frame to frame; if that were averaged, a piece of it that is seen early only would
-//! come out brighter than the piece beside it, and the door would look patterned.
+//! Separates the albedo of a surface from its shading. A plain door that turns reflects more or less
+//! light from frame to frame. If the colours were only averaged, a piece of the door that is seen only
+//! in early frames would become brighter than the piece beside it, and the door would look textured.
 //!
-//! The colour of a piece in a keyframe is its paint plus the light on its face in that keyframe; both
-//! are found by least squares, in turns. What the keyframes then disagree about (shadows, highlights,
-//! errors of pose) is noise: neighbouring pieces keep as much of their difference as the
-//! noise does not explain (a Wiener filter), so that recognition does not look for it.
+//! The colour of a piece in a keyframe is its albedo plus the shading of its face in that keyframe;
+//! both are estimated by least squares, alternately. What still differs between the keyframes
+//! (shadows, highlights, pose errors) is noise: a Wiener filter removes from the differences
+//! between neighbouring pieces what this noise explains, so that recognition does not look for it.
 
 use nalgebra::Vector3;
 use std::collections::HashMap;
@@ -35,81 +35,91 @@ impl SeenColour {
     }
 }
 
-/// Part, and main direction of the normal: what one light falls on.
+/// Part, and main direction of the normal: pieces that share one shading.
 pub type Face = (u16, u8);
 
 /// A piece of surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Piece<'c> {
-    /// What the light falls on.
+    /// Its face.
     pub face: Face,
     /// Pieces of one face and one neighbourhood are compared with each other.
     pub neighbourhood: [i32; 3],
-    /// The colours that it was seen in, one a keyframe.
+    /// Its colour in each keyframe that shows it.
     pub seen: &'c [SeenColour],
 }
 
-/// The paint of each piece of surface, CIELAB.
-pub fn paints(pieces: &[Piece]) -> Vec<Vector3<f64>> {
-    let (mut paints, light) = paints_and_light(pieces);
+/// The albedo of each piece of surface, CIELAB.
+pub fn albedos(pieces: &[Piece]) -> Vec<Vector3<f64>> {
+    let (mut albedos, shading) = albedos_and_shading(pieces);
     let mut neighbours: HashMap<(Face, [i32; 3]), Vec<usize>> = HashMap::new();
     for (i, piece) in pieces.iter().enumerate() {
         neighbours.entry((piece.face, piece.neighbourhood)).or_default().push(i);
     }
     for members in neighbours.values() {
-        without_noise(pieces, members, &light, &mut paints);
+        remove_noise(pieces, members, &shading, &mut albedos);
     }
-    paints
+    albedos
 }
 
-/// The light on a face in a keyframe.
-type Light = HashMap<(Face, usize), Vector3<f64>>;
+/// The shading of a face in a keyframe, CIELAB.
+type Shading = HashMap<(Face, usize), Vector3<f64>>;
 
-fn paints_and_light(pieces: &[Piece]) -> (Vec<Vector3<f64>>, Light) {
-    let mut light = Light::new();
-    let mut paints = paints_in(pieces, &light);
+fn albedos_and_shading(pieces: &[Piece]) -> (Vec<Vector3<f64>>, Shading) {
+    let mut shading = Shading::new();
+    let mut albedos = albedos_under(pieces, &shading);
     for _ in 0..ROUNDS {
         let mut left: HashMap<(Face, usize), (Vector3<f64>, f64)> = HashMap::new();
-        for (piece, paint) in pieces.iter().zip(&paints) {
+        for (piece, albedo) in pieces.iter().zip(&albedos) {
             for colour in piece.seen {
                 let entry = left.entry((piece.face, colour.keyframe)).or_default();
-                entry.0 += colour.sum - paint * colour.count;
+                entry.0 += colour.sum - albedo * colour.count;
                 entry.1 += colour.count;
             }
         }
-        light = left.into_iter().map(|(key, (sum, count))| (key, sum / count)).collect();
-        paints = paints_in(pieces, &light);
+        shading = left.into_iter().map(|(key, (sum, count))| (key, sum / count)).collect();
+        albedos = albedos_under(pieces, &shading);
     }
-    (paints, light)
+    (albedos, shading)
 }
 
 impl Piece<'_> {
-    /// Its colours without the light, with the pixels of each.
-    fn unlit<'a>(&'a self, light: &'a Light) -> impl Iterator<Item = (Vector3<f64>, f64)> + 'a {
+    /// Its colours without the shading, each with its number of pixels.
+    fn unshaded<'a>(
+        &'a self,
+        shading: &'a Shading,
+    ) -> impl Iterator<Item = (Vector3<f64>, f64)> + 'a {
         self.seen.iter().map(|c| {
-            let lit = light.get(&(self.face, c.keyframe)).copied().unwrap_or_default();
-            (c.sum / c.count - lit, c.count)
+            let shade = shading.get(&(self.face, c.keyframe)).copied().unwrap_or_default();
+            (c.sum / c.count - shade, c.count)
         })
     }
 }
 
-fn paints_in(pieces: &[Piece], light: &Light) -> Vec<Vector3<f64>> {
-    let paint = |piece: &Piece| {
+/// The albedos that fit best while the shading is held fixed.
+fn albedos_under(pieces: &[Piece], shading: &Shading) -> Vec<Vector3<f64>> {
+    let albedo = |piece: &Piece| {
         let (sum, count) = piece
-            .unlit(light)
+            .unshaded(shading)
             .fold((Vector3::zeros(), 0.0), |(s, n), (c, count)| (s + c * count, n + count));
         sum / count
     };
-    pieces.iter().map(paint).collect()
+    pieces.iter().map(albedo).collect()
 }
 
-/// Takes from the paints of neighbours what their keyframes do not agree about.
-fn without_noise(pieces: &[Piece], members: &[usize], light: &Light, paints: &mut [Vector3<f64>]) {
+/// Removes from the albedos of neighbouring pieces the differences that noise between the keyframes
+/// explains.
+fn remove_noise(
+    pieces: &[Piece],
+    members: &[usize],
+    shading: &Shading,
+    albedos: &mut [Vector3<f64>],
+) {
     let n = members.len() as f64;
-    let mean = members.iter().map(|&i| paints[i]).sum::<Vector3<f64>>() / n;
-    let between = members.iter().map(|&i| (paints[i] - mean).norm_squared()).sum::<f64>() / n;
+    let mean = members.iter().map(|&i| albedos[i]).sum::<Vector3<f64>>() / n;
+    let between = members.iter().map(|&i| (albedos[i] - mean).norm_squared()).sum::<f64>() / n;
     let disagreement = |&i: &usize| {
-        let squares = pieces[i].unlit(light).map(|(c, _)| (c - paints[i]).norm_squared());
+        let squares = pieces[i].unshaded(shading).map(|(c, _)| (c - albedos[i]).norm_squared());
         (squares.sum::<f64>(), pieces[i].seen.len() as f64 - 1.0)
     };
     let (squares, degrees) =
@@ -120,7 +130,7 @@ fn without_noise(pieces: &[Piece], members: &[usize], light: &Light, paints: &mu
     let signal = (between - members.iter().map(|&i| noise(i)).sum::<f64>() / n).max(0.0);
     for &i in members {
         let kept = if signal > 0.0 { signal / (signal + noise(i)) } else { 0.0 };
-        paints[i] = mean + (paints[i] - mean) * kept;
+        albedos[i] = mean + (albedos[i] - mean) * kept;
     }
 }
 
@@ -133,28 +143,28 @@ mod tests {
         colours.iter().map(lit).collect()
     }
 
-    fn paints_of(seen: &[Vec<SeenColour>]) -> Vec<Vector3<f64>> {
+    fn albedos_of(seen: &[Vec<SeenColour>]) -> Vec<Vector3<f64>> {
         let piece = |seen| Piece { face: (1, 4), neighbourhood: [0; 3], seen };
-        paints(&seen.iter().map(|s| piece(&s[..])).collect::<Vec<_>>())
+        albedos(&seen.iter().map(|s| piece(&s[..])).collect::<Vec<_>>())
     }
 
     #[test]
-    fn light_that_changes_leaves_a_plain_face_plain_and_a_pattern_as_it_is() {
+    fn changing_light_adds_no_texture_to_a_plain_face_and_keeps_a_pattern() {
         let light = [0.0, -10.0, -20.0, -30.0];
         // Pieces: their lightness, and the keyframes that show them.
         let pattern = [(80.0, 0..4), (80.0, 0..2), (80.0, 2..4), (50.0, 1..4)];
         let pieces = pattern.map(|(lightness, keyframes)| {
             seen(&keyframes.map(|k| (k, lightness + light[k])).collect::<Vec<_>>())
         });
-        let paints = paints_of(&pieces);
-        assert!((paints[0].x - paints[1].x).abs() < 2.5, "{paints:?}");
-        assert!((paints[1].x - paints[2].x).abs() < 2.5, "{paints:?}");
-        assert!((paints[0].x - paints[3].x - 30.0).abs() < 2.5, "{paints:?}");
-        assert!(paints.iter().all(|p| (p.z - 5.0).abs() < 1e-9));
+        let albedos = albedos_of(&pieces);
+        assert!((albedos[0].x - albedos[1].x).abs() < 2.5, "{albedos:?}");
+        assert!((albedos[1].x - albedos[2].x).abs() < 2.5, "{albedos:?}");
+        assert!((albedos[0].x - albedos[3].x - 30.0).abs() < 2.5, "{albedos:?}");
+        assert!(albedos.iter().all(|p| (p.z - 5.0).abs() < 1e-9));
     }
 
     #[test]
-    fn what_keyframes_disagree_about_is_no_pattern() {
+    fn a_difference_that_the_keyframes_do_not_share_is_no_pattern() {
         // A shadow passes over a plain face: each keyframe shows it on other pieces.
         let shadowed = |i: usize, k: usize| if (i + k).is_multiple_of(4) { 40.0 } else { 80.0 };
         let shown =
@@ -167,7 +177,7 @@ mod tests {
             let of = |f: fn(f64, f64) -> f64| values.iter().copied().reduce(f).unwrap();
             of(f64::max) - of(f64::min)
         };
-        let filtered = spread(paints_of(&pieces).iter().map(|p| p.x).collect());
+        let filtered = spread(albedos_of(&pieces).iter().map(|p| p.x).collect());
         assert!(filtered < 0.3 * spread(raw.clone()), "{filtered} of {}", spread(raw));
     }
 }

@@ -1,4 +1,4 @@
-//! An open view: messages go into a file, to whoever looks on, or both.
+//! An open view: messages go into a file, to connected viewers, or both.
 
 use super::cloud::{Dot, cloud};
 use super::convert::{nanoseconds, pose, timestamp};
@@ -16,23 +16,21 @@ use foxglove::messages::log::Level;
 use foxglove::messages::{FrameTransforms, Log, PoseInFrame};
 use foxglove::{Context, McapWriteOptions, McapWriterHandle, WebSocketServerHandle};
 use linkage_driver::RgbdFrame;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
+use linkage_skill::object::{Appearance, StoredObject};
 use linkage_skill::recognise::Recognition;
-use linkage_skill::{Demonstration, Joint, ObjectModel};
-use linkage_skill::{Pose, pose_from_array};
+use linkage_skill::{Demonstration, Joint, ObjectModel, Pose, pose_from_array};
 use nalgebra::Point3;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Messages that wait for a viewer; more push out the oldest.
+/// Messages that wait for a viewer; when more come, the oldest are dropped.
 const BACKLOG: usize = 64;
 /// Size of a chunk of the file, bytes.
 const CHUNK_BYTES: u64 = 16 << 20;
 /// Objects of a frame that are shown, the best first.
 const MOST_OBJECTS: usize = 16;
-/// Of a demonstration's frames, one in so many shows the parts at their target.
+/// One of this many frames of a demonstration shows the parts at their target.
 const GHOST_EVERY: usize = 15;
 /// Opacity of a part that is not there yet, of 255.
 const GHOST: u8 = 110;
@@ -138,7 +136,7 @@ impl View {
         self.topics.log.log_with_time(&line, nanoseconds(utime));
     }
 
-    /// Ends a file and sends viewers away.
+    /// Finishes the file and disconnects the viewers.
     pub fn close(self) -> Outcome {
         if let Some(server) = self.server {
             // Viewers that are slow are not waited for.

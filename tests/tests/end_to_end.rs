@@ -1,5 +1,5 @@
-//! The whole way on simulated recordings: learn, recognise, predict, publish; decoded by a
-//! subscriber that nobody here wrote, and recorded by LCM's own logger.
+//! The whole pipeline on simulated recordings: learn, recognise, predict, publish. The messages are
+//! decoded by an independent subscriber, and recorded by LCM's own logger.
 
 use linkage_skill::SkillConfig;
 use linkage_skill::config::RecogniseConfig;

@@ -1,49 +1,51 @@
-//! Puts frames in the order of time, whatever their stamps say.
+//! Corrects the time stamps of frames so that they increase.
 //!
-//! A stamp is judged by the frames before it and by when its frame arrived. One wrong stamp
-//! must not block the frames after it, and a clock that begins again must not end a source.
+//! A stamp is compared with those of the frames before it and with the times at which the frames
+//! arrived. One wrong stamp must not block the frames after it, and a sender's clock that restarts must
+//! not end a source.
 
 use crate::statistics::SourceStatistics;
 use linkage_frames::frame::RgbdFrame;
 
-/// What becomes of time once the sender's clock has begun again.
+/// How stamps continue after the sender's clock has restarted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Timeline {
     /// Stamps stay as they are sent: time may step back once.
     AsSent,
-    /// Time goes on: later stamps are shifted.
-    GoesOn,
+    /// Stamps keep increasing: those after the restart are shifted.
+    Continuous,
 }
 
-/// A step back in time this long is no disorder but another beginning, microseconds.
-const NEW_BEGINNING_US: i64 = 1_000_000;
-/// A step ahead this long is believed without asking when the frames arrived, microseconds.
+/// A step back in time this long is no wrong order but a restart of the clock, microseconds.
+const CLOCK_RESTART_US: i64 = 1_000_000;
+/// A step ahead up to this long is accepted whenever the frames arrived, microseconds.
 const PAUSE_US: i64 = 3_000_000;
-/// Arrivals this far apart are believed, microseconds.
+/// Arrivals up to this far apart are accepted, microseconds.
 const LONG_PAUSE_US: i64 = 10_000_000;
-/// How well a long pause by the stamps agrees with the arrivals: so much, and a tenth of it.
+/// Largest difference between a long pause by the stamps and by the arrivals, in addition to a tenth of
+/// the pause, microseconds.
 const DISAGREEMENT_US: i64 = 1_000_000;
-/// So many frames in a row that lie behind the last one, in order among themselves, are another
-/// beginning too.
+/// This many frames in a row that are earlier than the last one, but in order among themselves, mean a
+/// restart of the clock too.
 const BEHIND_IN_A_ROW: usize = 3;
-/// Time between frames that tell none, microseconds.
+/// Time between frames where the stamps give none, microseconds.
 const DEFAULT_PERIOD_US: i64 = 33_333;
-/// Stamps that are times at all: above 0, which stands for none, and before the year 2096.
+/// Stamps that can be times: above 0, which means no time, and before the year 2096.
 const TIMES_US: std::ops::Range<i64> = 1..4_000_000_000_000_000;
 
-/// Judges stamps, and counts.
+/// Corrects stamps and counts what was corrected.
 #[derive(Debug, Clone)]
-pub struct Gate {
+pub struct TimestampFilter {
     timeline: Timeline,
     /// Added to stamps.
     shift_us: i64,
     last: Option<Last>,
-    /// The frame before, if its stamp jumped: the first of another beginning, or a single one.
+    /// The frame before, if its stamp jumped: the first after a restart, or a single wrong stamp.
     jumped: Option<Stamped>,
     behind: Behind,
     first_utime: i64,
     passed: u64,
-    /// What it has counted.
+    /// The counts.
     pub statistics: SourceStatistics,
 }
 
@@ -70,8 +72,8 @@ struct Behind {
     count: usize,
 }
 
-impl Gate {
-    /// Nothing has passed.
+impl TimestampFilter {
+    /// A filter that has seen no frame.
     pub fn new(timeline: Timeline) -> Self {
         Self {
             timeline,
@@ -85,8 +87,8 @@ impl Gate {
         }
     }
 
-    /// Lets a frame pass that is later than the one before it, at the time that it is given;
-    /// `arrival` is when it was received, microseconds of a clock that goes on.
+    /// A frame that is later than the one before it, with its corrected time; `None` for others.
+    /// `arrival` is when it was received, microseconds of a clock that never restarts.
     pub fn pass(&mut self, mut frame: RgbdFrame, arrival: i64) -> Option<RgbdFrame> {
         let utime = self.time(frame.utime, arrival);
         let Some(utime) = utime else {
@@ -121,7 +123,7 @@ impl Gate {
         }
         let time = stamp.saturating_add(self.shift_us);
         let step = time.saturating_sub(last.utime);
-        if step <= 0 && step > -NEW_BEGINNING_US {
+        if step <= 0 && step > -CLOCK_RESTART_US {
             return self.a_little_behind(stamp, last, arrival);
         }
         self.behind = Behind::default();
@@ -154,15 +156,15 @@ impl Gate {
         }
         self.behind = Behind::default();
         let utime = last.utime.saturating_add(last.since(arrival));
-        Some(self.begin_again(stamp, Stamped { stamp, utime }))
+        Some(self.restart_clock(stamp, Stamped { stamp, utime }))
     }
 
-    /// A stamp far from those before it: the frame's time is reckoned from its arrival, and if
-    /// the next one goes on from it, the clock has begun again.
+    /// A stamp far from those before it: the frame's time is computed from its arrival, and if the
+    /// next stamp continues from this one, the clock has restarted.
     fn jump(&mut self, stamp: i64, last: Last, arrival: i64) -> i64 {
         let goes_on = |before: &Stamped| (1..=LONG_PAUSE_US).contains(&(stamp - before.stamp));
         if let Some(before) = self.jumped.take().filter(goes_on) {
-            return self.begin_again(stamp, before);
+            return self.restart_clock(stamp, before);
         }
         self.statistics.restamped += 1;
         let utime = last.utime.saturating_add(last.since(arrival));
@@ -170,13 +172,14 @@ impl Gate {
         utime
     }
 
-    /// Takes up a clock that has begun again, by a stamp of it and the time that it stands for.
-    fn begin_again(&mut self, stamp: i64, known: Stamped) -> i64 {
+    /// Continues with a clock that has restarted, by one of its stamps and the corrected time of that
+    /// stamp.
+    fn restart_clock(&mut self, stamp: i64, known: Stamped) -> i64 {
         self.statistics.reconnections += 1;
         self.jumped = None;
         self.shift_us = match self.timeline {
             Timeline::AsSent => 0,
-            Timeline::GoesOn => known.utime.saturating_sub(known.stamp),
+            Timeline::Continuous => known.utime.saturating_sub(known.stamp),
         };
         if self.timeline == Timeline::AsSent {
             // The rate is measured anew.
@@ -187,7 +190,7 @@ impl Gate {
 }
 
 impl Last {
-    /// Time that has passed until an arrival, as far as that can be.
+    /// Time from the last frame to an arrival; a period where that is not plausible.
     fn since(&self, arrival: i64) -> i64 {
         let pause = arrival.saturating_sub(self.arrival);
         if (1..=LONG_PAUSE_US).contains(&pause) { pause } else { self.period }
@@ -215,14 +218,14 @@ mod tests {
     /// Times that frames of these stamps are given; they arrive a period apart.
     fn times(timeline: Timeline, stamps: &[i64]) -> (Vec<i64>, SourceStatistics) {
         let arrival = |i: usize| 1_700_000_000_000_000 + i as i64 * PERIOD;
-        let mut gate = Gate::new(timeline);
+        let mut filter = TimestampFilter::new(timeline);
         let passed = stamps
             .iter()
             .enumerate()
-            .filter_map(|(i, &stamp)| gate.pass(frame(stamp), arrival(i)))
+            .filter_map(|(i, &stamp)| filter.pass(frame(stamp), arrival(i)))
             .map(|f| f.utime)
             .collect();
-        (passed, gate.statistics)
+        (passed, filter.statistics)
     }
 
     /// Stamps a period apart.
@@ -235,7 +238,7 @@ mod tests {
         for wrong in
             [1_000_000_000_000_000_000, i64::MAX, i64::MIN, -1, 0, 1, 60_000_000, 3_600_000_000]
         {
-            for timeline in [Timeline::AsSent, Timeline::GoesOn] {
+            for timeline in [Timeline::AsSent, Timeline::Continuous] {
                 let expected = clock(50_000_000, 20);
                 let mut stamps = expected.clone();
                 stamps[7] = wrong;
@@ -250,7 +253,7 @@ mod tests {
     fn a_clock_that_begins_again_loses_no_frame() {
         for start in [5, 1_000, 900_000_000, 1_600_000_000_000_000] {
             let stamps = [clock(50_000_000, 20), clock(start, 20)].concat();
-            let (found, statistics) = times(Timeline::GoesOn, &stamps);
+            let (found, statistics) = times(Timeline::Continuous, &stamps);
             assert_eq!(found, clock(50_000_000, 40), "{start}");
             assert_eq!((statistics.reconnections, statistics.lost()), (1, 0));
             let (found, statistics) = times(Timeline::AsSent, &stamps);
@@ -263,14 +266,14 @@ mod tests {
     #[test]
     fn a_clock_that_begins_again_after_less_than_a_second_loses_two_frames() {
         let stamps = [clock(1_000_000, 15), clock(1_000_000, 40)].concat();
-        let (found, statistics) = times(Timeline::GoesOn, &stamps);
+        let (found, statistics) = times(Timeline::Continuous, &stamps);
         assert_eq!((found.len(), statistics.lost()), (53, 2));
         assert!(found.is_sorted_by(|a, b| a < b));
     }
 
     #[test]
     fn stamps_of_zero_are_replaced_by_arrivals() {
-        for timeline in [Timeline::AsSent, Timeline::GoesOn] {
+        for timeline in [Timeline::AsSent, Timeline::Continuous] {
             let (found, statistics) = times(timeline, &[0; 10]);
             assert_eq!(found, clock(1_700_000_000_000_000, 10));
             assert_eq!((statistics.restamped, statistics.lost()), (10, 0));
@@ -279,9 +282,9 @@ mod tests {
 
     #[test]
     fn without_a_stamp_or_an_arrival_frames_are_a_thirtieth_of_a_second_apart() {
-        let mut gate = Gate::new(Timeline::GoesOn);
+        let mut filter = TimestampFilter::new(Timeline::Continuous);
         let found: Vec<i64> =
-            (0..5).filter_map(|_| gate.pass(frame(0), 0)).map(|f| f.utime).collect();
+            (0..5).filter_map(|_| filter.pass(frame(0), 0)).map(|f| f.utime).collect();
         assert_eq!(found, clock(0, 5));
     }
 
@@ -295,15 +298,15 @@ mod tests {
 
     #[test]
     fn a_long_pause_is_kept_where_the_arrivals_tell_it_too() {
-        let mut gate = Gate::new(Timeline::GoesOn);
+        let mut filter = TimestampFilter::new(Timeline::Continuous);
         let hour = 3_600_000_000;
         let found: Vec<i64> = [(1_000_000, 5), (1_000_000 + hour, 5 + hour + 20_000)]
             .into_iter()
-            .filter_map(|(stamp, arrival)| gate.pass(frame(stamp), arrival))
+            .filter_map(|(stamp, arrival)| filter.pass(frame(stamp), arrival))
             .map(|f| f.utime)
             .collect();
         assert_eq!(found, [1_000_000, 1_000_000 + hour]);
-        assert_eq!(gate.statistics.restamped, 0);
+        assert_eq!(filter.statistics.restamped, 0);
     }
 
     proptest! {
@@ -312,10 +315,10 @@ mod tests {
             frames in proptest::collection::vec((any::<i64>(), any::<i64>()), 1..60),
             near in proptest::collection::vec((0..3_000_000_i64, 0..3_000_000_i64), 1..60),
         ) {
-            let mut gate = Gate::new(Timeline::GoesOn);
+            let mut filter = TimestampFilter::new(Timeline::Continuous);
             let mut before = i64::MIN;
             for (stamp, arrival) in frames.into_iter().chain(near) {
-                if let Some(frame) = gate.pass(frame(stamp), arrival) {
+                if let Some(frame) = filter.pass(frame(stamp), arrival) {
                     prop_assert!(frame.utime > before, "{} after {before}", frame.utime);
                     before = frame.utime;
                 }
@@ -329,7 +332,7 @@ mod tests {
             start in 1..2_000_000_000_000_000_i64,
             goes_on: bool,
         ) {
-            let timeline = if goes_on { Timeline::GoesOn } else { Timeline::AsSent };
+            let timeline = if goes_on { Timeline::Continuous } else { Timeline::AsSent };
             let before = [stamps, near].concat();
             let lost = times(timeline, &before).1.lost();
             let all = [before, clock(start, 30)].concat();

@@ -1,22 +1,21 @@
-//! Stands for the view in a program that was built without it: it cannot be opened.
+//! The view in a program that is built without the feature `view`: it cannot be opened.
 
 use super::wanted::Wanted;
 use crate::outcome::Outcome;
 use anyhow::anyhow;
 use linkage_driver::RgbdFrame;
-use linkage_planner_bridge::service::Sights;
+use linkage_planner_bridge::service::Observations;
 use linkage_skill::Demonstration;
-use linkage_skill::object::Appearance;
-use linkage_skill::object::StoredObject;
+use linkage_skill::object::{Appearance, StoredObject};
 use linkage_skill::recognise::Recognition;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// There is none.
+/// There is no view: this type has no value.
 pub enum View {}
 
 impl View {
-    /// Tells who asks for a view that this program has none.
+    /// An error where a view is wanted: it names the feature to build with.
     pub fn open(wanted: &Wanted) -> Outcome<Option<Self>> {
         let option = match wanted {
             Wanted { mcap: Some(_), .. } => "--mcap",
@@ -46,7 +45,7 @@ impl View {
         match *self {}
     }
 
-    pub fn follow(&self, _sights: &Sights, _store: &Path, _is_over: &AtomicBool) {
+    pub fn follow(&self, _observations: &Observations, _store: &Path, _is_over: &AtomicBool) {
         match *self {}
     }
 

@@ -1,9 +1,9 @@
-//! The layout rule of the house: imports go one way.
+//! The layout rule of the repository: there are no import cycles.
 //!
-//! In: the source files of every package of the repository. Out: a failure that lists the circles,
-//! if there are any. A circle is a set of files of one package of which each imports, directly or
-//! through others, each other one: a strongly connected component of the graph of `use` lines.
-//! Such files can neither be read nor be tested one after the other.
+//! In: the source files of every package of the repository. Out: a failure that lists the cycles, if
+//! there are any. A cycle is a set of files of one package of which each imports every other one,
+//! directly or through others: a strongly connected component of the graph of `use` lines. The files of
+//! a cycle can neither be read nor be tested one after the other.
 //!
 //! What counts: `use` lines that begin with `crate`, `self`, `super` or the name of a child module,
 //! in tests too. What does not: `mod` lines, and paths that stand in the middle of code. A `mod.rs`
@@ -25,19 +25,19 @@ type Imports = BTreeMap<PathBuf, BTreeSet<PathBuf>>;
 #[test]
 fn no_file_imports_a_file_that_imports_it() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ has a parent");
-    let mut circles = BTreeSet::new();
+    let mut cycles = BTreeSet::new();
     for source in source_folders(root) {
-        for circle in circles_in(&source) {
+        for cycle in cycles_in(&source) {
             let shown = |file: &PathBuf| {
                 let inside = file.strip_prefix(root).expect("the file lies in the repository");
                 inside.display().to_string()
             };
-            circles.insert(circle.iter().map(shown).collect::<Vec<_>>());
+            cycles.insert(cycle.iter().map(shown).collect::<Vec<_>>());
         }
     }
     let listed: String =
-        circles.iter().map(|files| format!("\n  {}", files.join("\n    "))).collect();
-    assert!(circles.is_empty(), "files that import each other in a circle:{listed}");
+        cycles.iter().map(|files| format!("\n  {}", files.join("\n    "))).collect();
+    assert!(cycles.is_empty(), "files that import each other in a cycle:{listed}");
 }
 
 /// Folders `src` of all packages below a folder.
@@ -62,8 +62,8 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     entries
 }
 
-/// The circles among the files of one folder `src`.
-fn circles_in(source: &Path) -> Vec<BTreeSet<PathBuf>> {
+/// The cycles among the files of one folder `src`.
+fn cycles_in(source: &Path) -> Vec<BTreeSet<PathBuf>> {
     let mut files = Files::new();
     add_files(source, &ModulePath::new(), &mut files);
     let mut imports = Imports::new();
@@ -273,8 +273,8 @@ fn reached_from<'i>(file: &PathBuf, imports: &'i Imports) -> BTreeSet<&'i PathBu
     reached
 }
 
-/// A made-up package: the circles among its files, by their paths in `src`.
-fn circles_of(made_up: &[(&str, &str)]) -> Vec<Vec<String>> {
+/// A synthetic package: the cycles among its files, by their paths in `src`.
+fn cycles_of(made_up: &[(&str, &str)]) -> Vec<Vec<String>> {
     let folder = tempfile::tempdir().unwrap();
     for (path, text) in made_up {
         let file = folder.path().join(path);
@@ -282,14 +282,14 @@ fn circles_of(made_up: &[(&str, &str)]) -> Vec<Vec<String>> {
         fs::write(file, text).unwrap();
     }
     let inside = |file: &PathBuf| file.strip_prefix(folder.path()).unwrap().display().to_string();
-    let circles = circles_in(folder.path());
-    circles.iter().map(|circle| circle.iter().map(inside).collect()).collect()
+    let cycles = cycles_in(folder.path());
+    cycles.iter().map(|cycle| cycle.iter().map(inside).collect()).collect()
 }
 
 #[test]
-fn a_circle_is_found_through_crate_super_self_and_child_paths() {
+fn a_cycle_is_found_through_crate_super_self_and_child_paths() {
     let through = |of_drawer: &str, of_handle: &str| {
-        circles_of(&[
+        cycles_of(&[
             ("lib.rs", "mod kitchen;\n"),
             ("kitchen/mod.rs", "mod drawer; mod handle; pub struct Kitchen;"),
             ("kitchen/drawer.rs", of_drawer),
@@ -302,7 +302,7 @@ fn a_circle_is_found_through_crate_super_self_and_child_paths() {
     assert_eq!(through(grouped, "use super::drawer::Drawer;"), both);
     let in_tests = "mod tests { use super::*; use super::super::handle::Handle; }";
     assert_eq!(through(in_tests, "use super::drawer::*;"), both);
-    // One way is no circle, nor is what stands in a comment or in a string.
+    // One way is no cycle, nor is what stands in a comment or in a string.
     assert!(through("use super::handle::Handle;", "").is_empty());
     let no_import = "// use super::drawer::A;\nconst A: &str = \"use super::drawer::A;\";";
     assert!(through("use super::handle::Handle;", no_import).is_empty());
@@ -311,7 +311,7 @@ fn a_circle_is_found_through_crate_super_self_and_child_paths() {
 #[test]
 fn a_folder_and_a_file_in_it_may_not_import_each_other() {
     let with = |of_folder: &str| {
-        circles_of(&[
+        cycles_of(&[
             ("main.rs", "mod kitchen; use kitchen::Kitchen;"),
             ("kitchen/mod.rs", of_folder),
             ("kitchen/drawer.rs", "use super::Kitchen;"),
@@ -324,12 +324,12 @@ fn a_folder_and_a_file_in_it_may_not_import_each_other() {
 }
 
 #[test]
-fn a_circle_of_three_files_is_one_circle() {
-    let circles = circles_of(&[
+fn a_cycle_of_three_files_is_one_cycle() {
+    let cycles = cycles_of(&[
         ("lib.rs", "mod a; mod b; mod c;"),
         ("a.rs", "use crate::b::B;"),
         ("b.rs", "use crate::c::C;"),
         ("c.rs", "use crate::a::A;"),
     ]);
-    assert_eq!(circles, [["a.rs", "b.rs", "c.rs"]]);
+    assert_eq!(cycles, [["a.rs", "b.rs", "c.rs"]]);
 }

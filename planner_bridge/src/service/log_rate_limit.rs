@@ -1,6 +1,6 @@
-//! Keeps a flood of errors from filling a disk: the more of them come without a pause, the fewer are
-//! logged, and each line tells how many others were left out before it. An error that repeats the one
-//! before it is none.
+//! A rate limit for the log: errors that come without a pause do not fill the disk. The longer they go
+//! on, the fewer are logged, and each line tells how many were left out before it. The caller does not
+//! count an error that repeats the one before it.
 
 use std::time::{Duration, Instant};
 
@@ -12,19 +12,19 @@ const LONGEST: Duration = Duration::from_secs(30);
 /// Which errors are logged. The time between two lines doubles while errors come, up to
 /// half a minute, and is short again after as long without one.
 #[derive(Debug)]
-pub struct LogLimit {
+pub struct LogRateLimit {
     pause: Duration,
     logged: Option<Instant>,
     left_out: u64,
 }
 
-impl Default for LogLimit {
+impl Default for LogRateLimit {
     fn default() -> Self {
         Self { pause: SHORTEST, logged: None, left_out: 0 }
     }
 }
 
-impl LogLimit {
+impl LogRateLimit {
     /// An error came: `Some` if it is to be logged, with the number of those before it that
     /// were not.
     pub fn admit(&mut self, now: Instant) -> Option<u64> {
@@ -46,7 +46,7 @@ mod tests {
 
     #[test]
     fn of_a_flood_that_lasts_an_hour_few_lines_are_logged_and_none_is_uncounted() {
-        let (mut limit, start) = (LogLimit::default(), Instant::now());
+        let (mut limit, start) = (LogRateLimit::default(), Instant::now());
         let (mut lines, mut counted) = (0, 0);
         for i in 0..36_000 {
             if let Some(left_out) = limit.admit(start + Duration::from_millis(100 * i)) {
@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn single_errors_are_all_logged_and_a_pause_ends_a_flood() {
-        let (mut limit, mut now) = (LogLimit::default(), Instant::now());
+        let (mut limit, mut now) = (LogRateLimit::default(), Instant::now());
         for _ in 0..10 {
             assert_eq!(limit.admit(now), Some(0));
             now += Duration::from_secs(61);

@@ -1,26 +1,28 @@
-//! A short animation: small pictures that follow each other, by style alone.
+//! A short animation: small pictures that CSS shows one after the other.
 //!
-//! It plays without a network and without a script. It is bounded in bytes, stops while the pointer is
-//! on it, and is a still picture on paper and for those who asked their system for less motion.
+//! It needs no network and no script. It is bounded in bytes, pauses while the pointer is on it, and is
+//! a still picture on paper and where the system is set to reduced motion.
 
 use anyhow::anyhow;
 use base64::Engine;
 use linkage_driver::{ColorImage, jpeg};
 use maud::{Markup, PreEscaped, html};
 
-/// Most pictures of an animation.
+/// Largest number of pictures of an animation.
 pub const MOST_FRAMES: usize = 24;
 /// Width of a picture, pixels.
 pub const WIDTH: i32 = 400;
 /// Quality of pictures, of 100.
 const JPEG_QUALITY: u8 = 72;
-/// Most bytes of all pictures of an animation; where they are more, every second one is left out.
+/// Largest size of all pictures of an animation together, bytes; where they are larger, every second
+/// picture is left out.
 const MOST_BYTES: usize = 500_000;
-/// Time that a picture stays, seconds.
+/// Time for which a picture is shown, seconds.
 const FRAME_S: f64 = 0.16;
 
-/// An animation; the picture numbered `still` is what is printed. Nothing, where there are no pictures.
-pub fn reel(frames: &[ColorImage], still: usize, caption: &str) -> anyhow::Result<Markup> {
+/// An animation. The picture with the number `still` is the one that is printed. Empty where there
+/// are no pictures.
+pub fn animation(frames: &[ColorImage], still: usize, caption: &str) -> anyhow::Result<Markup> {
     let pictures: Vec<Vec<u8>> = frames
         .iter()
         .map(|frame| {
@@ -28,19 +30,19 @@ pub fn reel(frames: &[ColorImage], still: usize, caption: &str) -> anyhow::Resul
                 .map_err(|e| anyhow!("a picture of \"{caption}\" cannot be written as JPEG: {e}"))
         })
         .collect::<anyhow::Result<_>>()?;
-    let chosen = within(&pictures, still);
+    let chosen = within_size(&pictures, still);
     let Some(first) = frames.first() else { return Ok(html! {}) };
     let (width, height, count) = (first.width(), first.height(), chosen.len());
-    // Each picture is seen for its share of a round.
+    // Each picture is visible for its share of the duration.
     let style = format!(
-        "@keyframes reel{count}{{0%{{visibility:visible}}{:.3}%,100%{{visibility:hidden}}}}",
+        "@keyframes frames{count}{{0%{{visibility:visible}}{:.3}%,100%{{visibility:hidden}}}}",
         100.0 / count as f64
     );
-    let round = format!("--reel:reel{count};--round:{:.2}s", FRAME_S * count as f64);
+    let timing = format!("--frames:frames{count};--duration:{:.2}s", FRAME_S * count as f64);
     Ok(html! {
         figure {
             style { (PreEscaped(style)) }
-            div.reel style=(round) {
+            div.animation style=(timing) {
                 @for (i, &number) in chosen.iter().enumerate() {
                     @let data = base64::engine::general_purpose::STANDARD.encode(&pictures[number]);
                     @let begin = format!("animation-delay:{:.2}s", FRAME_S * i as f64);
@@ -54,8 +56,8 @@ pub fn reel(frames: &[ColorImage], still: usize, caption: &str) -> anyhow::Resul
     })
 }
 
-/// Numbers of pictures that together are no larger than allowed; the still one is always there.
-fn within(pictures: &[Vec<u8>], still: usize) -> Vec<usize> {
+/// Numbers of pictures that together are at most [`MOST_BYTES`] large; the still one is always kept.
+fn within_size(pictures: &[Vec<u8>], still: usize) -> Vec<usize> {
     let mut chosen: Vec<usize> = (0..pictures.len()).collect();
     let bytes = |chosen: &[usize]| chosen.iter().map(|&i| pictures[i].len()).sum::<usize>();
     while bytes(&chosen) > MOST_BYTES && chosen.len() > 1 {
@@ -65,7 +67,7 @@ fn within(pictures: &[Vec<u8>], still: usize) -> Vec<usize> {
             place += 1;
             place % 2 == 1 || i == still
         });
-        // The still one alone, where no others can be left out.
+        // The still one alone, where nothing else can be left out.
         if chosen.len() == before || (chosen.len() <= 2 && bytes(&chosen) > MOST_BYTES) {
             chosen.retain(|&i| i == still);
             break;
@@ -85,7 +87,7 @@ mod tests {
     #[test]
     fn each_picture_has_its_time_and_one_is_the_still() {
         let frames = [frame(0), frame(100), frame(200)];
-        let page = reel(&frames, 1, "a door opens").unwrap().into_string();
+        let page = animation(&frames, 1, "a door opens").unwrap().into_string();
         assert_eq!(page.matches("<img").count(), 3);
         assert_eq!(page.matches("class=\"still\"").count(), 1);
         assert!(page.contains("alt=\"a door opens\""), "{page}");
@@ -97,15 +99,15 @@ mod tests {
     #[test]
     fn large_pictures_are_thinned_until_they_fit_and_the_still_one_stays() {
         let sizes = |size: usize, count: usize| vec![vec![0; size]; count];
-        assert_eq!(within(&sizes(100, 24), 5).len(), 24);
-        let thinned = within(&sizes(60_000, 24), 5);
+        assert_eq!(within_size(&sizes(100, 24), 5).len(), 24);
+        let thinned = within_size(&sizes(60_000, 24), 5);
         assert!(thinned.contains(&5) && thinned.len() * 60_000 <= MOST_BYTES, "{thinned:?}");
-        assert_eq!(within(&sizes(2 * MOST_BYTES, 3), 1), [1]);
-        assert_eq!(within(&[], 0), [0_usize; 0]);
+        assert_eq!(within_size(&sizes(2 * MOST_BYTES, 3), 1), [1]);
+        assert_eq!(within_size(&[], 0), [0_usize; 0]);
     }
 
     #[test]
     fn without_pictures_there_is_no_animation() {
-        assert_eq!(reel(&[], 0, "nothing").unwrap().into_string(), "");
+        assert_eq!(animation(&[], 0, "nothing").unwrap().into_string(), "");
     }
 }

@@ -1,0 +1,90 @@
+//! The features of the object: they are described in several keyframes, and views of one point are
+//! merged.
+
+use super::occupancy::cell;
+use super::part_labels::{LabelGrid, PosedFrame};
+use super::region::Region;
+use crate::features::quantised::{product, quantise, similarity};
+use crate::features::{FeatureDensity, FeatureKind, Keypoints};
+use crate::object::appearance::ModelFeature;
+use linkage_frames::depth::NormalMap;
+use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
+
+/// Views of one point are merged within this distance, metres.
+const MERGE_M: f64 = 0.015;
+
+/// Part and cell.
+type PlaceKey = (u16, [i32; 3]);
+
+/// The features that a keyframe shows on the object, in the object frame at configuration 0.
+pub fn seen_features(
+    posed: &PosedFrame,
+    grid: &LabelGrid,
+    region: &Region,
+    normals: &NormalMap,
+) -> opencv::Result<Vec<ModelFeature>> {
+    let on_a_part = |u, v| grid.at(u, v).is_some();
+    let keypoints = Keypoints::new(posed.frame, FeatureDensity::Model, on_a_part)?;
+    let placed = keypoints.describe(posed.frame, normals)?.into_iter().filter_map(|feature| {
+        let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
+        let (part, point) = (grid.at(u, v)?, feature.point?);
+        let pose = posed.camera_from_part[usize::from(part)]?;
+        let at_rest = pose.inverse_transform_point(&point);
+        let own = part != 0 || region.is_own_base(&region.features, &at_rest, point.z);
+        own.then(|| ModelFeature {
+            part,
+            kind: feature.kind,
+            point: at_rest.coords.map(|x| x as f32).into(),
+            normal: pose.inverse_transform_vector(&feature.normal).map(|x| x as f32).into(),
+            size_m: feature.size as f32,
+            descriptor: quantise(&feature.descriptor).to_vec(),
+        })
+    });
+    Ok(placed.collect())
+}
+
+/// Views of one point (same part and kind, near, similar size and descriptor) become one feature; those
+/// seen most often are kept first. Each comes with the number of its keyframe.
+pub fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<ModelFeature> {
+    let mut cells: HashMap<PlaceKey, Vec<usize>> = HashMap::new();
+    for (i, (f, _)) in features.iter().enumerate() {
+        let p = Point3::from(Vector3::from(f.point).map(f64::from));
+        cells.entry((f.part, cell(&p, 2.0 * MERGE_M))).or_default().push(i);
+    }
+    let mut groups: Vec<(PlaceKey, Vec<usize>)> = cells.into_iter().collect();
+    groups.sort_by_key(|(key, _)| *key);
+    let mut kept: Vec<(usize, usize)> = Vec::new();
+    for (_, mut members) in groups {
+        while let Some((best, support)) = members
+            .iter()
+            .map(|&i| {
+                (i, members.iter().filter(|&&j| alike(&features[i].0, &features[j].0)).count())
+            })
+            .max_by_key(|&(i, support)| (support, std::cmp::Reverse(i)))
+        {
+            kept.push((best, support));
+            members.retain(|&j| !alike(&features[best].0, &features[j].0));
+        }
+    }
+    kept.sort_by_key(|&(i, support)| (std::cmp::Reverse(support), i));
+    let mut taken: HashMap<(u16, FeatureKind), usize> = HashMap::new();
+    let mut result: Vec<ModelFeature> = Vec::new();
+    for (i, _) in kept {
+        let feature = &features[i].0;
+        let count = taken.entry((feature.part, feature.kind)).or_default();
+        if *count < per_part / 2 {
+            *count += 1;
+            result.push(feature.clone());
+        }
+    }
+    result.sort_by_key(|f| f.part);
+    result
+}
+
+fn alike(a: &ModelFeature, b: &ModelFeature) -> bool {
+    let apart = Vector3::from(a.point) - Vector3::from(b.point);
+    let size = (a.size_m / b.size_m).ln().abs();
+    let distance_sq = 2.0 - 2.0 * similarity(product(&a.descriptor, &b.descriptor));
+    a.kind == b.kind && f64::from(apart.norm()) < MERGE_M && size < 0.3 && distance_sq < 0.2
+}

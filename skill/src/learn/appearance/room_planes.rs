@@ -1,0 +1,130 @@
+//! Planes of the room in which the demonstration took place: floor, table, wall. They lead away from
+//! what moved, and do not belong to the object.
+
+use super::occupancy::Occupancy;
+use super::part_labels::PosedFrame;
+use crate::math::rigid::plane_through;
+use linkage_frames::depth::{NormalMap, depth_sigma};
+use nalgebra::{Point3, Vector3};
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+/// Two fifths of a plane of the room lie farther than this from what moved, metres.
+const ROOM_CLEARANCE_M: f64 = 0.2;
+/// A tenth of a plane of the room lies farther than this from what moved, metres, or the plane leaves
+/// the picture: floor, table and wall are large, a foot under a seat is not.
+const ROOM_REACH_M: f64 = 0.5;
+/// Samples at the picture's border that a plane has which leaves the picture.
+const MIN_BORDER_SAMPLES: usize = 4;
+/// A pixel that is at most this far from the border lies at it.
+const BORDER_PX: usize = 16;
+
+/// A plane of the room, in the object frame.
+pub struct Plane {
+    normal: Vector3<f64>,
+    through: Point3<f64>,
+}
+
+impl Plane {
+    fn holds(&self, p: &Point3<f64>, z: f64) -> bool {
+        self.normal.dot(&(p - self.through)).abs() < 0.012 + 3.0 * depth_sigma(z)
+    }
+
+    fn carries(&self, s: &Sample) -> bool {
+        self.holds(&s.point, s.z) && s.normal.dot(&self.normal) > 0.93
+    }
+}
+
+/// A point at depth `z`, metres, lies on a plane of the room.
+pub fn is_room(room: &[Plane], p: &Point3<f64>, z: f64) -> bool {
+    room.iter().any(|plane| plane.holds(p, z))
+}
+
+/// A piece of surface in the object frame.
+struct Sample {
+    point: Point3<f64>,
+    normal: Vector3<f64>,
+    /// Its depth when seen.
+    z: f64,
+    /// It was seen at the picture's border.
+    at_border: bool,
+}
+
+/// Samples of the surface that a keyframe shows; none where the camera's pose is not known.
+fn surface_samples(posed: &PosedFrame) -> Vec<Sample> {
+    let (frame, Some(camera_from_object)) = (posed.frame, posed.camera_from_part[0]) else {
+        return Vec::new();
+    };
+    let normals = NormalMap::new(&frame.depth, &frame.camera);
+    let mut samples = Vec::new();
+    let (width, height) = (frame.camera.width, frame.camera.height);
+    let near_border = |x: usize, side: usize| x < BORDER_PX || x + BORDER_PX >= side;
+    for v in (0..height).step_by(6) {
+        for u in (0..width).step_by(6) {
+            let (Some(p), Some(n)) = (frame.point_at(u, v), normals.at(u, v)) else { continue };
+            if p.z < 3.5 {
+                samples.push(Sample {
+                    point: camera_from_object.inverse_transform_point(&p),
+                    normal: camera_from_object.inverse_transform_vector(&n.normal),
+                    z: p.z,
+                    at_border: near_border(u, width) || near_border(v, height),
+                });
+            }
+        }
+    }
+    samples
+}
+
+/// Planes of the first keyframe that lead away from what moved: floor, table, wall.
+pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> {
+    let mut left = first.map(surface_samples).unwrap_or_default();
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let mut planes = Vec::new();
+    for _ in 0..8 {
+        if left.len() < 150 {
+            break;
+        }
+        let mut best: (usize, Option<Plane>) = (0, None);
+        let mut order: Vec<usize> = (0..left.len()).collect();
+        order.partial_shuffle(&mut rng, 80);
+        for &i in order.iter().rev().take(80) {
+            let plane = Plane { normal: left[i].normal, through: left[i].point };
+            let count = left.iter().filter(|s| plane.carries(s)).count();
+            if count > best.0 {
+                best = (count, Some(plane));
+            }
+        }
+        let (count, Some(plane)) = best else { break };
+        if count < 120 {
+            break;
+        }
+        // One pixel's normal is noisy: the plane is fitted to all that follow it, twice.
+        let plane = refitted(&refitted(&plane, &left), &left);
+        let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| plane.carries(s));
+        left = off;
+        if leads_away(&on, swept) {
+            planes.push(plane);
+        }
+    }
+    planes
+}
+
+/// A plane goes far away from what moved, or leaves the picture.
+fn leads_away(plane: &[Sample], swept: &Occupancy) -> bool {
+    let beyond = |distance: f64| {
+        plane.iter().filter(|s| swept.is_far_from(&s.point, distance)).count() as f64
+            / plane.len() as f64
+    };
+    let leaves = plane.iter().filter(|s| s.at_border).count() >= MIN_BORDER_SAMPLES;
+    beyond(ROOM_CLEARANCE_M) > 0.4 && (leaves || beyond(ROOM_REACH_M) > 0.1)
+}
+
+/// The plane that fits best to all samples that lie on this one.
+fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
+    let on: Vec<Point3<f64>> =
+        samples.iter().filter(|s| plane.carries(s)).map(|s| s.point).collect();
+    let (through, normal) = plane_through(&on);
+    let facing = normal.dot(&plane.normal).signum();
+    Plane { normal: normal * facing, through }
+}
