@@ -78,7 +78,7 @@ impl LearningWorker {
     ) -> Result<Learned, String> {
         let demonstration = learner.finish(object).map_err(|e| e.to_string())?;
         if demonstration.model.joints.is_empty() {
-            return Err("nothing articulated moves; nothing was learned".to_owned());
+            return Err(demonstration.why_nothing());
         }
         let mut store = Store::open_or_create(&self.store).map_err(|e| e.to_string())?;
         let is_cancelled = || cancelled.load(Ordering::Relaxed);

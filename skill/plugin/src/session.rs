@@ -82,7 +82,7 @@ impl Skill {
         let (object, learner) = self.demonstration.take().ok_or_else(no_demonstration)?;
         let demonstration = learner.finish(&object).map_err(|e| learning(&object, e))?;
         if demonstration.model.joints.is_empty() {
-            let why = format!("{object}: nothing articulated moves; nothing was learned");
+            let why = format!("{object}: {}", demonstration.why_nothing());
             return Err(Failure::no_answer(why));
         }
         let provenance = Provenance {

@@ -37,6 +37,15 @@ pub struct Demonstration {
     pub times: StageTimes,
 }
 
+impl Demonstration {
+    /// Why there is no joint, as a sentence without its full stop: for a demonstration that shows none.
+    pub fn why_nothing(&self) -> String {
+        let unclear = self.rejections.iter().find(|r| r.needs_more);
+        let why = unclear.map_or("nothing articulated moves", |r| &r.reason);
+        format!("{why}; nothing was learned")
+    }
+}
+
 /// Puts a demonstration together: the base and one part a joint, with poses and grasps.
 pub(super) fn assemble(
     object: &str,

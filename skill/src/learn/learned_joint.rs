@@ -30,11 +30,13 @@ pub struct RejectedCandidate {
     pub frames: usize,
     /// Why it was rejected, as a sentence without its full stop.
     pub reason: String,
+    /// It may well be a part: a demonstration that shows more of its motion would tell.
+    pub needs_more: bool,
 }
 
 impl fmt::Display for RejectedCandidate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { kind, tracks, frames, reason } = self;
+        let Self { kind, tracks, frames, reason, .. } = self;
         write!(f, "a {} candidate ({tracks} tracks, {frames} frames): {reason}", kind.name())
     }
 }
@@ -103,6 +105,7 @@ mod tests {
             tracks: 12,
             frames: 40,
             reason: "it hardly moves".to_owned(),
+            needs_more: false,
         };
         let said = "a prismatic candidate (12 tracks, 40 frames): it hardly moves";
         assert_eq!(rejected.to_string(), said);

@@ -238,9 +238,7 @@ fn learn_joints(
             if !config.planes.enabled {
                 return found;
             }
-            let LearnedJoints { joints, rejections } = found;
-            let joints = times.measure("planes", || plane_hinges::complete(joints, recording));
-            LearnedJoints { joints, rejections }
+            times.measure("planes", || plane_hinges::complete(found, recording))
         }
     }
 }

@@ -53,10 +53,8 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
         view.close()?;
     }
     let Some(object) = object else {
-        return Err(Failure::no_answer(format!(
-            "{}: nothing articulated moves; nothing was learned",
-            args.sources.join(", ")
-        )));
+        let why = first.why_nothing();
+        return Err(Failure::no_answer(format!("{}: {why}", args.sources.join(", "))));
     };
     let again = |known: Option<&StoredObject>| {
         let object = remember_all(known, &all, &config)?;

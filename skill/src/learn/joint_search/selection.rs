@@ -48,6 +48,7 @@ pub fn rejections(search: &SearchState, candidates: &[JointEstimate]) -> Vec<Rej
                 tracks: joint.members.len(),
                 frames: joint.known_frames().len(),
                 reason: reason(joint)?.to_string(),
+                needs_more: false,
             };
             tracing::debug!(%rejection, "rejected");
             Some(rejection)

@@ -19,7 +19,7 @@ impl Candidate {
     pub(super) fn rejected(&self, reason: String) -> RejectedCandidate {
         let kind = self.fit.geometry.kind;
         let (tracks, frames) = (self.motion.tracks.len(), self.frames.len());
-        RejectedCandidate { kind, tracks, frames, reason }
+        RejectedCandidate { kind, tracks, frames, reason, needs_more: false }
     }
 }
 

@@ -11,7 +11,7 @@ use nalgebra::{
 use rayon::prelude::*;
 
 /// Turn between two planes that can suggest a hinge, radians.
-const PAIR_TURN_RAD: std::ops::Range<f64> = 0.15..2.2;
+const PAIR_TURN_RAD: std::ops::Range<f64> = 0.12..2.2;
 /// Largest sine of the angle between hinge and plane.
 const MAX_TILT: f64 = 0.08;
 /// Largest distance of hinge and plane, metres.

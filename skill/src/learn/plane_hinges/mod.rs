@@ -20,14 +20,14 @@ mod plain_part;
 mod plane_segments;
 mod planes_about_axis;
 
-use super::learned_joint::LearnedJoint;
+use super::learned_joint::{LearnedJoint, LearnedJoints};
 use super::recording::Recording;
 use crate::math::rigid::{distance_to_line, line_angle};
 use crate::math::robust::Moments;
 use crate::object::model::Joint;
 use extend_range::{extend, extend_to};
 use hinge::candidates;
-use plain_part::{PlainPart, follow_candidate};
+use plain_part::{Followed, PlainPart, follow_candidate};
 use plane_segments::{PlanePatch, Sampling, moving_patches};
 
 /// Largest angle between the axes of a hinge that tracks showed and of a plain part's hinge that is
@@ -50,7 +50,8 @@ const SAME_TIME_S: f64 = 1e-4;
 
 /// What planes add to the joints that tracks showed: hinges that no track showed, and configurations
 /// where tracks were lost.
-pub fn complete(mut joints: Vec<LearnedJoint>, recording: &Recording) -> Vec<LearnedJoint> {
+pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
+    let LearnedJoints { mut joints, mut rejections } = found;
     extend(&mut joints, recording);
     let is_chain = joints.iter().any(|j| j.joint.parent != 0);
     if !is_chain {
@@ -61,7 +62,8 @@ pub fn complete(mut joints: Vec<LearnedJoint>, recording: &Recording) -> Vec<Lea
     }
     let mut plain: Vec<LearnedJoint> = Vec::new();
     let mut known: Vec<LearnedJoint> = Vec::new();
-    for part in search(recording) {
+    let PlainParts { parts, unknown_lines } = search(recording);
+    for part in parts {
         let mut learned = part.to_learned(recording);
         if !is_chain {
             take_over(&mut joints, &mut learned);
@@ -96,7 +98,13 @@ pub fn complete(mut joints: Vec<LearnedJoint>, recording: &Recording) -> Vec<Lea
     }
     number(&mut plain, joints.len() + 1);
     joints.append(&mut plain);
-    joints
+    // A part that tracks show as well is no riddle.
+    let is_told = |part: &PlainPart| {
+        let learned = part.to_learned(recording);
+        joints.iter().any(|j| moves_together(j, &learned))
+    };
+    rejections.extend(unknown_lines.iter().filter(|p| !is_told(p)).map(PlainPart::unknown_line));
+    LearnedJoints { joints, rejections }
 }
 
 /// A plain part takes the place of a joint whose tracks show less of the same hinge: they were lost as
@@ -158,23 +166,35 @@ fn shows_less(tracked: &Joint, plain: &Joint) -> bool {
     is_same_hinge(tracked, plain) && turn(tracked) < LESS_OF_THE_RANGE * turn(plain)
 }
 
+/// Plain parts that turn.
+#[derive(Default)]
+struct PlainParts {
+    /// Those whose hinge is known.
+    parts: Vec<PlainPart>,
+    /// Those that turned too little to tell where their hinge is.
+    unknown_lines: Vec<PlainPart>,
+}
+
 /// Finds plain parts that turn, those that tracks showed among them: what their planes explain must
 /// not suggest other parts.
-fn search(recording: &Recording) -> Vec<PlainPart> {
+fn search(recording: &Recording) -> PlainParts {
     let mut patches = moving_patches(recording, Sampling::Coarse, None);
-    let mut found = Vec::new();
+    let mut found = PlainParts::default();
     let mut followed = 0;
     'next: while followed < MOST_FOLLOWED {
         for candidate in candidates(&patches, MOST_FOLLOWED - followed) {
             followed += 1;
-            if let Some(part) = follow_candidate(&candidate, &patches, recording) {
-                // What the plane of one part explains, no other joint needs to explain.
-                patches = without(patches, &part.support);
-                if !part.jumps() {
-                    found.push(part);
-                }
-                continue 'next;
+            let (part, of_its_kind) = match follow_candidate(&candidate, &patches, recording) {
+                Followed::Part(part) => (part, &mut found.parts),
+                Followed::LineUnknown(part) => (part, &mut found.unknown_lines),
+                Followed::Nothing => continue,
+            };
+            // What the plane of one part explains, no other joint needs to explain.
+            patches = without(patches, &part.support);
+            if !part.jumps() {
+                of_its_kind.push(part);
             }
+            continue 'next;
         }
         break;
     }
@@ -249,7 +269,7 @@ mod tests {
     #[test]
     fn a_plain_door_is_learned_by_its_planes_alone() {
         let recording = recording(24, turn);
-        let learned = complete(Vec::new(), &recording);
+        let learned = complete(LearnedJoints::default(), &recording).joints;
         assert_eq!(learned.len(), 1);
         let LearnedJoint { joint, base_from_part, plain_surface, .. } = &learned[0];
         let (axis, origin) = (Vector3::from(joint.axis), Point3::from(joint.origin));
@@ -280,7 +300,8 @@ mod tests {
         let (double, door) =
             (tracked(0.5 * MEAGRE_GAIN, 2.1, 0.5), tracked(5.0 * MEAGRE_GAIN, 2.0, 1.0));
         for joints in [vec![double.clone(), door.clone()], vec![door, double]] {
-            let learned = complete(joints, &recording);
+            let found = LearnedJoints { joints, rejections: Vec::new() };
+            let learned = complete(found, &recording).joints;
             assert_eq!(learned.len(), 1);
             assert_eq!(learned[0].joint.log_likelihood, 5.0 * MEAGRE_GAIN);
             let turned = learned[0].joint.range[1] - learned[0].joint.range[0];
@@ -292,7 +313,8 @@ mod tests {
     fn a_door_that_stays_closed_or_stands_open_is_no_joint() {
         for stays in [0.0, 1.0] {
             let recording = recording(24, |_| stays);
-            assert!(complete(Vec::new(), &recording).is_empty());
+            let found = complete(LearnedJoints::default(), &recording);
+            assert!(found.joints.is_empty() && found.rejections.is_empty());
         }
     }
 

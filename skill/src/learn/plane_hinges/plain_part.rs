@@ -7,7 +7,7 @@ use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
-use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
+use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate, orient, range_of};
 use crate::learn::recording::Recording;
 use crate::learn::tracking::Trajectory;
 use crate::math::rigid::orthonormal_basis;
@@ -18,8 +18,10 @@ use std::collections::BTreeMap;
 
 /// Fewest keyframes that show the part.
 const MIN_KEYFRAMES: usize = 8;
-/// Least turn, radians.
-const MIN_TURN_RAD: f64 = 0.35;
+/// Least turn, radians, of a part that most keyframes have a plane of, and of another: a limb may turn
+/// by less for a while.
+const MIN_TURN_RAD: f64 = 0.2;
+const MIN_TURN_OF_FEW_PLANES_RAD: f64 = 0.35;
 /// Largest root mean square distance of the planes from where the hinge puts them, metres.
 const MAX_RMSE_M: f64 = 0.008;
 /// Largest share of the part's points that may be seen through.
@@ -42,7 +44,7 @@ const REST_KEYFRAMES: usize = 4;
 /// Turn that it may make meanwhile, radians.
 const REST_RAD: f64 = 0.03;
 /// Least turn between the planes of a part, radians: following alone does not make a hinge.
-const MIN_TURN_OF_PLANES_RAD: f64 = 0.25;
+const MIN_TURN_OF_PLANES_RAD: f64 = 0.15;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
 /// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must
@@ -55,6 +57,42 @@ const EDGE_AGREES_M: f64 = 0.001;
 /// Error of a line's place that all planes share, metres: ledges and the part's thickness shift its
 /// planes.
 const SYSTEMATIC_M: f64 = 0.005;
+
+/// The one doubt about a part that is one: where its hinge is.
+const LINE_UNKNOWN: &str = "it turns too little to tell about which line";
+
+/// What was found about a candidate's line.
+pub enum Followed {
+    /// A part with its hinge.
+    Part(PlainPart),
+    /// A part that turned too little to tell where its hinge is.
+    LineUnknown(PlainPart),
+    /// No part.
+    Nothing,
+}
+
+impl Followed {
+    fn of(part: PlainPart) -> Self {
+        let doubt = part.doubt();
+        part.trace(doubt);
+        match doubt {
+            None => Self::Part(part),
+            Some(LINE_UNKNOWN) => Self::LineUnknown(part),
+            Some(_) => Self::Nothing,
+        }
+    }
+
+    /// Of two followings of one candidate the better.
+    fn better(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::Part(a), Self::Part(b)) => {
+                Self::Part(if b.agrees_better_than(&a) { b } else { a })
+            }
+            (part @ Self::Part(_), _) | (_, part @ Self::Part(_)) => part,
+            (unknown @ Self::LineUnknown(_), _) | (_, unknown) => unknown,
+        }
+    }
+}
 
 /// A plain part that turns.
 pub struct PlainPart {
@@ -80,30 +118,29 @@ pub fn follow_candidate(
     candidate: &Candidate,
     patches: &[PlanePatch],
     recording: &Recording,
-) -> Option<PlainPart> {
-    let rough = candidate.hinge(patches, &candidate.support, &FaceEdge::default())?;
+) -> Followed {
+    let rough = candidate.hinge(patches, &candidate.support, &FaceEdge::default());
+    let Some(rough) = rough.filter(|r| r.turns.len() >= MIN_KEYFRAMES) else {
+        return Followed::Nothing;
+    };
     let [low, high] = rough.range();
-    if rough.turns.len() < MIN_KEYFRAMES || high - low < MIN_TURN_RAD {
-        return None;
+    if high - low < MIN_TURN_RAD {
+        return Followed::Nothing;
     }
     let within = |beyond: f64| {
         let range = [low - beyond, high + beyond];
         let parts = rough.ends().into_iter().filter_map(|seed| {
             let surface = surface_of(seed, &rough, candidate, patches);
-            let part = followed(&surface, &rough, range, candidate, patches, recording)?;
-            let doubt = part.doubt();
-            part.trace(doubt);
-            doubt.is_none().then_some(part)
+            followed(&surface, &rough, range, candidate, patches, recording)
         });
-        parts.max_by(|a, b| {
-            let less_known = b.place_sigma().total_cmp(&a.place_sigma());
-            a.agreement().total_cmp(&b.agreement()).then(less_known)
-        })
+        parts.map(Followed::of).fold(Followed::Nothing, Followed::better)
     };
     let [near, far] = BEYOND_RAD.map(within);
     match (near, far) {
-        (Some(near), Some(far)) => Some(if far.explains_more_than(&near) { far } else { near }),
-        (near, far) => near.or(far),
+        (Followed::Part(near), Followed::Part(far)) => {
+            Followed::Part(if far.explains_more_than(&near) { far } else { near })
+        }
+        (near, far) => near.better(far),
     }
 }
 
@@ -176,6 +213,13 @@ impl PlainPart {
         self.hinge.reach()
     }
 
+    /// More of its planes agree with it than with another following of them, or as many do and its line
+    /// is known better.
+    fn agrees_better_than(&self, other: &Self) -> bool {
+        let more = self.agreement().total_cmp(&other.agreement());
+        more.then(other.place_sigma().total_cmp(&self.place_sigma())).is_gt()
+    }
+
     /// How many planes agree with it, each the less the farther they are from where it puts them.
     fn agreement(&self) -> f64 {
         self.support.len() as f64 * (1.0 - (self.hinge.rmse / MAX_RMSE_M).powi(2))
@@ -189,13 +233,9 @@ impl PlainPart {
             if self.has_many_planes() { MAX_VIOLATION } else { FEW_PLANES_VIOLATION };
         let reasons = [
             (self.support.len() < MIN_KEYFRAMES, "few planes lie about the line"),
-            (high - low < MIN_TURN_RAD, "it hardly turns"),
+            (high - low < self.least_turn(), "it hardly turns"),
             (self.turn_of_planes() < MIN_TURN_OF_PLANES_RAD, "its planes do not turn"),
             (self.hinge.rmse > MAX_RMSE_M, "its planes do not keep their distance"),
-            (
-                self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M,
-                "it turns too little to tell about which line",
-            ),
             (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
             (seen.free_space_violation() > max_violation, "it is seen through"),
@@ -205,8 +245,13 @@ impl PlainPart {
             ),
             (seen.shown_ratio() < LEAST_KEYFRAMES, "few pictures show it"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
+            (self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M, LINE_UNKNOWN),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+    }
+
+    fn least_turn(&self) -> f64 {
+        if self.has_many_planes() { MIN_TURN_RAD } else { MIN_TURN_OF_FEW_PLANES_RAD }
     }
 
     /// At least half of the keyframes have a plane of it: the planes bear it out, even where a door
@@ -281,6 +326,18 @@ impl PlainPart {
         let followed = self.followed.certain().map(|p| (p.frame, p.q));
         let planes = self.hinge.turns.iter().map(|(frame, turn)| (*frame, self.first_turn + turn));
         followed.chain(planes).collect()
+    }
+
+    /// What is told of it where its hinge is not known.
+    pub fn unknown_line(&self) -> RejectedCandidate {
+        let [low, high] = self.followed.range();
+        let reason = format!(
+            "a flat part turned by {:.0} degrees, but that is too little to tell about which line; open \
+             it further, or show the side of its hinge",
+            (high - low).to_degrees()
+        );
+        let frames = self.followed.shown().count();
+        RejectedCandidate { kind: JointKind::Revolute, tracks: 0, frames, reason, needs_more: true }
     }
 
     /// As a joint of the base; its configuration is known at the keyframes that show it.
