@@ -1,11 +1,12 @@
-//! The edge of a part's face next to its hinge. A door, a lid or a leaf is hinged near an edge of its
-//! face, which tells the place of the line in the face where the part turned too little for its planes
-//! to tell it.
+//! The edges of a part's face along its hinge. Both keep their distance from the line, and a door, a lid
+//! or a leaf is hinged near an edge of its face. That tells the place of the line where the part turned
+//! too little for its planes to tell it: planes at two angles tell their intersection, but a hinge lies
+//! behind the face by the thickness of the part.
 //!
-//! In: a rough line, the planes that turn about it, and their keyframes. Out: points of the edge, base
+//! In: a rough line, the planes that turn about it, and their keyframes. Out: points of the edges, base
 //! frame, metres. At each keyframe the plane is followed in the depth picture from its middle towards
-//! the line, in rows along it, until the picture shows another surface. Where something hides the plane,
-//! or it goes on beyond the line (a closed door in a front), no edge is seen.
+//! the line and away from it, in rows along the line, until the picture shows another surface. Where
+//! something hides the plane, or it goes on (a closed door in a front), no edge is seen.
 
 use super::plane_segments::PlanePatch;
 use super::planes_about_axis::PoseAboutAxis;
@@ -14,17 +15,17 @@ use crate::learn::recording::Recording;
 use crate::math::robust::median;
 use crate::object::joint_geometry::JointGeometry;
 use linkage_frames::RgbdFrame;
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Rows along the line in which a plane is followed.
 const ROWS: usize = 16;
 /// Rows of which a reading is needed to go on.
 const LEAST_ROWS: usize = 5;
-/// Step towards the line, metres.
+/// Step towards the line or away from it, metres.
 const STEP_M: f64 = 0.005;
 /// Steps off the plane, one after the other, that end it.
 const STEPS_OFF: usize = 3;
-/// Beyond the line by so much the plane is followed, metres.
+/// Beyond the line, or beyond its reach, the plane is followed by so much, metres.
 const BEYOND_M: f64 = 0.1;
 /// Largest change of the rows' median from before, and largest distance from the plane, metres; a share
 /// of the depth noise comes on top of both.
@@ -37,52 +38,61 @@ const HIDING_M: f64 = 0.05;
 /// Fewest planes whose edges agree.
 const LEAST_PLANES: usize = 3;
 /// Edges agree within this, metres.
-const AGREE_M: f64 = 0.03;
-/// Standard deviation of a hinge's distance from the edge of its face, metres.
-const EDGE_M: f64 = 0.02;
+const AGREE_M: f64 = 0.04;
+/// What is seen of an edge of a face at a keyframe: a point of it, and the unit vector in the face from
+/// the line to it. Base frame, metres.
+pub type EdgePoint = (Point3<f64>, Vector3<f64>);
 
-/// Points of an edge that is the same part's at several keyframes.
+/// The two edges of a face along a hinge. Each keeps its distance from the line.
 #[derive(Debug, Clone, Default)]
-pub struct FaceEdge {
-    /// At each keyframe that shows it: a point of the edge, and the unit vector in the face across it.
-    pub points: Vec<(Point3<f64>, Vector3<f64>)>,
+pub struct FaceEdges {
+    /// The edge next to the hinge.
+    pub near: Vec<EdgePoint>,
+    /// The free edge. It moves on the widest circle, and tells best how far the line lies behind the face.
+    pub far: Vec<EdgePoint>,
 }
 
-impl FaceEdge {
-    /// Standard deviation of the line's distance from one of them as if they were independent, so that
-    /// all together have theirs.
-    pub fn sigma_of_one(&self) -> f64 {
-        EDGE_M * (self.points.len().max(1) as f64).sqrt()
-    }
-
-    /// Information (inverse covariance) of the line's place, base frame.
-    pub fn information(&self) -> Matrix3<f64> {
-        let across: Matrix3<f64> = self.points.iter().map(|(_, arm)| arm * arm.transpose()).sum();
-        across / self.sigma_of_one().powi(2)
-    }
+/// Which edge of a face.
+#[derive(Clone, Copy, PartialEq)]
+enum Side {
+    Near,
+    Far,
 }
 
-/// The edge of the face next to a line; empty where it is not seen.
-pub fn near_edge(line: &JointGeometry, planes: &[&PlanePatch], recording: &Recording) -> FaceEdge {
-    let mut edges: Vec<(f64, Point3<f64>, Vector3<f64>)> = planes
+/// The edges of a face about a line; empty where they are not seen.
+pub fn face_edges(
+    line: &JointGeometry,
+    planes: &[&PlanePatch],
+    recording: &Recording,
+) -> FaceEdges {
+    let [near, far] = [Side::Near, Side::Far].map(|side| edge(line, planes, recording, side));
+    FaceEdges { near, far }
+}
+
+fn edge(
+    line: &JointGeometry,
+    planes: &[&PlanePatch],
+    recording: &Recording,
+    side: Side,
+) -> Vec<EdgePoint> {
+    let mut edges: Vec<(f64, EdgePoint)> = planes
         .iter()
         .filter_map(|plane| {
             let (_, picture) = recording.keyframes.iter().find(|(f, _)| *f == plane.frame)?;
             let camera_from_base = recording.ego_motion.camera_from_base[plane.frame];
             let pose = PoseAboutAxis::of(plane, &line.origin, &line.axis)?;
             let face = Face::of(plane, &pose, line);
-            let out = face.end(picture, &camera_from_base, &pose)?;
-            Some((out, face.at(0.0, out), face.arm))
+            let out = face.end(picture, &camera_from_base, &pose, side)?;
+            Some((out, (face.at(0.0, out), face.arm)))
         })
         .collect();
     let mut places: Vec<f64> = edges.iter().map(|(out, ..)| *out).collect();
-    let Some(middle) = median(&mut places) else { return FaceEdge::default() };
+    let Some(middle) = median(&mut places) else { return Vec::new() };
     edges.retain(|(out, ..)| (out - middle).abs() < AGREE_M);
     if edges.len() < LEAST_PLANES || 2 * edges.len() < places.len() {
-        return FaceEdge::default();
+        return Vec::new();
     }
-    let points = edges.into_iter().map(|(_, point, arm)| (point, arm)).collect();
-    FaceEdge { points }
+    edges.into_iter().map(|(_, point)| point).collect()
 }
 
 /// Coordinates in a plane beside a line: along it, and out from it.
@@ -111,19 +121,24 @@ impl Face {
         self.origin + self.along * along + self.arm * out
     }
 
-    /// Where the plane ends on the side of the line.
+    /// Where the plane ends on one side, out from the line.
     fn end(
         &self,
         picture: &RgbdFrame,
         camera_from_base: &Isometry3<f64>,
         pose: &PoseAboutAxis,
+        side: Side,
     ) -> Option<f64> {
         let middle = 0.5 * (pose.least + pose.reach);
         let depth = (camera_from_base * self.at(0.0, middle)).z;
         let margin = ON_PLANE_M + 0.5 * coarse_sigma(depth);
         let (mut last_on, mut before, mut off) = (middle, 0.0, 0);
-        let steps = ((middle + BEYOND_M) / STEP_M) as usize;
-        for out in (0..steps).map(|k| middle - STEP_M * k as f64) {
+        let (way, step) = match side {
+            Side::Near => (middle + BEYOND_M, -STEP_M),
+            Side::Far => (pose.reach - middle + BEYOND_M, STEP_M),
+        };
+        let steps = (way / STEP_M) as usize;
+        for out in (0..steps).map(|k| middle + step * k as f64) {
             let row = self.residuals(out, picture, camera_from_base);
             if 2 * row.hidden > ROWS {
                 return None;
@@ -141,7 +156,7 @@ impl Face {
             } else {
                 off += 1;
                 if off == STEPS_OFF {
-                    return Some(last_on - 0.5 * STEP_M);
+                    return Some(last_on + 0.5 * step);
                 }
             }
         }

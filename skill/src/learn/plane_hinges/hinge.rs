@@ -1,12 +1,12 @@
 //! The line that a turning plane keeps its distance from.
 
-use super::face_edge::FaceEdge;
+use super::face_edge::{EdgePoint, FaceEdges};
 use super::plane_segments::PlanePatch;
 use super::planes_about_axis::{PoseAboutAxis, near};
 use crate::math::rigid::{distance_to_line, line_angle, orthonormal_basis};
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{
-    DMatrix, DVector, Matrix3, Matrix3x2, Point3, SymmetricEigen, UnitVector3, Vector3,
+    DMatrix, DVector, Matrix2, Matrix3, Matrix3x2, Point3, SymmetricEigen, UnitVector3, Vector3,
 };
 use rayon::prelude::*;
 
@@ -27,6 +27,10 @@ const RESIDUAL_M: f64 = 0.003;
 /// Standard deviation of the line's distance from its part's face, metres: parts have a thickness, and
 /// hinges stand out.
 const OFFSET_M: f64 = 0.02;
+/// Standard deviation of what is seen of an edge, metres, as if keyframes were independent.
+const EDGE_READING_M: f64 = 0.03;
+/// Standard deviation of the line's distance from the edge of its part's face, metres.
+const EDGE_M: f64 = 0.02;
 /// Least standard deviation of a plane's distance, metres: planes share errors.
 const LEAST_RMSE_M: f64 = 0.001;
 /// Factor on the standard deviation of the line's place, for the planes are not independent.
@@ -55,11 +59,11 @@ pub struct Hinge {
     largest: usize,
     /// Sum over the planes of normal times normal: which directions of the line they tell.
     normal_scatter: Matrix3<f64>,
-    /// Which places of the line they tell: the same sum, without what an unknown distance of the face
-    /// from the line explains as well.
-    place_scatter: Matrix3<f64>,
-    /// Information of the line's place by the edge of the face, base frame.
-    edge_information: Matrix3<f64>,
+    /// Information (inverse covariance) of the line's place, base frame, by the planes and the edges of
+    /// the face.
+    pub place_information: Matrix3<f64>,
+    /// The same if the line lay in the face.
+    in_face_information: Matrix3<f64>,
     /// Root mean square distance of the planes from where the hinge puts them.
     pub rmse: f64,
 }
@@ -75,14 +79,14 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// The hinge of the planes that support the line, or of some of them, and of an edge of their face.
+    /// The hinge of the planes that support the line, or of some of them, and of the edges of their face.
     pub fn hinge(
         &self,
         patches: &[PlanePatch],
         support: &[usize],
-        edge: &FaceEdge,
+        edges: &FaceEdges,
     ) -> Option<Hinge> {
-        refined(patches, support, edge, &self.axis, &self.origin)
+        refined(patches, support, edges, &self.axis, &self.origin)
     }
 
     /// Much the same line, supported for the most part by the same planes.
@@ -178,7 +182,7 @@ fn supporters(
 fn refined(
     patches: &[PlanePatch],
     support: &[usize],
-    edge: &FaceEdge,
+    edges: &FaceEdges,
     axis: &Vector3<f64>,
     origin: &Point3<f64>,
 ) -> Option<Hinge> {
@@ -199,41 +203,11 @@ fn refined(
         .iter()
         .map(|p| PoseAboutAxis::of(p, origin, &direction).map(|pose| pose.arm))
         .collect::<Option<_>>()?;
+    let place = PlaceSystem::of(&planes, &arms, edges, &direction, origin);
+    let solved = place.solution()?;
+    let rmse = place.rmse_of_planes(&solved);
+    let (place_information, in_face_information) = place.information(rmse);
     let (u, v) = orthonormal_basis(&direction);
-    let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;
-    let columns = if (0..planes.len()).any(outer) && !(0..planes.len()).all(outer) { 4 } else { 3 };
-    // One more row for each face: a line lies near its plane, which small turns tell little of.
-    let faces = columns - 2;
-    // After these one for each point of the edge; they share one error.
-    let edge_weight = CORRELATED * RESIDUAL_M / edge.sigma_of_one();
-    let (of_planes, of_faces) = (planes.len(), planes.len() + faces);
-    let rows = DMatrix::from_fn(of_faces + edge.points.len(), columns, |k, c| {
-        let (normal, weight) = match planes.get(k) {
-            Some(plane) => (plane.normal, 1.0),
-            None if k < of_faces => {
-                return f64::from(u8::from(c == k - of_planes + 2)) * RESIDUAL_M / OFFSET_M;
-            }
-            None => (edge.points[k - of_faces].1, edge_weight),
-        };
-        match c {
-            0 => weight * normal.dot(&u),
-            1 => weight * normal.dot(&v),
-            _ if k >= of_planes => 0.0,
-            _ => f64::from(u8::from(columns == 3 || outer(k) == (c == 2))),
-        }
-    });
-    let right = DVector::from_fn(of_faces + edge.points.len(), |k, _| match planes.get(k) {
-        Some(p) => p.offset - p.normal.dot(&origin.coords),
-        None if k < of_faces => 0.0,
-        None => {
-            let (point, arm) = &edge.points[k - of_faces];
-            edge_weight * arm.dot(&(point - origin))
-        }
-    });
-    let solved = rows.clone().svd(true, true).solve(&right, 1e-6).ok()?;
-    let place_scatter = place_scatter(&rows.rows(0, planes.len()).into_owned(), &u, &v);
-    let residuals = (rows * &solved - right).rows(0, planes.len()).norm_squared();
-    let rmse = (residuals / planes.len() as f64).sqrt();
     let origin = origin + u * solved[0] + v * solved[1];
     let turns: Vec<(usize, f64)> = unwrapped(&planes, &arms, &direction);
     let largest = (0..planes.len()).max_by_key(|&k| planes[k].points.len())?;
@@ -244,8 +218,8 @@ fn refined(
         points: Vec::new(),
         largest,
         normal_scatter,
-        place_scatter,
-        edge_information: edge.information(),
+        place_information,
+        in_face_information,
         rmse,
     };
     let back = hinge.geometry().motion(-hinge.turns[largest].1);
@@ -253,16 +227,108 @@ fn refined(
     Some(hinge)
 }
 
-/// The scatter of the place's two columns, `u` and `v`, without what the columns of the faces explain
-/// (Schur complement), base frame.
-fn place_scatter(rows: &DMatrix<f64>, u: &Vector3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
-    let (place, faces) = rows.columns_range_pair(0..2, 2..);
-    let per_face = (faces.transpose() * faces).map_diagonal(|n| 1.0 / n.max(1.0));
-    let cross = place.transpose() * faces;
-    let own =
-        place.transpose() * place - &cross * DMatrix::from_diagonal(&per_face) * cross.transpose();
-    let sides = Matrix3x2::from_columns(&[*u, *v]);
-    sides * own.fixed_view::<2, 2>(0, 0) * sides.transpose()
+/// Linear equations for the place of a line of known direction. Unknown are its shift along two
+/// directions across it, the distance of each face from it, and those of the two edges of the face.
+struct PlaceSystem {
+    rows: DMatrix<f64>,
+    right: DVector<f64>,
+    /// Rows of planes, which come first; then one row a face.
+    planes: usize,
+    /// Columns of faces, after the two of the shift.
+    faces: usize,
+    /// The two directions of the shift.
+    across: Matrix3x2<f64>,
+}
+
+impl PlaceSystem {
+    fn of(
+        planes: &[&PlanePatch],
+        arms: &[Vector3<f64>],
+        edges: &FaceEdges,
+        direction: &Vector3<f64>,
+        origin: &Point3<f64>,
+    ) -> Self {
+        let (u, v) = orthonormal_basis(direction);
+        let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;
+        let both = (0..planes.len()).any(outer) && !(0..planes.len()).all(outer);
+        let faces = if both { 2 } else { 1 };
+        let (near, far) = (2 + faces, 3 + faces);
+        // A row is: the unit vector that it measures along, the column of its distance, its weight and
+        // what was measured.
+        let mut rows: Vec<(Vector3<f64>, usize, f64, f64)> = Vec::new();
+        for (k, plane) in planes.iter().enumerate() {
+            let face = 2 + usize::from(both && !outer(k));
+            let measured = plane.offset - plane.normal.dot(&origin.coords);
+            rows.push((plane.normal, face, 1.0, measured));
+        }
+        // A line lies near its plane, which small turns tell little of.
+        rows.extend((0..faces).map(|f| (Vector3::zeros(), 2 + f, RESIDUAL_M / OFFSET_M, 0.0)));
+        let nominal = CORRELATED * RESIDUAL_M;
+        let reading = |column: usize| {
+            move |(point, arm): &EdgePoint| {
+                (*arm, column, nominal / EDGE_READING_M, arm.dot(&(point - origin)))
+            }
+        };
+        rows.extend(edges.near.iter().map(reading(near)));
+        rows.extend(edges.far.iter().map(reading(far)));
+        // The line lies near the edge next to it. An edge that is not seen has its column for nothing.
+        rows.push((Vector3::zeros(), near, nominal / EDGE_M, 0.0));
+        rows.push((Vector3::zeros(), far, nominal, 0.0));
+        let matrix = DMatrix::from_fn(rows.len(), far + 1, |k, c| {
+            let (along, column, weight, _) = rows[k];
+            match c {
+                0 => weight * along.dot(&u),
+                1 => weight * along.dot(&v),
+                _ if c == column => weight,
+                _ => 0.0,
+            }
+        });
+        let right = DVector::from_iterator(rows.len(), rows.iter().map(|(.., w, m)| w * m));
+        let across = Matrix3x2::from_columns(&[u, v]);
+        Self { rows: matrix, right, planes: planes.len(), faces, across }
+    }
+
+    /// The unknowns, by least squares.
+    fn solution(&self) -> Option<DVector<f64>> {
+        self.rows.clone().svd(true, true).solve(&self.right, 1e-6).ok()
+    }
+
+    /// Root mean square distance of the planes from where a solution puts them, metres.
+    fn rmse_of_planes(&self, solution: &DVector<f64>) -> f64 {
+        let residuals = (&self.rows * solution - &self.right).rows(0, self.planes).norm_squared();
+        (residuals / self.planes as f64).sqrt()
+    }
+
+    /// Information (inverse covariance) of the place, base frame: without the expectation that the line
+    /// lies near its face; and as if it lay in the face.
+    fn information(&self, rmse: f64) -> (Matrix3<f64>, Matrix3<f64>) {
+        let after_faces = self.planes + self.faces;
+        let of_planes = self.rows.rows(0, self.planes) / plane_sigma(rmse);
+        let of_edges = self.rows.rows(after_faces, self.rows.nrows() - after_faces)
+            / (CORRELATED * RESIDUAL_M);
+        let all = of_planes.transpose() * &of_planes + of_edges.transpose() * &of_edges;
+        let columns = all.ncols();
+        let without_faces: Vec<usize> =
+            (0..columns).filter(|c| !(2..2 + self.faces).contains(c)).collect();
+        let in_face = all.select_columns(&without_faces).select_rows(&without_faces);
+        let in_base = |own: Matrix2<f64>| self.across * own * self.across.transpose();
+        (in_base(without_others(&all)), in_base(without_others(&in_face)))
+    }
+}
+
+/// The information of the first two unknowns, without what the others explain as well (Schur complement).
+fn without_others(all: &DMatrix<f64>) -> Matrix2<f64> {
+    let others = all.ncols() - 2;
+    let own = all.fixed_view::<2, 2>(0, 0).into_owned();
+    let cross = all.view((0, 2), (2, others)).into_owned();
+    let inner = all.view((2, 2), (others, others)) + DMatrix::identity(others, others) * 1e-6;
+    let explained = inner.cholesky().map(|c| &cross * c.solve(&cross.transpose()));
+    explained.map_or(own, |e| own - e.fixed_view::<2, 2>(0, 0))
+}
+
+/// Standard deviation of a plane's distance from the line, metres, as if planes were independent.
+fn plane_sigma(rmse: f64) -> f64 {
+    rmse.max(LEAST_RMSE_M) * CORRELATED
 }
 
 /// Turns of the arms from the first, without jumps.
@@ -312,13 +378,7 @@ impl Hinge {
     /// Standard deviation of the line's direction towards a unit vector across it, radians.
     pub fn direction_sigma(&self, side: &Vector3<f64>) -> f64 {
         let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
-        self.plane_sigma() / seen.sqrt() / self.reach().max(0.1)
-    }
-
-    /// Information (inverse covariance) of the line's place, base frame: what the distances of the
-    /// planes tell, and the edge of the face.
-    pub fn place_information(&self) -> Matrix3<f64> {
-        self.place_scatter / self.plane_sigma().powi(2) + self.edge_information
+        plane_sigma(self.rmse) / seen.sqrt() / self.reach().max(0.1)
     }
 
     /// The largest standard deviation of the line's place across it, metres, if the line lies in the
@@ -326,19 +386,13 @@ impl Hinge {
     pub fn place_sigma_in_face(&self) -> f64 {
         let (u, v) = orthonormal_basis(&self.axis);
         let across = Matrix3x2::from_columns(&[u, v]);
-        let by_planes = self.normal_scatter / self.plane_sigma().powi(2);
-        let seen = across.transpose() * (by_planes + self.edge_information) * across;
+        let seen = across.transpose() * self.in_face_information * across;
         1.0 / seen.symmetric_eigenvalues().min().max(1.0).sqrt()
     }
 
     /// The planes give the place of the line well: it needs nothing else.
     pub fn is_well_known(&self) -> bool {
         self.place_sigma_in_face() < WELL_KNOWN_M
-    }
-
-    /// Standard deviation of a plane's distance from the line, metres, as if planes were independent.
-    fn plane_sigma(&self) -> f64 {
-        self.rmse.max(LEAST_RMSE_M) * CORRELATED
     }
 
     /// Distance from the line up to which the part reaches.
@@ -383,7 +437,7 @@ mod tests {
         let (axis, origin) = (Vector3::y_axis(), Point3::new(-0.2, 0.1, 1.5));
         let patches = patches(&axis, &origin);
         let best = &candidates(&patches, 1)[0];
-        let hinge = best.hinge(&patches, &best.support, &FaceEdge::default()).unwrap();
+        let hinge = best.hinge(&patches, &best.support, &FaceEdges::default()).unwrap();
         assert!(hinge.axis.dot(&axis).abs() > 0.999_99);
         // The door's face lies 2 cm before its line, which is expected, but not for sure.
         assert!(distance_to_line(&hinge.origin, &hinge.axis, &origin) < 3e-3);

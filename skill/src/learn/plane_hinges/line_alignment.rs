@@ -152,7 +152,7 @@ fn prior(surface: &Surface, from_planes: &Hinge, now: &JointGeometry) -> LineSys
     let across = Vector4::new(0.0, 0.0, surface.normal.dot(&u), surface.normal.dot(&v));
     add(across, surface.normal.dot(&(now.origin - mean)), OFFSET_M);
     let sides = Matrix3x2::from_columns(&[u, v]);
-    let information = sides.transpose() * from_planes.place_information();
+    let information = sides.transpose() * from_planes.place_information;
     let mut place = all.left.fixed_view_mut::<2, 2>(2, 2);
     place += information * sides;
     let mut right = all.right.fixed_rows_mut::<2>(2);

@@ -2,7 +2,7 @@
 //! the line is aligned to them, and the part is believed where all of them bear it out.
 
 use super::depth_following::{Following, Surface, follow};
-use super::face_edge::{FaceEdge, near_edge};
+use super::face_edge::{FaceEdges, face_edges};
 use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
@@ -119,7 +119,7 @@ pub fn follow_candidate(
     patches: &[PlanePatch],
     recording: &Recording,
 ) -> Followed {
-    let rough = candidate.hinge(patches, &candidate.support, &FaceEdge::default());
+    let rough = candidate.hinge(patches, &candidate.support, &FaceEdges::default());
     let Some(rough) = rough.filter(|r| r.turns.len() >= MIN_KEYFRAMES) else {
         return Followed::Nothing;
     };
@@ -188,21 +188,17 @@ fn followed(
     Some(PlainPart { hinge, line, surface, followed, support, first_turn, unattached_ratio })
 }
 
-/// The hinge that planes tell, with the edge of their face where they do not tell its place well and the
-/// edge agrees with them.
+/// The hinge that planes tell, with the edges of their face if these agree with them.
 fn refined(
     candidate: &Candidate,
     patches: &[PlanePatch],
     support: &[usize],
     recording: &Recording,
 ) -> Option<Hinge> {
-    let hinge = candidate.hinge(patches, support, &FaceEdge::default())?;
-    if hinge.is_well_known() {
-        return Some(hinge);
-    }
+    let hinge = candidate.hinge(patches, support, &FaceEdges::default())?;
     let planes: Vec<&PlanePatch> = support.iter().map(|&k| &patches[k]).collect();
-    let edge = near_edge(&hinge.geometry(), &planes, recording);
-    let at_edge = candidate.hinge(patches, support, &edge)?;
+    let edges = face_edges(&hinge.geometry(), &planes, recording);
+    let at_edge = candidate.hinge(patches, support, &edges)?;
     let agrees = at_edge.rmse < EDGE_AGREES * hinge.rmse + EDGE_AGREES_M;
     Some(if agrees { at_edge } else { hinge })
 }
