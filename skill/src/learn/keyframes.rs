@@ -2,6 +2,7 @@
 //! parts and for asking whether the space that a model claims was free.
 
 use linkage_frames::RgbdFrame;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// At most `capacity` frames, evenly spread over all that were offered.
@@ -61,6 +62,12 @@ impl Keyframes {
     /// Frame numbers and frames, in time order.
     pub fn iter(&self) -> impl Iterator<Item = (usize, &RgbdFrame)> {
         self.frames.iter().map(|(i, f)| (*i, &**f))
+    }
+
+    /// Those of a span of frames; the frames themselves are shared.
+    pub fn within(&self, frames: &RangeInclusive<usize>) -> Self {
+        let kept = self.frames.iter().filter(|(index, _)| frames.contains(index));
+        Self { frames: kept.cloned().collect(), ..*self }
     }
 
     /// How many are kept.

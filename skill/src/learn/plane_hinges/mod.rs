@@ -10,6 +10,7 @@
 //! normal could be any of many: only hinges are sought.
 
 mod axis_direction;
+mod carried_parts;
 mod depth_following;
 mod extend_range;
 mod face_edge;
@@ -25,6 +26,7 @@ use super::recording::Recording;
 use crate::math::rigid::{distance_to_line, line_angle};
 use crate::math::robust::Moments;
 use crate::object::model::Joint;
+use carried_parts::carried_parts;
 use extend_range::{extend, extend_to};
 use hinge::candidates;
 use plain_part::{Followed, PlainPart, follow_candidate};
@@ -75,10 +77,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
         if plain.iter().chain(&known).any(is_double) {
             continue;
         }
-        let is_known = |j: &LearnedJoint| {
-            is_same_hinge(&j.joint, &learned.joint) || !is_meagre(j) && moves_together(j, &learned)
-        };
-        if !joints.iter().any(is_known) {
+        if !joints.iter().any(|j| is_known(j, &learned)) {
             extend_to(part.reach(), &mut learned, recording);
             plain.push(learned);
         } else {
@@ -98,6 +97,9 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     }
     number(&mut plain, joints.len() + 1);
     joints.append(&mut plain);
+    let mut carried = carried_parts(&joints, recording);
+    number(&mut carried, joints.len() + 1);
+    joints.append(&mut carried);
     // A part that tracks show as well is no riddle.
     let is_told = |part: &PlainPart| {
         let learned = part.to_learned(recording);
@@ -105,6 +107,11 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     };
     rejections.extend(unknown_lines.iter().filter(|p| !is_told(p)).map(PlainPart::unknown_line));
     LearnedJoints { joints, rejections }
+}
+
+/// A joint that is known already shows what a plain part does.
+fn is_known(joint: &LearnedJoint, plain: &LearnedJoint) -> bool {
+    is_same_hinge(&joint.joint, &plain.joint) || !is_meagre(joint) && moves_together(joint, plain)
 }
 
 /// A plain part takes the place of a joint whose tracks show less of the same hinge: they were lost as
@@ -118,7 +125,7 @@ fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint) {
     }
 }
 
-/// Names joints of the base in their order, from a number on.
+/// Names joints in their order, from a number on.
 fn number(joints: &mut [LearnedJoint], first: usize) {
     for (i, learned) in joints.iter_mut().enumerate() {
         learned.joint.child = first + i;

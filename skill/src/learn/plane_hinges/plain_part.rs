@@ -49,7 +49,7 @@ const MIN_TURN_OF_PLANES_RAD: f64 = 0.15;
 const MAX_STEP_RAD: f64 = 1.3;
 /// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must
 /// not pull about a line that is less known.
-const MAX_PLACE_SIGMA_M: f64 = 0.02;
+const MAX_PLACE_SIGMA_M: f64 = 0.025;
 /// The planes of a hinge may lie so much farther from where the edge of their face puts them than from
 /// where they put themselves, as a factor and metres: else the edge is not that next to the hinge.
 const EDGE_AGREES: f64 = 1.5;

@@ -1,0 +1,149 @@
+//! Plain parts that another part carries: the door of a cabinet on a tray that was pulled out before. In
+//! the base frame such a door comes with the tray. While the tray rests, it is a door like any other.
+//!
+//! In: the joints of the base, and the recording. Out: hinges whose parent is a slide of the base. They
+//! are sought in the keyframes of the parent's longest rest; the keyframes in which the parent is
+//! elsewhere tell whether it carries them.
+
+use super::extend_range::extend_to;
+use super::{is_known, search};
+use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
+use crate::learn::learned_joint::LearnedJoint;
+use crate::learn::recording::Recording;
+use crate::math::rigid::Pose;
+use crate::object::joint_geometry::JointKind;
+use nalgebra::Point3;
+use std::ops::RangeInclusive;
+
+/// Fewest keyframes of a rest.
+const MIN_REST_KEYFRAMES: usize = 12;
+/// Largest shift of a slide that rests, metres.
+const REST_M: f64 = 0.006;
+/// So many times that far away, the parent is elsewhere.
+const ELSEWHERE: f64 = 6.0;
+/// Fewest keyframes in which the parent is elsewhere.
+const MIN_ELSEWHERE_KEYFRAMES: usize = 3;
+/// Most points of a part that are looked for.
+const MAX_POINTS: usize = 150;
+/// Share of a carried part's points that these must show where the parent carries them.
+const LEAST_SHOWN: f64 = 0.4;
+/// Largest share of them that may be seen through.
+const MAX_THROUGH: f64 = 0.1;
+/// How many times as many points must be found where the parent carries them as where the base would
+/// hold them, less those that are seen through.
+const LEAST_MARGIN: f64 = 2.0;
+
+/// The plain parts that one of the joints carries and that are not known yet.
+pub fn carried_parts(joints: &[LearnedJoint], recording: &Recording) -> Vec<LearnedJoint> {
+    let mut found: Vec<LearnedJoint> = Vec::new();
+    let is_slide = |j: &&LearnedJoint| j.joint.kind == JointKind::Prismatic && j.joint.parent == 0;
+    for carrier in joints.iter().filter(is_slide) {
+        let Some(rest) = Rest::of(carrier, recording) else { continue };
+        for part in search(&rest.recording).parts {
+            let mut learned = part.to_learned(&rest.recording);
+            if joints.iter().chain(&found).any(|j| is_known(j, &learned)) {
+                continue;
+            }
+            extend_to(part.reach(), &mut learned, &rest.recording);
+            if rest.carries(&learned, carrier, recording) {
+                found.push(rest.carried(learned, carrier));
+            }
+        }
+    }
+    found
+}
+
+/// The longest rest of a joint.
+struct Rest {
+    /// The recording with the keyframes of the rest only.
+    recording: Recording,
+    /// First and last frame.
+    frames: RangeInclusive<usize>,
+    /// Pose of the part meanwhile: takes its points at the first frame into the base frame.
+    base_from_carrier: Pose,
+}
+
+impl Rest {
+    /// `None` where a joint does not rest for long, or is nowhere else.
+    fn of(carrier: &LearnedJoint, recording: &Recording) -> Option<Self> {
+        let q = configurations(carrier, recording);
+        let from = |start: usize| {
+            let near = |then: &&(usize, f64)| (then.1 - q[start].1).abs() < REST_M;
+            (start, q[start..].iter().take_while(near).count())
+        };
+        let (start, count) =
+            (0..q.len()).map(from).max_by_key(|(start, n)| (*n, usize::MAX - start))?;
+        let elsewhere =
+            q.iter().filter(|(_, other)| (other - q[start].1).abs() > ELSEWHERE * REST_M);
+        if count < MIN_REST_KEYFRAMES || elsewhere.count() < MIN_ELSEWHERE_KEYFRAMES {
+            return None;
+        }
+        let frames = q[start].0..=q[start + count - 1].0;
+        let base_from_carrier = carrier.base_from_part[q[start + count / 2].0]?;
+        let keyframes = recording.keyframes.within(&frames);
+        let recording = Recording { keyframes, ..recording.clone() };
+        Some(Self { recording, frames, base_from_carrier })
+    }
+
+    /// The keyframes in which the parent is elsewhere show the part where the parent carries it, and not
+    /// where the base would hold it.
+    fn carries(
+        &self,
+        learned: &LearnedJoint,
+        carrier: &LearnedJoint,
+        recording: &Recording,
+    ) -> bool {
+        let known: Vec<(usize, Pose)> = poses(learned).collect();
+        let (Some(first), Some(last)) = (known.first(), known.last()) else { return false };
+        let stride = learned.plain_surface.len().div_ceil(MAX_POINTS).max(1);
+        let points: Vec<Point3<f64>> =
+            learned.plain_surface.iter().copied().step_by(stride).collect();
+        let (mut carried, mut held) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
+        let mut asked = 0;
+        for (frame, picture) in recording.keyframes.iter().filter(|(f, _)| !self.frames.contains(f))
+        {
+            let Some(base_from_carrier) = carrier.base_from_part[frame] else { continue };
+            // It stays as it was at that end of the rest.
+            let (_, base_from_part) = if frame < *self.frames.start() { first } else { last };
+            let camera_from_base = recording.ego_motion.camera_from_base[frame];
+            let moved = base_from_carrier * self.base_from_carrier.inverse();
+            let count = |pose: Pose| count_free_space(picture, &points, &(camera_from_base * pose));
+            carried.add(count(moved * base_from_part));
+            held.add(count(*base_from_part));
+            asked += points.len();
+        }
+        carried.agrees as f64 >= LEAST_SHOWN * asked as f64
+            && carried.share_through() <= MAX_THROUGH
+            && carried.margin() as f64 >= LEAST_MARGIN * held.margin() as f64
+    }
+
+    /// The part as the parent's child. Its line and its points are those of the first frame.
+    fn carried(&self, mut learned: LearnedJoint, carrier: &LearnedJoint) -> LearnedJoint {
+        let back = self.base_from_carrier.inverse();
+        let line = learned.joint.geometry().transformed(&back);
+        learned.joint.axis = line.axis.into_inner().into();
+        learned.joint.origin = line.origin.coords.into();
+        learned.joint.parent = carrier.joint.child;
+        learned.plain_surface.iter_mut().for_each(|p| *p = back * *p);
+        for pose in learned.base_from_part.iter_mut().flatten() {
+            *pose *= self.base_from_carrier;
+        }
+        learned
+    }
+}
+
+/// Keyframes at which a joint's configuration is known, and the configuration.
+fn configurations(learned: &LearnedJoint, recording: &Recording) -> Vec<(usize, f64)> {
+    let joint = &learned.joint;
+    let at = |frame: usize| {
+        let time = recording.tracks.frame_utimes[frame] as f64 * 1e-6;
+        let i = joint.configuration.partition_point(|[t, _]| *t < time - 1e-4);
+        joint.configuration.get(i).filter(|[t, _]| (t - time).abs() < 1e-4).map(|[_, q]| *q)
+    };
+    recording.keyframes.iter().filter_map(|(frame, _)| Some((frame, at(frame)?))).collect()
+}
+
+/// Frames in which the part is known, with its pose.
+fn poses(learned: &LearnedJoint) -> impl Iterator<Item = (usize, Pose)> + '_ {
+    learned.base_from_part.iter().enumerate().filter_map(|(f, pose)| Some((f, (*pose)?)))
+}
