@@ -12,7 +12,7 @@ use linkage_frames::RgbdFrame;
 use nalgebra::Point3;
 
 /// Largest share of a hinge's line that may be in the air or outside the pictures.
-pub const MAX_UNATTACHED: f64 = 0.6;
+pub const MAX_UNATTACHED: f64 = 0.4;
 /// Places along the line that pictures are asked about.
 const PLACES: usize = 11;
 /// Distance from the line up to which a surface holds it, metres: half the thickness of furniture.

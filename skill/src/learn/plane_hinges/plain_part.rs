@@ -18,10 +18,10 @@ use std::collections::BTreeMap;
 
 /// Fewest keyframes that show the part.
 const MIN_KEYFRAMES: usize = 8;
-/// Least turn, radians, of a part that most keyframes have a plane of, and of another: a limb may turn
-/// by less for a while.
-const MIN_TURN_RAD: f64 = 0.2;
-const MIN_TURN_OF_FEW_PLANES_RAD: f64 = 0.35;
+/// Least turn of a part, and between its planes, for following alone makes no hinge; radians. A limb may
+/// turn by that much for a while, so that a part that few keyframes have a plane of must turn more.
+const MIN_TURNS_RAD: [f64; 2] = [0.2, 0.15];
+const MIN_TURNS_OF_FEW_PLANES_RAD: [f64; 2] = [0.35, 0.25];
 /// Largest root mean square distance of the planes from where the hinge puts them, metres.
 const MAX_RMSE_M: f64 = 0.008;
 /// Largest share of the part's points that may be seen through.
@@ -43,8 +43,6 @@ const FEW_PLANES_VIOLATION: f64 = 0.06;
 const REST_KEYFRAMES: usize = 4;
 /// Turn that it may make meanwhile, radians.
 const REST_RAD: f64 = 0.03;
-/// Least turn between the planes of a part, radians: following alone does not make a hinge.
-const MIN_TURN_OF_PLANES_RAD: f64 = 0.15;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
 /// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must
@@ -124,7 +122,7 @@ pub fn follow_candidate(
         return Followed::Nothing;
     };
     let [low, high] = rough.range();
-    if high - low < MIN_TURN_RAD {
+    if high - low < MIN_TURNS_RAD[0] {
         return Followed::Nothing;
     }
     let within = |beyond: f64| {
@@ -227,10 +225,12 @@ impl PlainPart {
         let [low, high] = seen.range();
         let max_violation =
             if self.has_many_planes() { MAX_VIOLATION } else { FEW_PLANES_VIOLATION };
+        let [least_turn, least_turn_of_planes] =
+            if self.has_many_planes() { MIN_TURNS_RAD } else { MIN_TURNS_OF_FEW_PLANES_RAD };
         let reasons = [
             (self.support.len() < MIN_KEYFRAMES, "few planes lie about the line"),
-            (high - low < self.least_turn(), "it hardly turns"),
-            (self.turn_of_planes() < MIN_TURN_OF_PLANES_RAD, "its planes do not turn"),
+            (high - low < least_turn, "it hardly turns"),
+            (self.turn_of_planes() < least_turn_of_planes, "its planes do not turn"),
             (self.hinge.rmse > MAX_RMSE_M, "its planes do not keep their distance"),
             (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
@@ -244,10 +244,6 @@ impl PlainPart {
             (self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M, LINE_UNKNOWN),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
-    }
-
-    fn least_turn(&self) -> f64 {
-        if self.has_many_planes() { MIN_TURN_RAD } else { MIN_TURN_OF_FEW_PLANES_RAD }
     }
 
     /// At least half of the keyframes have a plane of it: the planes bear it out, even where a door
