@@ -218,7 +218,10 @@ mod tests {
         let mut keyframes = Keyframes::new(FRAMES);
         if case.is_in_pictures() {
             for f in (0..FRAMES).step_by(3) {
-                let points: Vec<_> = paths.iter().map(|path| path[f]).collect();
+                let mut points: Vec<_> = paths.iter().map(|path| path[f]).collect();
+                // What holds the back along its hinge.
+                let bar = (-10..=10).map(|k| Point3::new(0.05 * f64::from(k), -0.2, 1.5));
+                points.extend(bar.map(|p| seat.move_point(seat_turn(f), &p)));
                 keyframes.offer(f, &picture(&points));
             }
             for track in &mut base.tracks[POINTS..] {

@@ -147,3 +147,55 @@ fn configurations(learned: &LearnedJoint, recording: &Recording) -> Vec<(usize, 
 fn poses(learned: &LearnedJoint) -> impl Iterator<Item = (usize, Pose)> + '_ {
     learned.base_from_part.iter().enumerate().filter_map(|(f, pose)| Some((f, (*pose)?)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{HINGE_M, pulled_door_recording};
+    use super::*;
+    use crate::math::rigid::distance_to_line;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::object::model::Joint;
+    use nalgebra::Vector3;
+
+    const FRAMES: usize = 44;
+
+    /// A cupboard is pulled forwards by 0.3 m, metres.
+    fn pulled(frame: usize) -> f64 {
+        0.05 * frame.saturating_sub(6).min(6) as f64
+    }
+
+    /// Later its door is opened, radians.
+    fn opened(frame: usize) -> f64 {
+        0.13 * frame.saturating_sub(20).min(10) as f64
+    }
+
+    /// The slide as tracks show it, which is said to be at `q` in each frame.
+    fn slide(q: impl Fn(usize) -> f64) -> LearnedJoint {
+        let line = JointGeometry::slide(-Vector3::z_axis(), Point3::new(0.0, 0.0, 2.0));
+        let configuration = (0..FRAMES).map(|f| [0.1 * f as f64, q(f)]).collect();
+        let joint = Joint { configuration, parent: 0, child: 1, ..Joint::of(&line) };
+        let base_from_part = (0..FRAMES).map(|f| Some(line.motion(q(f)))).collect();
+        LearnedJoint { joint, base_from_part, tracks: vec![0; 50], plain_surface: Vec::new() }
+    }
+
+    #[test]
+    fn the_door_of_a_cupboard_that_was_pulled_out_hangs_on_the_slide() {
+        let recording = pulled_door_recording(FRAMES, opened, pulled);
+        let found = carried_parts(&[slide(pulled)], &recording);
+        assert_eq!(found.len(), 1);
+        let joint = &found[0].joint;
+        assert_eq!(joint.parent, 1);
+        // Its line is told where it was at the first frame.
+        let hinge = Point3::new(HINGE_M[0], 0.0, HINGE_M[1]);
+        let off = distance_to_line(&joint.origin.into(), &joint.axis.into(), &hinge);
+        assert!(off < 0.02, "{off} m off");
+        assert!((joint.range[1] - joint.range[0] - 1.3).abs() < 0.05, "{:?}", joint.range);
+    }
+
+    #[test]
+    fn a_door_of_the_base_is_not_taken_for_the_part_of_a_slide_that_rests() {
+        let recording = pulled_door_recording(FRAMES, opened, |_| 0.0);
+        assert!(carried_parts(&[slide(pulled)], &recording).is_empty(), "the base holds it");
+        assert!(carried_parts(&[slide(|_| 0.0)], &recording).is_empty(), "it is nowhere else");
+    }
+}

@@ -32,7 +32,7 @@ const BEYOND_M: f64 = 0.1;
 const ON_PLANE_M: f64 = 0.005;
 const OFF_PLANE_M: f64 = 0.015;
 /// Share of a change that is taken over at each step.
-const DRIFT: f64 = 0.2;
+const DRIFT: f64 = 0.1;
 /// So much nearer to the camera something hides the plane, metres.
 const HIDING_M: f64 = 0.05;
 /// Fewest planes whose edges agree.
@@ -191,4 +191,52 @@ struct Row {
     residuals: Vec<f64>,
     /// Places that something hides, or that lie outside the picture.
     hidden: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plane_segments::{Sampling, moving_patches};
+    use super::super::test_data::{HINGE_M, WIDTH_M, door_recording, turn};
+    use super::*;
+    use crate::math::rigid::distance_to_line;
+    use nalgebra::{UnitVector3, Vector3};
+
+    /// The edges of an opened door, whose line is thought to be off by some metres to the side.
+    fn edges(off: f64) -> FaceEdges {
+        let recording = door_recording(24, turn);
+        let origin = Point3::new(HINGE_M[0] + off, 0.0, HINGE_M[1]);
+        let line = JointGeometry::hinge(Vector3::y_axis(), origin);
+        let patches = moving_patches(&recording, Sampling::Coarse, None);
+        // The planes of the door, but not of the closed one: that goes on as the front.
+        let is_door = |p: &&PlanePatch| {
+            let door = Vector3::new(-turn(p.frame).sin(), 0.0, -turn(p.frame).cos());
+            turn(p.frame) > 0.3 && p.normal.dot(&door) > 0.99
+        };
+        let planes: Vec<&PlanePatch> = patches.iter().filter(is_door).collect();
+        assert!(planes.len() >= LEAST_PLANES);
+        face_edges(&line, &planes, &recording)
+    }
+
+    fn distances(points: &[EdgePoint]) -> Vec<f64> {
+        let hinge = Point3::new(HINGE_M[0], 0.0, HINGE_M[1]);
+        let axis: UnitVector3<f64> = Vector3::y_axis();
+        points.iter().map(|(p, _)| distance_to_line(&hinge, &axis, p)).collect()
+    }
+
+    #[test]
+    fn the_free_edge_of_a_door_keeps_its_distance_from_the_hinge() {
+        for off in [0.0, 0.03] {
+            let far = distances(&edges(off).far);
+            assert!(far.len() >= LEAST_PLANES);
+            assert!(far.iter().all(|d| (d - WIDTH_M).abs() < 0.02), "{far:?}");
+        }
+    }
+
+    #[test]
+    fn the_other_edge_is_at_the_hinge() {
+        let mut near = distances(&edges(0.0).near);
+        // Next to it a door that is hardly open lies in the front.
+        assert!(near.iter().all(|d| *d < 0.06), "{near:?}");
+        assert!(median(&mut near).is_some_and(|d| d < 0.03), "{near:?}");
+    }
 }

@@ -20,6 +20,8 @@ mod part_plane;
 mod plain_part;
 mod plane_segments;
 mod planes_about_axis;
+#[cfg(test)]
+mod test_data;
 
 use super::learned_joint::{LearnedJoint, LearnedJoints};
 use super::recording::Recording;
@@ -216,14 +218,9 @@ fn without(patches: Vec<PlanePatch>, places: &[usize]) -> Vec<PlanePatch> {
 
 #[cfg(test)]
 mod tests {
+    use super::test_data::{door_recording, turn};
     use super::*;
-    use crate::learn::ego_motion::EgoMotion;
-    use crate::learn::keyframes::Keyframes;
-    use crate::learn::tracking::TrackSet;
-    use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
-    use crate::test_data::seen;
-    use linkage_frames::RgbdFrame;
     use nalgebra::{Point3, UnitVector3, Vector3};
 
     fn hinge(direction: [f64; 3], origin: [f64; 3]) -> JointGeometry {
@@ -243,39 +240,9 @@ mod tests {
         }
     }
 
-    /// Turn of a door that rests, is opened, and rests again, radians.
-    fn turn(frame: usize) -> f64 {
-        0.13 * frame.saturating_sub(6).min(10) as f64
-    }
-
-    /// A plain door in the front of a plain cupboard, open by `turn`: its hinge is vertical, 0.3 m left
-    /// of the camera's axis and 2 m before it.
-    fn door(turn: f64) -> RgbdFrame {
-        let (hinge, arm) = ([-0.3, 2.0], [turn.cos(), -turn.sin()]);
-        seen(0, |x, y| {
-            let normal = [turn.sin(), turn.cos()];
-            let z = (normal[0] * hinge[0] + normal[1] * hinge[1]) / (normal[0] * x + normal[1]);
-            let along = arm[0] * (z * x - hinge[0]) + arm[1] * (z - hinge[1]);
-            let is_door = z > 0.0 && (0.0..0.6).contains(&along) && (z * y).abs() < 0.5;
-            let is_opening = (2.0 * x).abs() < 0.3 && (2.0 * y).abs() < 0.5;
-            let behind = if is_opening { 2.6 } else { 2.0 };
-            if is_door { z.min(behind) } else { behind }
-        })
-    }
-
-    fn recording(frames: usize, turn: impl Fn(usize) -> f64) -> Recording {
-        let mut keyframes = Keyframes::new(frames);
-        (0..frames).for_each(|f| keyframes.offer(f, &door(turn(f))));
-        let camera_from_base = vec![Pose::identity(); frames];
-        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
-        let frame_utimes = (0..frames as i64).map(|f| 100_000 * f).collect();
-        let tracks = TrackSet { frame_utimes, tracks: Vec::new() };
-        Recording { tracks, ego_motion, keyframes }
-    }
-
     #[test]
     fn a_plain_door_is_learned_by_its_planes_alone() {
-        let recording = recording(24, turn);
+        let recording = door_recording(24, turn);
         let learned = complete(LearnedJoints::default(), &recording).joints;
         assert_eq!(learned.len(), 1);
         let LearnedJoint { joint, base_from_part, plain_surface, .. } = &learned[0];
@@ -296,7 +263,7 @@ mod tests {
 
     #[test]
     fn a_few_badly_placed_tracks_of_a_door_do_not_stand_for_it() {
-        let recording = recording(24, turn);
+        let recording = door_recording(24, turn);
         let tracked = |gain: f64, z: f64, scale: f64| {
             let configuration = (0..11).map(|f| [0.1 * f as f64, scale * turn(f)]).collect();
             let range = [0.0, scale * turn(10)];
@@ -319,7 +286,7 @@ mod tests {
     #[test]
     fn a_door_that_stays_closed_or_stands_open_is_no_joint() {
         for stays in [0.0, 1.0] {
-            let recording = recording(24, |_| stays);
+            let recording = door_recording(24, |_| stays);
             let found = complete(LearnedJoints::default(), &recording);
             assert!(found.joints.is_empty() && found.rejections.is_empty());
         }

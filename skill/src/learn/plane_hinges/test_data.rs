@@ -1,0 +1,67 @@
+//! Test data: depth pictures of a plain door.
+
+use crate::learn::ego_motion::EgoMotion;
+use crate::learn::keyframes::Keyframes;
+use crate::learn::recording::Recording;
+use crate::learn::tracking::TrackSet;
+use crate::math::rigid::Pose;
+use crate::test_data::seen;
+use linkage_frames::RgbdFrame;
+
+/// Width of the door, metres.
+pub const WIDTH_M: f64 = 0.6;
+/// Where its hinge is: vertical, at this x and z in the camera frame, metres.
+pub const HINGE_M: [f64; 2] = [-0.3, 2.0];
+
+/// Turn of a door that rests, is opened, and rests again, radians.
+pub fn turn(frame: usize) -> f64 {
+    0.13 * frame.saturating_sub(6).min(10) as f64
+}
+
+/// A plain door in the front of a plain cupboard, open by `turn`. The cupboard's front goes from border
+/// to border of the picture if it is not `pulled`; else it is 1.2 m wide and stands that far nearer to
+/// the camera, before a wall.
+fn door(turn: f64, pulled: Option<f64>) -> RgbdFrame {
+    let shift = pulled.unwrap_or(0.0);
+    let (hinge, arm) = ([HINGE_M[0], HINGE_M[1] - shift], [turn.cos(), -turn.sin()]);
+    seen(0, |x, y| {
+        let normal = [turn.sin(), turn.cos()];
+        let z = (normal[0] * hinge[0] + normal[1] * hinge[1]) / (normal[0] * x + normal[1]);
+        let along = arm[0] * (z * x - hinge[0]) + arm[1] * (z - hinge[1]);
+        let is_door = z > 0.0 && (0.0..WIDTH_M).contains(&along) && (z * y).abs() < 0.5;
+        let front = hinge[1];
+        let is_opening = (front * x).abs() < 0.3 && (front * y).abs() < 0.5;
+        let is_front = pulled.is_none() || (front * x).abs() < 0.6 && (front * y).abs() < 0.6;
+        let behind = match (is_front, is_opening) {
+            (true, true) => front + 0.6,
+            (true, false) => front,
+            (false, _) => 3.2,
+        };
+        if is_door { z.min(behind) } else { behind }
+    })
+}
+
+/// A recording of the door in a front, by its turn in each frame. All frames are kept.
+pub fn door_recording(frames: usize, turn: impl Fn(usize) -> f64) -> Recording {
+    recording((0..frames).map(|f| door(turn(f), None)).collect())
+}
+
+/// A recording of the door of a cupboard that is pulled forwards, by both in each frame.
+pub fn pulled_door_recording(
+    frames: usize,
+    turn: impl Fn(usize) -> f64,
+    pulled: impl Fn(usize) -> f64,
+) -> Recording {
+    recording((0..frames).map(|f| door(turn(f), Some(pulled(f)))).collect())
+}
+
+fn recording(pictures: Vec<RgbdFrame>) -> Recording {
+    let frames = pictures.len();
+    let mut keyframes = Keyframes::new(frames);
+    pictures.iter().enumerate().for_each(|(f, picture)| keyframes.offer(f, picture));
+    let camera_from_base = vec![Pose::identity(); frames];
+    let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
+    let frame_utimes = (0..frames as i64).map(|f| 100_000 * f).collect();
+    let tracks = TrackSet { frame_utimes, tracks: Vec::new() };
+    Recording { tracks, ego_motion, keyframes }
+}
