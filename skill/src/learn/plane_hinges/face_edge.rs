@@ -32,7 +32,10 @@ const BEYOND_M: f64 = 0.1;
 const ON_PLANE_M: f64 = 0.005;
 const OFF_PLANE_M: f64 = 0.015;
 /// Share of a change that is taken over at each step.
-const DRIFT: f64 = 0.1;
+const DRIFT: f64 = 0.2;
+/// So far behind the plane is what is seen beyond its edge, metres. A face that bends away, or the front
+/// that a door is in, leaves the plane by little.
+const JUMP_M: f64 = 0.03;
 /// So much nearer to the camera something hides the plane, metres.
 const HIDING_M: f64 = 0.05;
 /// Fewest planes whose edges agree.
@@ -156,7 +159,8 @@ impl Face {
             } else {
                 off += 1;
                 if off == STEPS_OFF {
-                    return Some(last_on + 0.5 * step);
+                    let jumps = residual < before - JUMP_M;
+                    return jumps.then_some(last_on + 0.5 * step);
                 }
             }
         }
@@ -233,10 +237,8 @@ mod tests {
     }
 
     #[test]
-    fn the_other_edge_is_at_the_hinge() {
-        let mut near = distances(&edges(0.0).near);
-        // Next to it a door that is hardly open lies in the front.
-        assert!(near.iter().all(|d| *d < 0.06), "{near:?}");
-        assert!(median(&mut near).is_some_and(|d| d < 0.03), "{near:?}");
+    fn where_a_door_meets_its_front_no_edge_is_taken_for_it() {
+        let near = distances(&edges(0.0).near);
+        assert!(near.iter().all(|d| *d < 0.03), "{near:?}");
     }
 }
