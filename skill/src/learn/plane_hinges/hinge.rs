@@ -64,6 +64,8 @@ pub struct Hinge {
     pub place_information: Matrix3<f64>,
     /// The same if the line lay in the face.
     in_face_information: Matrix3<f64>,
+    /// The edge of the face next to it was seen.
+    pub has_near_edge: bool,
     /// Root mean square distance of the planes from where the hinge puts them.
     pub rmse: f64,
 }
@@ -220,6 +222,7 @@ fn refined(
         normal_scatter,
         place_information,
         in_face_information,
+        has_near_edge: !edges.near.is_empty(),
         rmse,
     };
     let back = hinge.geometry().motion(-hinge.turns[largest].1);
