@@ -210,11 +210,13 @@ impl PlainPart {
         self.hinge.reach()
     }
 
-    /// More of its planes agree with it than with another following of them, or as many do and its line
-    /// is known better.
+    /// It does not jump as another following of the same planes does, or more of them agree with it, or as
+    /// many do and its line is known better.
     fn agrees_better_than(&self, other: &Self) -> bool {
+        let steady = other.jumps().cmp(&self.jumps());
         let more = self.agreement().total_cmp(&other.agreement());
-        more.then(other.place_sigma().total_cmp(&self.place_sigma())).is_gt()
+        let better_known = other.place_sigma().total_cmp(&self.place_sigma());
+        steady.then(more).then(better_known).is_gt()
     }
 
     /// How many planes agree with it, each the less the farther they are from where it puts them.
