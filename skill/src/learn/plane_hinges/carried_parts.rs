@@ -6,7 +6,8 @@
 //! elsewhere tell whether it carries them.
 
 use super::extend_range::extend_to;
-use super::{is_known, search};
+use super::plain_search::search;
+use super::same_joint::is_known;
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::learned_joint::LearnedJoint;
 use crate::learn::recording::Recording;

@@ -18,39 +18,24 @@ mod hinge;
 mod line_alignment;
 mod part_plane;
 mod plain_part;
+mod plain_search;
 mod plane_segments;
 mod planes_about_axis;
+mod same_joint;
 #[cfg(test)]
 mod test_data;
 
 use super::learned_joint::{LearnedJoint, LearnedJoints};
 use super::recording::Recording;
-use crate::math::rigid::{distance_to_line, line_angle};
-use crate::math::robust::Moments;
 use crate::object::model::Joint;
 use carried_parts::carried_parts;
 use extend_range::{extend, extend_to};
-use hinge::candidates;
-use plain_part::{Followed, PlainPart, follow_candidate};
-use plane_segments::{PlanePatch, Sampling, moving_patches};
+use plain_part::PlainPart;
+use plain_search::{PlainParts, search};
+use same_joint::{is_known, is_meagre, is_same_hinge, moves_together};
 
-/// Largest angle between the axes of a hinge that tracks showed and of a plain part's hinge that is
-/// the same, radians.
-const SAME_DIRECTION_RAD: f64 = 0.2;
-/// Largest distance between their lines, metres.
-const SAME_PLACE_M: f64 = 0.15;
 /// Share of the range of a plain part's hinge up to which tracks of the same hinge show less.
 const LESS_OF_THE_RANGE: f64 = 0.8;
-/// Lines that are followed in the depth pictures, the best supported first.
-const MOST_FOLLOWED: usize = 10;
-/// Squared correlation of two configurations above which one joint is a consequence of the other.
-const MAX_CORRELATION: f64 = 0.8;
-/// Fewest common times that tell how two configurations correlate.
-const MIN_COMMON: usize = 5;
-/// Gain up to which a joint of tracks gives way to a plain part that moves together with it.
-const MEAGRE_GAIN: f64 = 1000.0;
-/// Times of one frame differ by less than this, seconds.
-const SAME_TIME_S: f64 = 1e-4;
 
 /// What planes add to the joints that tracks showed: hinges that no track showed, and configurations
 /// where tracks were lost.
@@ -111,11 +96,6 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     LearnedJoints { joints, rejections }
 }
 
-/// A joint that is known already shows what a plain part does.
-fn is_known(joint: &LearnedJoint, plain: &LearnedJoint) -> bool {
-    is_same_hinge(&joint.joint, &plain.joint) || !is_meagre(joint) && moves_together(joint, plain)
-}
-
 /// A plain part takes the place of a joint whose tracks show less of the same hinge: they were lost as
 /// it turned away. A few tracks are the hand's on the part, or its edge's; many are its own.
 fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint) {
@@ -135,11 +115,6 @@ fn number(joints: &mut [LearnedJoint], first: usize) {
     }
 }
 
-/// Few tracks show the joint.
-fn is_meagre(learned: &LearnedJoint) -> bool {
-    learned.joint.log_likelihood < MEAGRE_GAIN
-}
-
 /// Few tracks show the hinge that many tracks of another joint show as well, and they turn together: they
 /// are on the same part, badly placed.
 fn is_double(learned: &LearnedJoint, all: &[LearnedJoint]) -> bool {
@@ -151,75 +126,18 @@ fn is_double(learned: &LearnedJoint, all: &[LearnedJoint]) -> bool {
     is_meagre(learned) && all.iter().any(is_of)
 }
 
-/// The configuration of one joint is a function of the other's.
-fn moves_together(a: &LearnedJoint, b: &LearnedJoint) -> bool {
-    let of_b = &b.joint.configuration;
-    let at = |time: f64| of_b.iter().find(|[t, _]| (t - time).abs() < SAME_TIME_S);
-    let common: Vec<(f64, f64)> =
-        a.joint.configuration.iter().filter_map(|[t, q]| Some((*q, at(*t)?[1]))).collect();
-    common.len() >= MIN_COMMON
-        && Moments::of(&common).correlation_sq().is_some_and(|share| share > MAX_CORRELATION)
-}
-
-/// Both are hinges about much the same line.
-fn is_same_hinge(tracked: &Joint, plain: &Joint) -> bool {
-    let axis = tracked.axis.into();
-    tracked.kind == plain.kind
-        && line_angle(&axis, &plain.axis.into()) < SAME_DIRECTION_RAD
-        && distance_to_line(&tracked.origin.into(), &axis, &plain.origin.into()) < SAME_PLACE_M
-}
-
 /// Tracks show much the same hinge as a plain part's planes, over less of its range.
 fn shows_less(tracked: &Joint, plain: &Joint) -> bool {
     let turn = |joint: &Joint| joint.range[1] - joint.range[0];
     is_same_hinge(tracked, plain) && turn(tracked) < LESS_OF_THE_RANGE * turn(plain)
 }
 
-/// Plain parts that turn.
-#[derive(Default)]
-struct PlainParts {
-    /// Those whose hinge is known.
-    parts: Vec<PlainPart>,
-    /// Those that turned too little to tell where their hinge is.
-    unknown_lines: Vec<PlainPart>,
-}
-
-/// Finds plain parts that turn, those that tracks showed among them: what their planes explain must
-/// not suggest other parts.
-fn search(recording: &Recording) -> PlainParts {
-    let mut patches = moving_patches(recording, Sampling::Coarse, None);
-    let mut found = PlainParts::default();
-    let mut followed = 0;
-    'next: while followed < MOST_FOLLOWED {
-        for candidate in candidates(&patches, MOST_FOLLOWED - followed) {
-            followed += 1;
-            let (part, of_its_kind) = match follow_candidate(&candidate, &patches, recording) {
-                Followed::Part(part) => (part, &mut found.parts),
-                Followed::LineUnknown(part) => (part, &mut found.unknown_lines),
-                Followed::Nothing => continue,
-            };
-            // What the plane of one part explains, no other joint needs to explain.
-            patches = without(patches, &part.support);
-            if !part.jumps() {
-                of_its_kind.push(part);
-            }
-            continue 'next;
-        }
-        break;
-    }
-    found
-}
-
-/// The patches but for those at some places of the list.
-fn without(patches: Vec<PlanePatch>, places: &[usize]) -> Vec<PlanePatch> {
-    let kept = patches.into_iter().enumerate().filter(|(i, _)| !places.contains(i));
-    kept.map(|(_, patch)| patch).collect()
-}
-
 #[cfg(test)]
 mod tests {
+    use super::same_joint::MEAGRE_GAIN;
     use super::test_data::{door_recording, turn};
     use super::*;
+    use crate::math::rigid::distance_to_line;
     use crate::object::joint_geometry::JointGeometry;
     use nalgebra::{Point3, UnitVector3, Vector3};
 
