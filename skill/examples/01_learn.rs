@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! linkage simulate --scene drawer --out out/drawer      # or a recording of your own
-//! cargo run --release -p linkage-skill --example 01_learn -- out/drawer objects.linkage drawer
+//! cargo run --release -p linkage-skill --example 01_learn -- objects.linkage out/drawer drawer
 //! ```
 //!
 //! In: a recording (a folder or a file that `linkage learn` reads), a store's path, a name. Out: the
@@ -19,8 +19,8 @@ use std::path::Path;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [recording, path, name] = arguments.as_slice() else {
-        return Err("usage: 01_learn RECORDING STORE NAME".into());
+    let [path, recording, name] = arguments.as_slice() else {
+        return Err("usage: 01_learn STORE RECORDING NAME".into());
     };
     // Before the work: `put` takes the place of an object of the same name.
     let mut store = Store::open_or_create(Path::new(path))?;
