@@ -113,7 +113,8 @@ impl Rest {
             held.add(count(*base_from_part));
             asked += points.len();
         }
-        carried.agrees as f64 >= LEAST_SHOWN * asked as f64
+        asked > 0
+            && carried.agrees as f64 >= LEAST_SHOWN * asked as f64
             && carried.share_through() <= MAX_THROUGH
             && carried.margin() as f64 >= LEAST_MARGIN * held.margin() as f64
     }

@@ -42,6 +42,7 @@ const HIDING_M: f64 = 0.05;
 const LEAST_PLANES: usize = 3;
 /// Edges agree within this, metres.
 const AGREE_M: f64 = 0.04;
+
 /// What is seen of an edge of a face at a keyframe: a point of it, and the unit vector in the face from
 /// the line to it. Base frame, metres.
 pub type EdgePoint = (Point3<f64>, Vector3<f64>);

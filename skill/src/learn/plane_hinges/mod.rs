@@ -87,7 +87,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     let mut carried = carried_parts(&joints, recording);
     number(&mut carried, joints.len() + 1);
     joints.append(&mut carried);
-    // A part that tracks show as well is no riddle.
+    // A part whose motion a joint explains is not reported as unclear.
     let is_told = |part: &PlainPart| {
         let learned = part.to_learned(recording);
         joints.iter().any(|j| moves_together(j, &learned))
