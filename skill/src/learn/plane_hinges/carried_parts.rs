@@ -5,6 +5,7 @@
 //! are sought in the keyframes of the parent's longest rest; the keyframes in which the parent is
 //! elsewhere tell whether it carries them.
 
+use super::depth_following::thinned;
 use super::extend_range::extend_to;
 use super::plain_search::search;
 use super::same_joint::is_known;
@@ -13,7 +14,6 @@ use crate::learn::learned_joint::LearnedJoint;
 use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointKind;
-use nalgebra::Point3;
 use std::ops::RangeInclusive;
 
 /// Fewest keyframes of a rest.
@@ -24,8 +24,6 @@ const REST_M: f64 = 0.006;
 const ELSEWHERE: f64 = 6.0;
 /// Fewest keyframes in which the parent is elsewhere.
 const MIN_ELSEWHERE_KEYFRAMES: usize = 3;
-/// Most points of a part that are looked for.
-const MAX_POINTS: usize = 150;
 /// Share of a carried part's points that these must show where the parent carries them.
 const LEAST_SHOWN: f64 = 0.4;
 /// Largest share of them that may be seen through.
@@ -96,9 +94,7 @@ impl Rest {
     ) -> bool {
         let known: Vec<(usize, Pose)> = poses(learned).collect();
         let (Some(first), Some(last)) = (known.first(), known.last()) else { return false };
-        let stride = learned.plain_surface.len().div_ceil(MAX_POINTS).max(1);
-        let points: Vec<Point3<f64>> =
-            learned.plain_surface.iter().copied().step_by(stride).collect();
+        let points = thinned(&learned.plain_surface);
         let (mut carried, mut held) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
         let mut asked = 0;
         for (frame, picture) in recording.keyframes.iter().filter(|(f, _)| !self.frames.contains(f))
@@ -157,7 +153,7 @@ mod tests {
     use crate::math::rigid::distance_to_line;
     use crate::object::joint_geometry::JointGeometry;
     use crate::object::model::Joint;
-    use nalgebra::Vector3;
+    use nalgebra::{Point3, Vector3};
 
     const FRAMES: usize = 44;
 

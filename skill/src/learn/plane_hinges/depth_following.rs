@@ -49,9 +49,13 @@ pub struct Surface {
 impl Surface {
     /// The same with at most [`MAX_POINTS`] points, evenly spread: [`follow`] looks for each of them.
     pub fn thinned(&self) -> Self {
-        let stride = self.points.len().div_ceil(MAX_POINTS).max(1);
-        Self { points: self.points.iter().copied().step_by(stride).collect(), ..*self }
+        Self { points: thinned(&self.points), ..*self }
     }
+}
+
+/// At most [`MAX_POINTS`] of some points, evenly spread over the list.
+pub fn thinned(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    points.iter().copied().step_by(points.len().div_ceil(MAX_POINTS).max(1)).collect()
 }
 
 /// Where a surface is in one keyframe.

@@ -58,10 +58,10 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
             take_over(&mut joints, &mut learned);
         }
         // Both faces of a lid are one part.
-        let is_double = |p: &LearnedJoint| {
+        let is_same_part = |p: &LearnedJoint| {
             is_same_hinge(&p.joint, &learned.joint) && moves_together(p, &learned)
         };
-        if plain.iter().chain(&known).any(is_double) {
+        if plain.iter().chain(&known).any(is_same_part) {
             continue;
         }
         if !joints.iter().any(|j| is_known(j, &learned)) {
