@@ -59,8 +59,14 @@ const EDGE_AGREES_M: f64 = 0.001;
 /// planes.
 const SYSTEMATIC_M: f64 = 0.005;
 
-/// The one doubt about a part that is one: where its hinge is.
-const LINE_UNKNOWN: &str = "it turns too little to tell about which line";
+/// What speaks against a part with its hinge.
+#[derive(Clone, Copy)]
+enum Doubt {
+    /// It is no part of an object, for this reason.
+    NoPart(&'static str),
+    /// It is one, but it turned too little to tell about which line.
+    LineUnknown,
+}
 
 /// What was found about a candidate's line.
 pub enum Followed {
@@ -78,8 +84,8 @@ impl Followed {
         part.trace(doubt);
         match doubt {
             None => Self::Part(part),
-            Some(LINE_UNKNOWN) => Self::LineUnknown(part),
-            Some(_) => Self::Nothing,
+            Some(Doubt::LineUnknown) => Self::LineUnknown(part),
+            Some(Doubt::NoPart(_)) => Self::Nothing,
         }
     }
 
@@ -224,8 +230,8 @@ impl PlainPart {
         self.support.len() as f64 * (1.0 - (self.hinge.rmse / MAX_RMSE_M).powi(2))
     }
 
-    /// Why it is no part of an object; `None` where it is one.
-    fn doubt(&self) -> Option<&'static str> {
+    /// What speaks against it; `None` where it is a part with its hinge.
+    fn doubt(&self) -> Option<Doubt> {
         let seen = &self.followed;
         let [low, high] = seen.range();
         let max_violation =
@@ -246,10 +252,13 @@ impl PlainPart {
             ),
             (seen.shown_ratio() < LEAST_KEYFRAMES, "few pictures show it"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
-            (self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M, LINE_UNKNOWN),
-            (high - low < LARGE_TURN_RAD && !self.hinge.has_near_edge, LINE_UNKNOWN),
         ];
-        reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+        if let Some((_, reason)) = reasons.into_iter().find(|(holds, _)| *holds) {
+            return Some(Doubt::NoPart(reason));
+        }
+        let is_unknown = self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M
+            || high - low < LARGE_TURN_RAD && !self.hinge.has_near_edge;
+        is_unknown.then_some(Doubt::LineUnknown)
     }
 
     /// At least half of the keyframes have a plane of it: the planes bear it out, even where a door
@@ -280,7 +289,12 @@ impl PlainPart {
         high - low
     }
 
-    fn trace(&self, doubt: Option<&str>) {
+    fn trace(&self, doubt: Option<Doubt>) {
+        let rejected = match doubt {
+            None => "no",
+            Some(Doubt::NoPart(reason)) => reason,
+            Some(Doubt::LineUnknown) => "it turns too little to tell about which line",
+        };
         let [low, high] = self.followed.range();
         tracing::debug!(
             planes = self.support.len(),
@@ -296,7 +310,7 @@ impl PlainPart {
             axis = ?self.line.geometry.axis.as_slice(),
             origin = ?self.line.geometry.origin.coords.as_slice(),
             jumps = self.jumps(),
-            rejected = doubt.unwrap_or("no"),
+            rejected,
             "plain hinge"
         );
     }
