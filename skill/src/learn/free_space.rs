@@ -9,8 +9,8 @@ use linkage_frames::RgbdFrame;
 use nalgebra::Point3;
 
 /// What a depth picture says about a point.
-#[derive(Clone, Copy, PartialEq)]
-enum Probe {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Probe {
     /// Something behind it was seen.
     Through,
     /// Its surface was seen.
@@ -74,7 +74,8 @@ pub fn count_free_space(
     found
 }
 
-fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
+/// What a depth picture says about a point in the camera frame.
+pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     let Some(pixel) = picture.camera.project(in_camera) else { return Probe::Unknown };
     if !picture.camera.sees(&pixel, 3.0) {
         return Probe::Unknown;
@@ -92,7 +93,7 @@ fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     if farthest == 0.0 {
         return Probe::Unknown;
     }
-    let margin = 0.02 + 1.5 * coarse_sigma(in_camera.z);
+    let margin = depth_margin(in_camera.z);
     if nearest > in_camera.z + margin {
         Probe::Through
     } else if farthest < in_camera.z - margin {
@@ -100,6 +101,11 @@ fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     } else {
         Probe::Agrees
     }
+}
+
+/// Difference of depths up to which they may be of one surface, at depth `z`; metres.
+pub fn depth_margin(z: f64) -> f64 {
+    0.02 + 1.5 * coarse_sigma(z)
 }
 
 #[cfg(test)]

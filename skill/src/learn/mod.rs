@@ -4,6 +4,7 @@
 pub(crate) mod appearance;
 pub(crate) mod attachment;
 mod background_search;
+mod best_path;
 pub(crate) mod demonstration;
 pub(crate) mod ego_motion;
 pub(crate) mod free_space;
@@ -13,12 +14,14 @@ pub(crate) mod joint_search;
 pub(crate) mod katz;
 pub(crate) mod keyframes;
 pub(crate) mod learned_joint;
+mod line_step;
 #[cfg(feature = "paper")]
 pub(crate) mod paper;
 pub(crate) mod plane_hinges;
 pub(crate) mod recording;
 pub(crate) mod stage_times;
 pub(crate) mod tracking;
+mod vacated;
 
 use crate::config::{Method, SkillConfig};
 use crate::math::rigid::Pose;
@@ -238,7 +241,8 @@ fn learn_joints(
             if !config.planes.enabled {
                 return found;
             }
-            times.measure("planes", || plane_hinges::complete(found, recording))
+            let found = times.measure("planes", || plane_hinges::complete(found, recording));
+            times.measure("vacated", || vacated::complete(found, recording))
         }
     }
 }

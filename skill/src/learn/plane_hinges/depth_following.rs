@@ -7,6 +7,7 @@
 //! configurations, where a hand covers the part or another part looks the same, but a part moves
 //! on from where it was.
 
+use crate::learn::best_path::best_path;
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
 use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;
@@ -189,14 +190,16 @@ pub fn follow(
         let camera_from_part = base.camera_from_base[frame] * geometry.motion(q);
         count_free_space(picture, &surface.points, &camera_from_part)
     };
-    let table: Vec<Vec<FreeSpaceCounts>> = pictures
+    let table: Vec<Vec<f64>> = pictures
         .par_iter()
         .map(|&(frame, picture)| {
-            (0..STEPS).map(|i| probe(frame, picture, range[0] + step * i as f64)).collect()
+            (0..STEPS)
+                .map(|i| probe(frame, picture, range[0] + step * i as f64).margin() as f64)
+                .collect()
         })
         .collect();
     let cost_of_a_step = COST_PER_METRE * surface.points.len() as f64 * step * reach;
-    let path = best_path(&table, cost_of_a_step);
+    let path = best_path(&table, cost_of_a_step, STEPS);
     let indices = || path.iter().copied();
     let (least, most) = (indices().min().unwrap_or(0), indices().max().unwrap_or(0));
     let aside = 0.5 * step * (most - least) as f64;
@@ -272,39 +275,6 @@ pub fn residuals<'s>(
     })
 }
 
-/// The column of each row, so that the margins along the path less the cost of its steps are
-/// greatest (Viterbi).
-fn best_path(table: &[Vec<FreeSpaceCounts>], cost_of_a_step: f64) -> Vec<usize> {
-    let Some(first) = table.first() else { return Vec::new() };
-    let mut best: Vec<f64> = first.iter().map(|c| c.margin() as f64).collect();
-    let mut came_from: Vec<Vec<usize>> = Vec::new();
-    for row in &table[1..] {
-        // The best predecessor of each column from below, then from above: the cost is linear.
-        let mut origin: Vec<usize> = (0..best.len()).collect();
-        let mut value = best.clone();
-        for i in 1..value.len() {
-            if value[i - 1] - cost_of_a_step > value[i] {
-                (value[i], origin[i]) = (value[i - 1] - cost_of_a_step, origin[i - 1]);
-            }
-        }
-        for i in (0..value.len().saturating_sub(1)).rev() {
-            if value[i + 1] - cost_of_a_step > value[i] {
-                (value[i], origin[i]) = (value[i + 1] - cost_of_a_step, origin[i + 1]);
-            }
-        }
-        best = value.iter().zip(row).map(|(v, c)| v + c.margin() as f64).collect();
-        came_from.push(origin);
-    }
-    let mut column = (0..best.len()).max_by(|&a, &b| best[a].total_cmp(&best[b])).unwrap_or(0);
-    let mut path = vec![column];
-    for origin in came_from.iter().rev() {
-        column = origin[column];
-        path.push(column);
-    }
-    path.reverse();
-    path
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -366,16 +336,5 @@ mod tests {
     fn of_a_surface_that_stands_still_the_pictures_tell_no_motion() {
         let [low, high] = followed(&[0.0; 8]).range();
         assert!(high - low < 0.03);
-    }
-
-    #[test]
-    fn the_path_follows_the_agreement_but_does_not_jump_for_little() {
-        let row = |at: usize, n: usize| {
-            let mut row = vec![FreeSpaceCounts::default(); 5];
-            row[at].agrees = n;
-            row
-        };
-        let table = [row(0, 10), row(4, 1), row(0, 10), row(4, 10), row(4, 10)];
-        assert_eq!(best_path(&table, 1.0), [0, 0, 0, 4, 4]);
     }
 }

@@ -8,10 +8,11 @@
 
 use super::depth_following::{Following, Surface, residuals};
 use super::hinge::Hinge;
+use crate::learn::line_step::{line_covariance, moved_line};
 use crate::learn::recording::Recording;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointGeometry;
-use nalgebra::{Matrix3x2, Matrix4, Matrix6, Point3, SMatrix, UnitVector3, Vector3, Vector4};
+use nalgebra::{Matrix3x2, Matrix4, Matrix6, Point3, Vector3, Vector4};
 
 /// Gauss-Newton steps.
 const STEPS: usize = 6;
@@ -164,24 +165,4 @@ fn prior(surface: &Surface, from_planes: &Hinge, now: &JointGeometry) -> LineSys
 pub fn largest_place_sigma(covariance: &Matrix6<f64>) -> f64 {
     let place = covariance.fixed_view::<3, 3>(3, 3).into_owned();
     place.symmetric_eigenvalues().max().max(0.0).sqrt()
-}
-
-/// The line, its direction turned and its origin shifted across itself.
-fn moved_line(line: &JointGeometry, step: &Vector4<f64>) -> JointGeometry {
-    let (u, v) = orthonormal_basis(&line.axis);
-    let axis = line.axis.into_inner() + u * step[0] + v * step[1];
-    let origin = line.origin + u * step[2] + v * step[3];
-    JointGeometry { axis: UnitVector3::new_normalize(axis), origin, ..*line }
-}
-
-/// Covariance of (axis, origin) from the information of the line's four unknowns.
-fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> Matrix6<f64> {
-    let (u, v) = orthonormal_basis(&line.axis);
-    let mut spread = SMatrix::<f64, 6, 4>::zeros();
-    for (k, side) in [u, v].iter().enumerate() {
-        spread.fixed_view_mut::<3, 1>(0, k).copy_from(side);
-        spread.fixed_view_mut::<3, 1>(3, k + 2).copy_from(side);
-    }
-    let of_line = information.try_inverse().unwrap_or_else(Matrix4::zeros);
-    spread * of_line * spread.transpose()
 }

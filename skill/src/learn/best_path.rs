@@ -1,0 +1,68 @@
+//! The path through a table that gains most: dynamic programming.
+
+/// The column of each row, so that what the table gives along the path less the cost of its steps is
+/// greatest (Viterbi). A path goes at most `max_step` columns from one row to the next. Of equal paths that
+/// with the smaller steps is taken.
+pub fn best_path(table: &[Vec<f64>], cost_of_a_step: f64, max_step: usize) -> Vec<usize> {
+    let Some(first) = table.first() else { return Vec::new() };
+    let columns = first.len();
+    let mut best: Vec<f64> = first.clone();
+    let mut came_from: Vec<Vec<usize>> = Vec::new();
+    for row in &table[1..] {
+        let origins: Vec<(f64, usize)> =
+            (0..columns).map(|i| best_origin(&best, i, cost_of_a_step, max_step)).collect();
+        best = origins.iter().zip(row).map(|((value, _), gain)| value + gain).collect();
+        came_from.push(origins.into_iter().map(|(_, origin)| origin).collect());
+    }
+    let mut column = (0..columns).max_by(|&a, &b| best[a].total_cmp(&best[b])).unwrap_or(0);
+    let mut path = vec![column];
+    for origin in came_from.iter().rev() {
+        column = origin[column];
+        path.push(column);
+    }
+    path.reverse();
+    path
+}
+
+/// The column of the row before from which column `i` is reached with the greatest value.
+fn best_origin(best: &[f64], i: usize, cost_of_a_step: f64, max_step: usize) -> (f64, usize) {
+    let mut found = (best[i], i);
+    for step in 1..=max_step.min(best.len() - 1) {
+        let cost = cost_of_a_step * step as f64;
+        let below = i.checked_sub(step);
+        for origin in below.into_iter().chain((i + step < best.len()).then_some(i + step)) {
+            if best[origin] - cost > found.0 {
+                found = (best[origin] - cost, origin);
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_follows_the_gain_but_does_not_jump_for_little() {
+        let row = |at: usize, gain: f64| {
+            let mut row = vec![0.0; 5];
+            row[at] = gain;
+            row
+        };
+        let table = [row(0, 10.0), row(4, 1.0), row(0, 10.0), row(4, 10.0), row(4, 10.0)];
+        assert_eq!(best_path(&table, 1.0, 5), [0, 0, 0, 4, 4]);
+    }
+
+    #[test]
+    fn a_path_makes_no_step_that_is_too_large() {
+        let table = [vec![9.0, 0.0, 0.0], vec![0.0, 0.0, 0.0], vec![0.0, 0.0, 9.0]];
+        assert_eq!(best_path(&table, 0.1, 1), [0, 1, 2]);
+        assert_eq!(best_path(&table[1..], 0.1, 1), [1, 2]);
+    }
+
+    #[test]
+    fn a_table_without_rows_has_no_path() {
+        assert!(best_path(&[], 1.0, 5).is_empty());
+    }
+}

@@ -1,0 +1,156 @@
+//! A joint's line and its configurations by least squares over all keyframes: each point of the surface that
+//! faces the camera goes to the moving reading next to it. The configurations are eliminated (Schur
+//! complement), as bundle adjustment eliminates points.
+
+use super::moving_points::{MAX_DISTANCE_M, MovingPoints};
+use super::rest_surface::RestSurface;
+use crate::learn::line_step::moved_line;
+use crate::math::rigid::{nearest_on_line, orthonormal_basis};
+use crate::object::joint_geometry::{JointGeometry, JointKind};
+use nalgebra::{Matrix3x4, Matrix4, Vector3, Vector4};
+
+/// Gauss-Newton steps.
+const STEPS: usize = 8;
+/// Fewest pairs of a keyframe, as a share of the points.
+const MIN_PAIRS: f64 = 0.1;
+/// Step for derivatives, radians or metres.
+const DIFFERENCE: f64 = 1e-5;
+/// Largest change of a configuration in a step, radians or metres.
+const MAX_CHANGE: f64 = 0.1;
+/// Error of a keyframe's pairs that all of them share, metres: a hand on the part counts as its surface.
+const SHARED_M: f64 = 0.004;
+/// Independent keyframes: a hand keeps its grip.
+const INDEPENDENT: f64 = 8.0;
+/// Standard deviation of a line's place before anything is seen, metres.
+const PLACE_M: f64 = 0.5;
+/// The same for a slide, whose place is any.
+const NO_PLACE_M: f64 = 1e-6;
+
+/// A line that was aligned.
+pub struct Aligned {
+    /// The line.
+    pub geometry: JointGeometry,
+    /// One configuration a keyframe.
+    pub q: Vec<f64>,
+    /// Information of the line's four unknowns.
+    pub information: Matrix4<f64>,
+}
+
+/// What is known of a direction before anything is seen.
+#[derive(Debug, Clone, Copy)]
+pub struct Direction {
+    /// Unit vector.
+    pub mean: Vector3<f64>,
+    /// Standard deviation, radians.
+    pub sigma: f64,
+}
+
+/// Aligns a joint to all keyframes, from its configurations in them.
+pub fn align(
+    surface: &RestSurface,
+    geometry: &JointGeometry,
+    q: &[f64],
+    direction: &Direction,
+    moving: &[MovingPoints],
+) -> Aligned {
+    let mut line = *geometry;
+    line.origin = nearest_on_line(&line.origin, &line.axis, &surface.centre());
+    let mut q = q.to_vec();
+    let mut information = Matrix4::identity();
+    for _ in 0..STEPS {
+        let keyframes: Vec<(usize, Normal)> = moving
+            .iter()
+            .enumerate()
+            .filter_map(|(k, view)| Some((k, normal_equations(surface, &line, q[k], view)?)))
+            .collect();
+        let scale = INDEPENDENT.min(keyframes.len() as f64) / keyframes.len().max(1) as f64;
+        let (mut left, mut right) = prior(&line, direction);
+        for (_, n) in &keyframes {
+            left += scale * (n.left - n.cross * n.cross.transpose() / n.own);
+            right += scale * (n.right - n.cross * (n.own_right / n.own));
+        }
+        information = left;
+        let Some(step) = left.cholesky().map(|c| c.solve(&right)) else { break };
+        for (k, n) in &keyframes {
+            let change = (n.own_right - n.cross.dot(&step)) / n.own;
+            q[*k] += change.clamp(-MAX_CHANGE, MAX_CHANGE);
+        }
+        line = moved_line(&line, &step);
+        line.origin = nearest_on_line(&line.origin, &line.axis, &surface.centre());
+        if step.norm() < 1e-5 {
+            break;
+        }
+    }
+    Aligned { geometry: line, q, information }
+}
+
+/// Normal equations of one keyframe, for the line's unknowns and its configuration.
+struct Normal {
+    left: Matrix4<f64>,
+    right: Vector4<f64>,
+    cross: Vector4<f64>,
+    own: f64,
+    own_right: f64,
+}
+
+fn normal_equations(
+    surface: &RestSurface,
+    line: &JointGeometry,
+    q: f64,
+    view: &MovingPoints,
+) -> Option<Normal> {
+    let motion = line.motion(q);
+    let beside: [_; 4] = std::array::from_fn(|k| {
+        let mut step = Vector4::zeros();
+        step[k] = DIFFERENCE;
+        moved_line(line, &step).motion(q)
+    });
+    let mut all = Normal {
+        left: Matrix4::zeros(),
+        right: Vector4::zeros(),
+        cross: Vector4::zeros(),
+        own: 0.0,
+        own_right: 0.0,
+    };
+    let (mut pairs, mut weights) = (0, 0.0);
+    for (point, normal) in surface.points.iter().zip(&surface.normals) {
+        let place = motion * point;
+        let Some(reading) = view.nearest(&place, &(motion * normal)) else { continue };
+        let off = reading - place;
+        let w = (1.0 - off.norm_squared() / MAX_DISTANCE_M.powi(2)).max(0.0).powi(2);
+        let slopes =
+            Matrix3x4::from_columns(&beside.each_ref().map(|m| (m * point - place) / DIFFERENCE));
+        let own = line.velocity(&place);
+        all.left += w * slopes.transpose() * slopes;
+        all.right += w * slopes.transpose() * off;
+        all.cross += w * slopes.transpose() * own;
+        all.own += w * own.norm_squared();
+        all.own_right += w * own.dot(&off);
+        pairs += 1;
+        weights += w;
+    }
+    if (pairs as f64) < MIN_PAIRS * surface.points.len() as f64 || all.own < 1e-6 {
+        return None;
+    }
+    // All pairs of a keyframe count as one: they share the errors of what is taken for the surface.
+    let scale = 1.0 / (weights * SHARED_M.powi(2));
+    all.left *= scale;
+    all.right *= scale;
+    all.cross *= scale;
+    all.own *= scale;
+    all.own_right *= scale;
+    Some(all)
+}
+
+/// What is known of a line before anything is seen. A slide has no place.
+fn prior(line: &JointGeometry, direction: &Direction) -> (Matrix4<f64>, Vector4<f64>) {
+    let sense = if direction.mean.dot(&line.axis) < 0.0 { -1.0 } else { 1.0 };
+    let apart = sense * direction.mean - line.axis.into_inner();
+    let (u, v) = orthonormal_basis(&line.axis);
+    let of_direction = 1.0 / direction.sigma.powi(2);
+    let place_m = if line.kind == JointKind::Revolute { PLACE_M } else { NO_PLACE_M };
+    let of_place = 1.0 / place_m.powi(2);
+    let left = Matrix4::from_diagonal(&Vector4::new(of_direction, of_direction, of_place, of_place));
+    let right = of_direction * Vector4::new(u.dot(&apart), v.dot(&apart), 0.0, 0.0);
+    (left, right)
+}

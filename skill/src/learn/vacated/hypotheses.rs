@@ -1,0 +1,182 @@
+//! Joints that could have moved a surface from its rest to where it is when its place is empty: all hinges
+//! of a coarse grid of lines, and slides, along some directions.
+
+use super::moving_points::{Evidence, MovingPoints};
+use super::rest_surface::RestSurface;
+use crate::math::rigid::{distance_to_line, line_angle, orthonormal_basis};
+use crate::object::joint_geometry::{JointGeometry, JointKind};
+use nalgebra::{Point3, UnitVector3, Vector3};
+use rayon::prelude::*;
+
+/// Lines of the grid in either direction across an axis.
+const GRID: usize = 13;
+/// How far the grid goes beyond the surface: a share of its size, and metres.
+const BEYOND: f64 = 0.5;
+const BEYOND_M: f64 = 0.04;
+/// Largest turn, radians, and shift, metres, from the rest.
+pub const MAX_TURN_RAD: f64 = 2.5;
+pub const MAX_SHIFT_M: f64 = 0.7;
+/// Distance that the surface goes between two configurations that are tried, metres.
+const STEP_M: f64 = 0.025;
+/// Points of the surface that are asked about.
+const POINTS: usize = 60;
+/// Keyframes that are asked.
+const KEYFRAMES: usize = 6;
+/// Share of the points that a keyframe must see through at their rest for the surface to be elsewhere.
+const ELSEWHERE: f64 = 0.35;
+/// Lines that make less than this angle and are less than so many steps of the grid apart are one.
+const SAME_RAD: f64 = 0.1;
+const SAME_STEPS: f64 = 1.2;
+
+/// A joint that is tried, with its score: the mean share of the surface's points that are found, less
+/// those that are seen through, at the best configuration for each keyframe.
+#[derive(Debug, Clone, Copy)]
+pub struct Hypothesis {
+    /// Its line; configuration 0 is the rest.
+    pub geometry: JointGeometry,
+    /// From -1 to 1.
+    pub score: f64,
+    /// Distance between lines of its grid, metres.
+    step: f64,
+}
+
+/// The keyframes in which the surface is not where it rests, evenly chosen.
+fn elsewhere<'m, 'v, 'r>(
+    surface: &RestSurface,
+    moving: &'m [MovingPoints<'v, 'r>],
+) -> Vec<&'m MovingPoints<'v, 'r>> {
+    let is_vacated = |view: &&MovingPoints| {
+        let evidence = surface.points.iter().zip(&surface.normals);
+        let through = evidence.filter(|(p, n)| view.evidence(p, n) == Evidence::Through).count();
+        through as f64 >= ELSEWHERE * surface.points.len() as f64
+    };
+    let all: Vec<&MovingPoints> = moving.iter().filter(is_vacated).collect();
+    let n = all.len().min(KEYFRAMES);
+    (0..n).map(|k| all[k * (all.len() - 1) / (n - 1).max(1)]).collect()
+}
+
+/// The best hypotheses, at most `hinges` hinges that differ and `slides` slides; `lines` are tried beside
+/// the grid.
+pub fn best_hypotheses(
+    surface: &RestSurface,
+    directions: &[Vector3<f64>],
+    lines: &[JointGeometry],
+    moving: &[MovingPoints],
+    [hinges, slides]: [usize; 2],
+) -> Vec<Hypothesis> {
+    let targets = elsewhere(surface, moving);
+    if targets.is_empty() {
+        return Vec::new();
+    }
+    let step = surface.points.len().div_ceil(POINTS).max(1);
+    let few: Vec<(Point3<f64>, Vector3<f64>)> = surface
+        .points
+        .iter()
+        .copied()
+        .zip(surface.normals.iter().copied())
+        .step_by(step)
+        .collect();
+    let grid = directions.iter().flat_map(|d| hinges_along(d, surface));
+    let known = lines.iter().map(|&line| (line, 0.0));
+    let slide = |d: &Vector3<f64>| {
+        (JointGeometry::slide(UnitVector3::new_normalize(*d), surface.centre()), 0.0)
+    };
+    let all: Vec<(JointGeometry, f64)> =
+        known.chain(grid).chain(directions.iter().map(slide)).collect();
+    let mut scored: Vec<Hypothesis> = all
+        .into_par_iter()
+        .map(|(geometry, step)| Hypothesis { geometry, score: score(&geometry, &few, &targets), step })
+        .collect();
+    scored.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut chosen: Vec<Hypothesis> = Vec::new();
+    for hypothesis in scored {
+        let of_kind = |kind| chosen.iter().filter(move |c| c.geometry.kind == kind);
+        let kind = hypothesis.geometry.kind;
+        let room = if kind == JointKind::Revolute { hinges } else { slides };
+        if of_kind(kind).count() < room && !of_kind(kind).any(|c| is_same(c, &hypothesis)) {
+            chosen.push(hypothesis);
+        }
+    }
+    chosen
+}
+
+fn is_same(a: &Hypothesis, b: &Hypothesis) -> bool {
+    let (a_line, b_line) = (&a.geometry, &b.geometry);
+    line_angle(&a_line.axis, &b_line.axis) < SAME_RAD
+        && (a_line.kind != JointKind::Revolute
+            || distance_to_line(&a_line.origin, &a_line.axis, &b_line.origin)
+                < SAME_STEPS * a.step.max(b.step))
+}
+
+/// Hinges along a direction, at all places across it near the surface, with the distance between them.
+fn hinges_along(
+    direction: &Vector3<f64>,
+    surface: &RestSurface,
+) -> impl Iterator<Item = (JointGeometry, f64)> {
+    let axis = UnitVector3::new_normalize(*direction);
+    let (u, v) = orthonormal_basis(&axis);
+    let centre = surface.centre();
+    let places = |side: Vector3<f64>| {
+        let along = surface.points.iter().map(|p| side.dot(&(p - centre)));
+        let (low, high) = along.fold((0.0_f64, 0.0_f64), |(l, h), x| (l.min(x), h.max(x)));
+        let beyond = BEYOND * (high - low) + BEYOND_M;
+        let (low, high) = (low - beyond, high + beyond);
+        let step = (high - low) / (GRID - 1) as f64;
+        ((0..GRID).map(move |k| low + step * k as f64), step)
+    };
+    let ((along_u, step_u), (along_v, step_v)) = (places(u), places(v));
+    let pairs = along_u.flat_map(move |x| along_v.clone().map(move |y| (x, y)));
+    let hinge = move |(x, y)| JointGeometry::hinge(axis, centre + u * x + v * y);
+    pairs.map(move |pair| (hinge(pair), step_u.max(step_v)))
+}
+
+/// Distance from a joint's line that its surface reaches, metres; 1 for a slide.
+pub fn reach(geometry: &JointGeometry, points: &[Point3<f64>]) -> f64 {
+    if geometry.kind != JointKind::Revolute {
+        return 1.0;
+    }
+    let distances = points.iter().map(|p| distance_to_line(&geometry.origin, &geometry.axis, p));
+    distances.fold(0.02, f64::max)
+}
+
+/// Configurations from the least to the greatest that are so far apart that the surface goes `step_m`.
+pub fn configurations(
+    geometry: &JointGeometry,
+    points: &[Point3<f64>],
+    step_m: f64,
+) -> (Vec<f64>, f64) {
+    let is_hinge = geometry.kind == JointKind::Revolute;
+    let greatest = if is_hinge { MAX_TURN_RAD } else { MAX_SHIFT_M };
+    let n = (greatest / (step_m / reach(geometry, points))).ceil() as i32;
+    let step = greatest / f64::from(n);
+    ((-n..=n).map(|k| step * f64::from(k)).collect(), step)
+}
+
+fn score(
+    geometry: &JointGeometry,
+    few: &[(Point3<f64>, Vector3<f64>)],
+    targets: &[&MovingPoints],
+) -> f64 {
+    let points: Vec<Point3<f64>> = few.iter().map(|(p, _)| *p).collect();
+    let (configurations, _) = configurations(geometry, &points, STEP_M);
+    let mut best = vec![-1.0_f64; targets.len()];
+    for q in configurations {
+        let motion = geometry.motion(q);
+        let moved: Vec<(Point3<f64>, Vector3<f64>)> =
+            few.iter().map(|(p, n)| (motion * p, motion * n)).collect();
+        for (best, view) in best.iter_mut().zip(targets) {
+            *best = best.max(margin(view, &moved));
+        }
+    }
+    best.iter().sum::<f64>() / targets.len() as f64
+}
+
+/// Share of points that a keyframe shows in their places, less that which it sees through.
+pub fn margin(view: &MovingPoints, moved: &[(Point3<f64>, Vector3<f64>)]) -> f64 {
+    let of = |(p, n): &(Point3<f64>, Vector3<f64>)| match view.evidence(p, n) {
+        Evidence::Found => 1.0,
+        Evidence::Through => -1.0,
+        Evidence::Unknown => 0.0,
+    };
+    moved.iter().map(of).sum::<f64>() / moved.len().max(1) as f64
+}

@@ -1,0 +1,152 @@
+//! Parts that have neither features nor planes to be followed by: a lever, the spokes of a valve's wheel, a
+//! toilet's seat.
+//!
+//! In: the joints that are known, and the recording. Out: these joints and those of other parts. A part is at
+//! rest before or after it is moved, and other keyframes see through the place where it was: its surface is
+//! what was vacated (`rest_surface.rs`). Joints that could have moved it are tried (`hypotheses.rs`) against
+//! what moves in the other keyframes (`moving_points.rs`), the best are aligned (`alignment.rs`), and one is
+//! believed where all keyframes bear it out (`vacated_part.rs`).
+
+mod alignment;
+mod directions;
+mod hypotheses;
+mod moving_points;
+mod point_grid;
+mod rest_surface;
+mod vacated_part;
+mod view;
+
+use super::free_space::{FreeSpaceCounts, count_free_space};
+use super::learned_joint::{LearnedJoint, LearnedJoints};
+use super::recording::Recording;
+use crate::object::joint_geometry::{JointGeometry, JointKind};
+use directions::axis_directions;
+use hypotheses::{Hypothesis, best_hypotheses};
+use moving_points::MovingPoints;
+use nalgebra::{Point3, UnitVector3, Vector3};
+use rayon::prelude::*;
+use rest_surface::{End, RestSurface, vacated_surfaces};
+use vacated_part::VacatedPart;
+use view::View;
+
+/// Most surfaces that are tried at either end of the recording, the greatest first.
+const MOST_SURFACES: usize = 4;
+/// Largest radius of a surface, metres: what is greater has features or planes.
+const MAX_RADIUS_M: f64 = 0.8;
+/// Hinges and slides that are aligned, the best first.
+const MOST_ALIGNED: [usize; 2] = [10, 2];
+/// How far a part may go, in radii of its surface, and metres.
+const TRAVEL_RADII: f64 = 3.0;
+const TRAVEL_M: f64 = 0.1;
+/// A slide that agrees nearly as well as a hinge is the simpler of both.
+const SIMPLER: f64 = 0.97;
+/// Standard deviations of a direction from one that is square to the surroundings, radians: of a hinge that
+/// is built square, and of any.
+const SQUARE_RAD: f64 = 0.035;
+const ANY_RAD: f64 = 0.3;
+/// Agreement that any direction must have more than the square one, as a factor.
+const BETTER: f64 = 1.03;
+/// Largest share of a surface's points that may be seen through where a known joint puts them, and least
+/// share that must be found there, for the surface to be of its part.
+const EXPLAINED_THROUGH: f64 = 0.2;
+const EXPLAINED_FOUND: f64 = 0.3;
+
+/// Adds the joints of parts that were seen to leave their places, and that no joint explains.
+pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
+    let LearnedJoints { mut joints, rejections } = found;
+    let views = View::all(recording);
+    for end in [End::First, End::Last] {
+        let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
+        for surface in vacated_surfaces(&views, end).into_iter().filter(small).take(MOST_SURFACES) {
+            if joints.iter().any(|j| explains(j, &surface, recording, &views)) {
+                continue;
+            }
+            if let Some(part) = part_of(&surface, &joints, recording, &views) {
+                let mut learned = part.to_learned(&surface, recording);
+                learned.joint.child = joints.len() + 1;
+                learned.joint.name = format!("joint{}", joints.len() + 1);
+                joints.push(learned);
+            }
+        }
+    }
+    LearnedJoints { joints, rejections }
+}
+
+/// A surface goes where a known joint's part goes.
+fn explains(
+    learned: &LearnedJoint,
+    surface: &RestSurface,
+    recording: &Recording,
+    views: &[View],
+) -> bool {
+    let known: Vec<(usize, _)> =
+        views.iter().filter_map(|v| Some((v.frame, learned.base_from_part[v.frame]?))).collect();
+    let rest = views[surface.keyframe].frame;
+    let Some((_, at_rest)) = known.iter().min_by_key(|(frame, _)| frame.abs_diff(rest)) else {
+        return false;
+    };
+    let back = at_rest.inverse();
+    let mut seen = FreeSpaceCounts::default();
+    for view in views {
+        let Some((_, pose)) = known.iter().find(|(frame, _)| *frame == view.frame) else { continue };
+        let camera_from_base = recording.ego_motion.camera_from_base[view.frame];
+        seen.add(count_free_space(view.picture, &surface.points, &(camera_from_base * pose * back)));
+    }
+    let asked = known.len() * surface.points.len();
+    seen.share_through() < EXPLAINED_THROUGH && seen.agrees as f64 > EXPLAINED_FOUND * asked as f64
+}
+
+/// The part that a surface is of, with its joint.
+fn part_of(
+    surface: &RestSurface,
+    joints: &[LearnedJoint],
+    recording: &Recording,
+    views: &[View],
+) -> Option<VacatedPart> {
+    let known = |frame: usize| -> Vec<Point3<f64>> {
+        let of = |j: &LearnedJoint| {
+            let pose = j.base_from_part[frame]?;
+            Some(j.plain_surface.iter().map(move |p| pose * p).collect::<Vec<_>>())
+        };
+        joints.iter().filter_map(of).flatten().collect()
+    };
+    let radius = TRAVEL_RADII * surface.radius() + TRAVEL_M;
+    let moving = MovingPoints::near(&surface.centre(), radius, views, &known);
+    let hinges = joints.iter().filter(|j| j.joint.parent == 0 && j.joint.kind == JointKind::Revolute);
+    let lines: Vec<JointGeometry> = hinges
+        .map(|j| {
+            let axis = UnitVector3::new_normalize(Vector3::from(j.joint.axis));
+            JointGeometry::hinge(axis, Point3::from(j.joint.origin))
+        })
+        .collect();
+    let axes = lines.iter().map(|line| line.axis.into_inner());
+    let directions = axis_directions(surface, &views[surface.keyframe], axes);
+    let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
+    tracing::debug!(
+        points = surface.points.len(),
+        radius = surface.radius(),
+        centre = ?surface.centre().coords.as_slice(),
+        keyframe = surface.keyframe,
+        directions = directions.len(),
+        best = hypotheses.first().map(|h| h.score),
+        "vacated surface at rest"
+    );
+    let follow = |h: &Hypothesis, direction_sigma: f64| {
+        VacatedPart::follow(surface, h, direction_sigma, &moving, recording)
+    };
+    let square = hypotheses.par_iter().map(|h| (*h, follow(h, SQUARE_RAD)));
+    let square: Vec<(Hypothesis, VacatedPart)> = square.collect();
+    square.iter().for_each(|(_, part)| part.trace());
+    let (hypothesis, square) =
+        square.into_iter().max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
+    let any = follow(&hypothesis, ANY_RAD);
+    any.trace();
+    let best = if value(&any) > BETTER * value(&square) { any } else { square };
+    best.doubt().is_none().then_some(best)
+}
+
+/// How well a part's joint explains what was seen.
+fn value(part: &VacatedPart) -> f64 {
+    let is_slide = part.geometry().kind == JointKind::Prismatic;
+    part.agreement() / if is_slide { SIMPLER } else { 1.0 }
+}

@@ -1,0 +1,191 @@
+//! Surfaces that were vacated: something was at rest at one end of the recording, nobody before it, and
+//! other keyframes see through the place where it was. No texture is needed, and no plane.
+//!
+//! In: keyframes. Out: pieces of surface, each with the keyframe that shows it at rest; the greatest first.
+
+use super::view::View;
+use crate::learn::free_space::Probe;
+use crate::math::rigid::plane_through;
+use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
+
+/// Keyframes on end in which a surface must rest.
+const REST_KEYFRAMES: usize = 4;
+/// Fewest keyframes that must see through it.
+const MIN_THROUGH: usize = 3;
+/// Pixels between two places that are asked about.
+const STRIDE_PX: usize = 2;
+/// Edge of the cells that make places one piece where they touch, metres.
+const CELL_M: f64 = 0.05;
+/// Fewest places of a piece.
+const MIN_PLACES: usize = 50;
+/// A column or row of the picture has readings where one pixel in so many has one.
+const LEAST_OF_A_LINE: usize = 20;
+/// So near to the border of the readings a place is at it, pixels.
+const BORDER_PX: f64 = 8.0;
+/// Most places of a piece that are looked for elsewhere.
+const MAX_POINTS: usize = 100;
+/// Radius of the neighbourhood that tells a normal, metres, and its fewest places.
+const NORMAL_RADIUS_M: f64 = 0.015;
+const NORMAL_PLACES: usize = 5;
+
+/// The end of a recording at which a surface rests.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum End {
+    /// It rests first, and is moved later.
+    First,
+    /// It was moved, and rests at the end.
+    Last,
+}
+
+/// A piece of surface at rest, base frame.
+#[derive(Debug, Clone)]
+pub struct RestSurface {
+    /// Place of the keyframe that shows it in the list of keyframes.
+    pub keyframe: usize,
+    /// Places, evenly spread.
+    pub points: Vec<Point3<f64>>,
+    /// Unit normals there, towards the camera.
+    pub normals: Vec<Vector3<f64>>,
+}
+
+impl RestSurface {
+    /// The middle of its places.
+    pub fn centre(&self) -> Point3<f64> {
+        let sum: Vector3<f64> = self.points.iter().map(|p| p.coords).sum();
+        Point3::from(sum / self.points.len().max(1) as f64)
+    }
+
+    /// Largest distance of a place from the middle, metres.
+    pub fn radius(&self) -> f64 {
+        let centre = self.centre();
+        self.points.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max)
+    }
+}
+
+/// The pieces of surface that rest at one end of the recording and are vacated at other times.
+pub fn vacated_surfaces(views: &[View], end: End) -> Vec<RestSurface> {
+    if views.len() < REST_KEYFRAMES + MIN_THROUGH {
+        return Vec::new();
+    }
+    let at = |k: usize| if end == End::First { k } else { views.len() - 1 - k };
+    let rest: Vec<&View> = (0..REST_KEYFRAMES).map(|k| &views[at(k)]).collect();
+    let others: Vec<&View> = (REST_KEYFRAMES..views.len()).map(|k| &views[at(k)]).collect();
+    let mut pieces = connected(without_specks(vacated_places(&rest, &others)));
+    let seen = ReadingsBorder::of(rest[0]);
+    pieces.retain(|piece| piece.len() >= MIN_PLACES && !piece.iter().any(|p| seen.is_at(p)));
+    pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
+    let camera = rest[0].camera_place();
+    let surface = |places: Vec<Point3<f64>>| {
+        let step = places.len().div_ceil(MAX_POINTS).max(1);
+        let points: Vec<Point3<f64>> = places.iter().copied().step_by(step).collect();
+        let normals = points.iter().map(|p| normal_at(p, &places, &camera)).collect();
+        RestSurface { keyframe: at(0), points, normals }
+    };
+    pieces.into_iter().map(surface).collect()
+}
+
+/// The border of what a keyframe has readings of. What it cuts is not whole: most often a person, of whom the
+/// rest is outside the picture.
+struct ReadingsBorder<'v, 'r> {
+    view: &'v View<'r>,
+    /// First and last column, and row.
+    columns: [usize; 2],
+    rows: [usize; 2],
+}
+
+impl<'v, 'r> ReadingsBorder<'v, 'r> {
+    fn of(view: &'v View<'r>) -> Self {
+        let depth = &view.picture.depth;
+        let (width, height) = (depth.width(), depth.height());
+        let has = |u: usize, v: usize| depth.at(u, v).is_some();
+        let in_column = |u: usize| (0..height).step_by(STRIDE_PX).filter(|v| has(u, *v)).count();
+        let in_row = |v: usize| (0..width).step_by(STRIDE_PX).filter(|u| has(*u, v)).count();
+        let is_seen = |n: usize, size: usize| n * STRIDE_PX * LEAST_OF_A_LINE >= size;
+        let bounds = |seen: Vec<usize>| [seen.first(), seen.last()].map(|x| x.copied().unwrap_or(0));
+        Self {
+            view,
+            columns: bounds((0..width).filter(|u| is_seen(in_column(*u), height)).collect()),
+            rows: bounds((0..height).filter(|v| is_seen(in_row(*v), width)).collect()),
+        }
+    }
+
+    fn is_at(&self, place: &Point3<f64>) -> bool {
+        let Some(pixel) = self.view.pixel_of(place) else { return true };
+        let near = |x: f64, [first, last]: [usize; 2]| {
+            x < first as f64 + BORDER_PX || x > last as f64 - BORDER_PX
+        };
+        near(pixel.x, self.columns) || near(pixel.y, self.rows)
+    }
+}
+
+/// Places that rest and are seen through at other times, by their cell in the grid of pixels.
+fn vacated_places(rest: &[&View], others: &[&View]) -> BTreeMap<(usize, usize), Point3<f64>> {
+    let depth = &rest[0].picture.depth;
+    let (columns, rows) = (depth.width() / STRIDE_PX, depth.height() / STRIDE_PX);
+    let is_vacated = |place: &Point3<f64>| {
+        // One reading tells most places that stay; the readings around it are asked of the others.
+        let behind = others.iter().filter(|view| view.shows_behind(place));
+        behind.clone().take(MIN_THROUGH).count() >= MIN_THROUGH
+            && rest.iter().all(|view| view.shows(place))
+            && behind.filter(|view| view.probe(place) == Probe::Through).count() >= MIN_THROUGH
+    };
+    let cells = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
+    cells
+        .filter_map(|(row, column)| {
+            let place = rest[0].surface_at(column * STRIDE_PX, row * STRIDE_PX)?;
+            is_vacated(&place).then_some(((row, column), place))
+        })
+        .collect()
+}
+
+/// Without places that have fewer than two neighbours in the grid: noise at edges.
+fn without_specks(places: BTreeMap<(usize, usize), Point3<f64>>) -> Vec<Point3<f64>> {
+    let has = |row: usize, column: usize| usize::from(places.contains_key(&(row, column)));
+    let neighbours = |row: usize, column: usize| {
+        has(row.wrapping_sub(1), column)
+            + has(row + 1, column)
+            + has(row, column.wrapping_sub(1))
+            + has(row, column + 1)
+    };
+    let kept = places.iter().filter(|((row, column), _)| neighbours(*row, *column) >= 2);
+    kept.map(|(_, place)| *place).collect()
+}
+
+/// Places in pieces: those in cells that touch are in one.
+fn connected(places: Vec<Point3<f64>>) -> Vec<Vec<Point3<f64>>> {
+    let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / CELL_M).floor() as i32);
+    let mut cells: BTreeMap<[i32; 3], Vec<Point3<f64>>> = BTreeMap::new();
+    places.into_iter().for_each(|place| cells.entry(cell(&place)).or_default().push(place));
+    let mut pieces = Vec::new();
+    while let Some((first, places)) = cells.pop_first() {
+        let (mut piece, mut open) = (places, vec![first]);
+        while let Some(at) = open.pop() {
+            for beside in neighbours(at) {
+                if let Some(places) = cells.remove(&beside) {
+                    piece.extend(places);
+                    open.push(beside);
+                }
+            }
+        }
+        pieces.push(piece);
+    }
+    pieces
+}
+
+/// A cell and the 26 around it.
+fn neighbours([x, y, z]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
+    (0..27).map(move |k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1])
+}
+
+/// The normal of a surface at one of its places; towards the camera where too few places tell it.
+fn normal_at(place: &Point3<f64>, places: &[Point3<f64>], camera: &Point3<f64>) -> Vector3<f64> {
+    let near = places.iter().filter(|p| (*p - place).norm() < NORMAL_RADIUS_M);
+    let near: Vec<Point3<f64>> = near.copied().collect();
+    let to_camera = (camera - place).normalize();
+    if near.len() < NORMAL_PLACES {
+        return to_camera;
+    }
+    let (_, normal) = plane_through(&near);
+    if normal.dot(&to_camera) < 0.0 { -normal } else { normal }
+}

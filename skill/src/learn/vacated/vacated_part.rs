@@ -1,0 +1,327 @@
+//! A vacated surface as the part of a joint: it is followed through all keyframes, and believed where they
+//! bear it out.
+
+use super::alignment::{Aligned, Direction, align};
+use super::hypotheses::{Hypothesis, configurations, margin, reach};
+use super::moving_points::{Evidence, MovingPoints};
+use super::rest_surface::RestSurface;
+use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
+use crate::learn::best_path::best_path;
+use crate::learn::learned_joint::{LearnedJoint, orient, range_of, span_of};
+use crate::learn::line_step::line_covariance;
+use crate::learn::recording::Recording;
+use crate::learn::tracking::Trajectory;
+use crate::math::rigid::orthonormal_basis;
+use crate::object::joint_geometry::{JointGeometry, JointKind};
+use crate::object::model::{Joint, covariance_rows};
+use nalgebra::{Matrix6, Point3, Vector3};
+
+/// Distance that the surface goes between two configurations that are tried, metres.
+const STEP_M: f64 = 0.015;
+/// Cost of a metre of travel between two keyframes, as a share of the agreement of all points.
+const COST_PER_METRE: f64 = 2.0;
+/// Largest motion from one keyframe to the next, radians and metres. A wheel with like spokes would jump from
+/// one to the next.
+const MAX_STEP_RAD: f64 = 0.7;
+const MAX_STEP_M: f64 = 0.3;
+/// Share of the points, less those seen through, by which a keyframe shows the part.
+const LEAST_SHOWN: f64 = 0.15;
+/// Share of the keyframes that must show it.
+const LEAST_KEYFRAMES: f64 = 0.7;
+/// Keyframes at either end, as a share of all; most of them must show it.
+const END: f64 = 0.1;
+/// Largest share of its points that may be seen through.
+const MAX_VIOLATION: f64 = 0.1;
+/// Largest median distance of its points from the readings next to them, metres.
+const MAX_MEDIAN_M: f64 = 0.006;
+/// Distance from which a reading next to a point says nothing for it, metres.
+const OWN_M: f64 = 0.0125;
+/// Least agreement while it is away from its rest.
+const MIN_AGREEMENT: f64 = 0.25;
+/// Least motion, radians and metres of its farthest point.
+const MIN_TURN_RAD: f64 = 0.35;
+const MIN_TRAVEL_M: f64 = 0.04;
+/// A surface that has moved less than this is still at rest, metres.
+const REST_M: f64 = 0.015;
+/// Fewest readings of something that has come: a hand has more.
+const MIN_ARRIVED: usize = 30;
+/// Least time for which a hand moves before it moves the part, seconds.
+const MIN_LEAD_S: f64 = 0.3;
+/// What is farther than this from the seen side of a part is none of it, metres and radii of the part.
+const APART_M: f64 = 0.05;
+const APART_RADII: f64 = 0.5;
+/// Share of the keyframes in which nothing else moves where no person is.
+const LEAST_ALONE: f64 = 0.9;
+/// Errors that all readings share: radians and metres.
+const SYSTEMATIC_RAD: f64 = 0.01;
+const SYSTEMATIC_M: f64 = 0.004;
+
+/// A surface that was followed along a joint.
+pub struct VacatedPart {
+    /// The joint; configuration 0 is the rest.
+    aligned: Aligned,
+    /// What each keyframe shows.
+    seen: Vec<Seen>,
+    /// Median distance of points from the readings next to them, metres.
+    median_m: f64,
+    /// Distance of the farthest point from the line; 1 for a slide.
+    reach: f64,
+    /// Share of the line that nothing holds.
+    unattached_ratio: f64,
+    /// How long something else moved near it while it still was at rest, seconds.
+    lead_s: f64,
+    /// Nothing else moves near it.
+    is_alone: bool,
+}
+
+/// The surface in one keyframe.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen {
+    frame: usize,
+    /// Points whose surface is found, less those that are seen through, as a share of all.
+    margin: f64,
+    /// Points that are found next to a moving reading, the less the farther, less those that are seen
+    /// through, as a share of all.
+    agreement: f64,
+    found: usize,
+    through: usize,
+}
+
+impl VacatedPart {
+    /// Follows a surface along a hypothesis and aligns the line to what is seen, twice.
+    pub fn follow(
+        surface: &RestSurface,
+        hypothesis: &Hypothesis,
+        direction_sigma: f64,
+        moving: &[MovingPoints],
+        recording: &Recording,
+    ) -> Self {
+        let direction =
+            Direction { mean: hypothesis.geometry.axis.into_inner(), sigma: direction_sigma };
+        let q = path(surface, &hypothesis.geometry, moving);
+        let geometry = align(surface, &hypothesis.geometry, &q, &direction, moving).geometry;
+        let q = path(surface, &geometry, moving);
+        let aligned = align(surface, &geometry, &q, &direction, moving);
+        let (seen, median_m) = what_is_seen(surface, &aligned, moving);
+        let camera_from_base = |frame: usize| recording.ego_motion.camera_from_base[frame];
+        let line = &aligned.geometry;
+        let unattached_ratio = match line.kind {
+            JointKind::Revolute => {
+                unattached_ratio(line, &surface.points, recording, camera_from_base)
+            }
+            _ => 0.0,
+        };
+        let reach = reach(line, &surface.points);
+        let lead_s = lead_of_others(surface, &aligned.q, reach, moving);
+        let is_alone = is_alone(surface, &aligned, moving);
+        Self { aligned, seen, median_m, reach, unattached_ratio, lead_s, is_alone }
+    }
+
+    /// The joint's line.
+    pub fn geometry(&self) -> &JointGeometry {
+        &self.aligned.geometry
+    }
+
+    /// How well all keyframes agree with it.
+    pub fn agreement(&self) -> f64 {
+        self.seen.iter().map(|s| s.agreement).sum::<f64>() / self.seen.len().max(1) as f64
+    }
+
+    /// Why it is no part; `None` where it is one.
+    pub fn doubt(&self) -> Option<&'static str> {
+        let keyframes = self.seen.len() as f64;
+        let shown = self.shown().count() as f64;
+        let turn = span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>());
+        let (found, through) =
+            self.seen.iter().fold((0, 0), |(f, t), s| (f + s.found, t + s.through));
+        let is_hinge = self.geometry().kind == JointKind::Revolute;
+        let reasons = [
+            (is_hinge && turn < MIN_TURN_RAD, "it hardly turns"),
+            (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
+            (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
+            (!self.is_there_throughout(), "it comes and leaves"),
+            (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
+            (self.median_m > MAX_MEDIAN_M, "it does not keep its shape"),
+            (self.agreement_elsewhere() < MIN_AGREEMENT, "it is not found elsewhere"),
+            (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
+            (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
+        ];
+        reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+    }
+
+    /// Agreement of the keyframes in which it is far from its rest.
+    fn agreement_elsewhere(&self) -> f64 {
+        let away = |q: f64| q.abs() * self.reach > MIN_TRAVEL_M;
+        let seen = self.seen.iter().zip(&self.aligned.q).filter(|(_, q)| away(**q));
+        let (sum, n) = seen.fold((0.0, 0), |(sum, n), (s, _)| (sum + s.agreement, n + 1));
+        sum / f64::from(n.max(1))
+    }
+
+    /// Most keyframes of either end of the recording show it: parts stay, hands come and leave.
+    fn is_there_throughout(&self) -> bool {
+        let n = ((END * self.seen.len() as f64).ceil() as usize).clamp(1, self.seen.len());
+        let (first, last) = (&self.seen[..n], &self.seen[self.seen.len() - n..]);
+        [first, last]
+            .iter()
+            .all(|end| 2 * end.iter().filter(|s| s.margin >= LEAST_SHOWN).count() >= n)
+    }
+
+    /// Frames that show it, with its configuration.
+    fn shown(&self) -> impl Iterator<Item = (usize, f64)> {
+        let all = self.seen.iter().zip(&self.aligned.q);
+        all.filter(|(s, _)| s.margin >= LEAST_SHOWN).map(|(s, q)| (s.frame, *q))
+    }
+
+    /// For looking at what was found and why it is believed or not.
+    pub fn trace(&self) {
+        let turn = span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>());
+        tracing::debug!(
+            kind = self.geometry().kind.name(),
+            agreement = self.agreement(),
+            elsewhere = self.agreement_elsewhere(),
+            median = self.median_m,
+            shown = self.shown().count(),
+            keyframes = self.seen.len(),
+            unattached = self.unattached_ratio,
+            lead = self.lead_s,
+            alone = self.is_alone,
+            turn,
+            reach = self.reach,
+            axis = ?self.geometry().axis.as_slice(),
+            origin = ?self.geometry().origin.coords.as_slice(),
+            rejected = self.doubt().unwrap_or("no"),
+            "vacated surface"
+        );
+    }
+
+    /// As a joint of the base.
+    pub fn to_learned(&self, surface: &RestSurface, recording: &Recording) -> LearnedJoint {
+        let mut geometry = *self.geometry();
+        let (frames, mut configuration): (Vec<usize>, Vec<f64>) = self.shown().unzip();
+        // The part's coordinates are those of the first frame that shows it.
+        let first = geometry.motion(configuration.first().copied().unwrap_or_default());
+        let plain_surface = surface.points.iter().map(|p| first * p).collect();
+        orient(&mut geometry, &mut configuration);
+        let mut base_from_part: Trajectory =
+            vec![None; recording.ego_motion.camera_from_base.len()];
+        for (&frame, &q) in frames.iter().zip(&configuration) {
+            base_from_part[frame] = Some(geometry.motion(q));
+        }
+        let joint = Joint {
+            range: range_of(&configuration),
+            covariance: covariance_rows(&self.covariance()),
+            observations: frames.len(),
+            position_rmse: self.median_m,
+            configuration: recording.tracks.timed(&frames, &configuration),
+            type_probabilities: [(geometry.kind, 1.0)].into(),
+            ..Joint::of(&geometry)
+        };
+        LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface }
+    }
+
+    /// Covariance of (axis, origin), with the errors that all readings share.
+    fn covariance(&self) -> Matrix6<f64> {
+        let mut covariance = line_covariance(self.geometry(), &self.aligned.information);
+        let (u, v) = orthonormal_basis(&self.geometry().axis);
+        let across = u * u.transpose() + v * v.transpose();
+        let mut direction = covariance.fixed_view_mut::<3, 3>(0, 0);
+        direction += SYSTEMATIC_RAD.powi(2) * across;
+        let mut place = covariance.fixed_view_mut::<3, 3>(3, 3);
+        place += SYSTEMATIC_M.powi(2) * across;
+        covariance
+    }
+}
+
+/// The configuration in each keyframe that all of them together agree with best; 0 where the surface rests.
+fn path(surface: &RestSurface, geometry: &JointGeometry, moving: &[MovingPoints]) -> Vec<f64> {
+    let (configurations, step) = configurations(geometry, &surface.points, STEP_M);
+    let moved: Vec<Vec<(Point3<f64>, Vector3<f64>)>> =
+        configurations.iter().map(|q| moved(surface, geometry, *q)).collect();
+    let row = |(k, view): (usize, &MovingPoints)| -> Vec<f64> {
+        let at = |(q, moved): (&f64, &Vec<_>)| {
+            let must_rest = k == surface.keyframe && q.abs() > step;
+            if must_rest { -1e6 } else { margin(view, moved) }
+        };
+        configurations.iter().zip(&moved).map(at).collect()
+    };
+    let table: Vec<Vec<f64>> = moving.iter().enumerate().map(row).collect();
+    let cost = COST_PER_METRE * step * reach(geometry, &surface.points);
+    let most = if geometry.kind == JointKind::Revolute { MAX_STEP_RAD } else { MAX_STEP_M };
+    best_path(&table, cost, (most / step).ceil() as usize).into_iter().map(|i| configurations[i]).collect()
+}
+
+/// How long something else moved near the surface while that still was at rest, seconds: from the keyframe
+/// that shows it at rest on, or from there back in time where it rests last. A hand takes its time to come
+/// to a part; a limb moves when the hand does.
+fn lead_of_others(
+    surface: &RestSurface,
+    q: &[f64],
+    reach: f64,
+    moving: &[MovingPoints],
+) -> f64 {
+    let rest = &moving[surface.keyframe];
+    let at_rest = |k: &usize| q[*k].abs() * reach < REST_M;
+    let others_move = |k: &usize| moving[*k].arrived_since(rest) >= MIN_ARRIVED;
+    let before: Vec<usize> = (0..surface.keyframe).rev().take_while(at_rest).collect();
+    let after: Vec<usize> = (surface.keyframe..q.len()).take_while(at_rest).collect();
+    let lead = |run: Vec<usize>| {
+        let first = run.iter().copied().find(others_move);
+        let both = first.zip(run.last().copied());
+        both.map_or(0.0, |(a, b)| (moving[a].utime() - moving[b].utime()).abs() as f64 * 1e-6)
+    };
+    lead(before).max(lead(after))
+}
+
+/// Nothing moves near the surface but itself, in nearly all keyframes.
+fn is_alone(surface: &RestSurface, aligned: &Aligned, moving: &[MovingPoints]) -> bool {
+    let apart = APART_M.max(APART_RADII * surface.radius());
+    let others = moving.iter().zip(&aligned.q).filter(|(view, q)| {
+        let motion = aligned.geometry.motion(**q);
+        let places: Vec<Point3<f64>> = surface.points.iter().map(|p| motion * p).collect();
+        view.apart_from(&places, apart) >= MIN_ARRIVED
+    });
+    others.count() as f64 <= (1.0 - LEAST_ALONE) * moving.len() as f64
+}
+
+fn moved(
+    surface: &RestSurface,
+    geometry: &JointGeometry,
+    q: f64,
+) -> Vec<(Point3<f64>, Vector3<f64>)> {
+    let motion = geometry.motion(q);
+    surface.points.iter().zip(&surface.normals).map(|(p, n)| (motion * p, motion * n)).collect()
+}
+
+/// What each keyframe shows of the surface where the joint puts it, and the median distance of its points
+/// from the readings next to them.
+fn what_is_seen(
+    surface: &RestSurface,
+    aligned: &Aligned,
+    moving: &[MovingPoints],
+) -> (Vec<Seen>, f64) {
+    let n = surface.points.len().max(1) as f64;
+    let mut distances = Vec::new();
+    let mut seen = Vec::with_capacity(moving.len());
+    for (view, q) in moving.iter().zip(&aligned.q) {
+        let mut one = Seen { frame: view.frame(), ..Seen::default() };
+        for (p, normal) in moved(surface, &aligned.geometry, *q) {
+            match view.evidence(&p, &normal) {
+                Evidence::Through => {
+                    one.through += 1;
+                    one.agreement -= 1.0 / n;
+                }
+                Evidence::Found => one.found += 1,
+                Evidence::Unknown => {}
+            }
+            if let Some(reading) = view.nearest(&p, &normal) {
+                let distance = (reading - p).norm();
+                one.agreement += (1.0 - (distance / OWN_M).powi(2)).max(0.0).powi(2) / n;
+                distances.push(distance);
+            }
+        }
+        one.margin = (one.found as f64 - one.through as f64) / n;
+        seen.push(one);
+    }
+    distances.sort_by(f64::total_cmp);
+    (seen, distances.get(distances.len() / 2).copied().unwrap_or(f64::INFINITY))
+}
