@@ -18,6 +18,7 @@ mod view;
 
 use super::free_space::{FreeSpaceCounts, count_free_space};
 use super::learned_joint::{LearnedJoint, LearnedJoints};
+use super::plane_hinges::same_joint::{is_same_hinge, moves_together};
 use super::recording::Recording;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use directions::axis_directions;
@@ -57,12 +58,18 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     let views = View::all(recording);
     for end in [End::First, End::Last] {
         let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
-        for surface in vacated_surfaces(&views, end).into_iter().filter(small).take(MOST_SURFACES) {
+        for surface in vacated_surfaces(&views, end, |frame| places_on(&joints, frame)).into_iter().filter(small).take(MOST_SURFACES) {
             if joints.iter().any(|j| explains(j, &surface, recording, &views)) {
                 continue;
             }
             if let Some(part) = part_of(&surface, &joints, recording, &views) {
                 let mut learned = part.to_learned(&surface, recording);
+                let is_same = |j: &LearnedJoint| {
+                    is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned)
+                };
+                if joints.iter().any(is_same) {
+                    continue;
+                }
                 learned.joint.child = joints.len() + 1;
                 learned.joint.name = format!("joint{}", joints.len() + 1);
                 joints.push(learned);
@@ -103,15 +110,8 @@ fn part_of(
     recording: &Recording,
     views: &[View],
 ) -> Option<VacatedPart> {
-    let known = |frame: usize| -> Vec<Point3<f64>> {
-        let of = |j: &LearnedJoint| {
-            let pose = j.base_from_part[frame]?;
-            Some(j.plain_surface.iter().map(move |p| pose * p).collect::<Vec<_>>())
-        };
-        joints.iter().filter_map(of).flatten().collect()
-    };
     let radius = TRAVEL_RADII * surface.radius() + TRAVEL_M;
-    let moving = MovingPoints::near(&surface.centre(), radius, views, &known);
+    let moving = MovingPoints::near(&surface.centre(), radius, views, &|frame| places_on(joints, frame));
     let hinges = joints.iter().filter(|j| j.joint.parent == 0 && j.joint.kind == JointKind::Revolute);
     let lines: Vec<JointGeometry> = hinges
         .map(|j| {
@@ -121,18 +121,28 @@ fn part_of(
         .collect();
     let axes = lines.iter().map(|line| line.axis.into_inner());
     let directions = axis_directions(surface, &views[surface.keyframe], axes);
-    let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
     tracing::debug!(
         points = surface.points.len(),
         radius = surface.radius(),
         centre = ?surface.centre().coords.as_slice(),
         keyframe = surface.keyframe,
         directions = directions.len(),
-        best = hypotheses.first().map(|h| h.score),
         "vacated surface at rest"
     );
+    let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
+    let best = best_part(surface, &hypotheses, &moving, recording)?;
+    best.doubt().is_none().then_some(best)
+}
+
+/// Of the parts that a surface may be of, that which explains most.
+fn best_part(
+    surface: &RestSurface,
+    hypotheses: &[Hypothesis],
+    moving: &[MovingPoints],
+    recording: &Recording,
+) -> Option<VacatedPart> {
     let follow = |h: &Hypothesis, direction_sigma: f64| {
-        VacatedPart::follow(surface, h, direction_sigma, &moving, recording)
+        VacatedPart::follow(surface, h, direction_sigma, moving, recording)
     };
     let square = hypotheses.par_iter().map(|h| (*h, follow(h, SQUARE_RAD)));
     let square: Vec<(Hypothesis, VacatedPart)> = square.collect();
@@ -141,8 +151,16 @@ fn part_of(
         square.into_iter().max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
     let any = follow(&hypothesis, ANY_RAD);
     any.trace();
-    let best = if value(&any) > BETTER * value(&square) { any } else { square };
-    best.doubt().is_none().then_some(best)
+    Some(if value(&any) > BETTER * value(&square) { any } else { square })
+}
+
+/// Places on the plain parts that are known, in a frame.
+fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
+    let of = |j: &LearnedJoint| {
+        let pose = j.base_from_part[frame]?;
+        Some(j.plain_surface.iter().map(move |p| pose * p).collect::<Vec<_>>())
+    };
+    joints.iter().filter_map(of).flatten().collect()
 }
 
 /// How well a part's joint explains what was seen.

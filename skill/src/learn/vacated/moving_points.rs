@@ -18,7 +18,7 @@ const MIN_THROUGH: usize = 2;
 /// Fewest of the eight readings around one that must move as well: edges of what rests flicker.
 const MIN_BESIDE: usize = 4;
 /// A reading that near to a known part is the part's, metres.
-const KNOWN_M: f64 = 0.03;
+pub const KNOWN_M: f64 = 0.03;
 /// Edge of the cells that thin the readings, metres.
 const THIN_M: f64 = 0.008;
 /// Largest distance of a place from the reading that is its own, metres.

@@ -3,6 +3,8 @@
 //!
 //! In: keyframes. Out: pieces of surface, each with the keyframe that shows it at rest; the greatest first.
 
+use super::moving_points::KNOWN_M;
+use super::point_grid::PointGrid;
 use super::view::View;
 use crate::learn::free_space::Probe;
 use crate::math::rigid::plane_through;
@@ -63,15 +65,23 @@ impl RestSurface {
     }
 }
 
-/// The pieces of surface that rest at one end of the recording and are vacated at other times.
-pub fn vacated_surfaces(views: &[View], end: End) -> Vec<RestSurface> {
+/// The pieces of surface that rest at one end of the recording and are vacated at other times. `known` gives
+/// places on parts that are known already, by frame: these are left out.
+pub fn vacated_surfaces(
+    views: &[View],
+    end: End,
+    known: impl Fn(usize) -> Vec<Point3<f64>>,
+) -> Vec<RestSurface> {
     if views.len() < REST_KEYFRAMES + MIN_THROUGH {
         return Vec::new();
     }
     let at = |k: usize| if end == End::First { k } else { views.len() - 1 - k };
     let rest: Vec<&View> = (0..REST_KEYFRAMES).map(|k| &views[at(k)]).collect();
     let others: Vec<&View> = (REST_KEYFRAMES..views.len()).map(|k| &views[at(k)]).collect();
-    let mut pieces = connected(without_specks(vacated_places(&rest, &others)));
+    let known = PointGrid::new(&known(rest[0].frame), KNOWN_M);
+    let mut places = vacated_places(&rest, &others);
+    places.retain(|_, place| known.nearest(place).is_none());
+    let mut pieces = connected(without_specks(places));
     let seen = ReadingsBorder::of(rest[0]);
     pieces.retain(|piece| piece.len() >= MIN_PLACES && !piece.iter().any(|p| seen.is_at(p)));
     pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));

@@ -20,10 +20,6 @@ use nalgebra::{Matrix6, Point3, Vector3};
 const STEP_M: f64 = 0.015;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points.
 const COST_PER_METRE: f64 = 2.0;
-/// Largest motion from one keyframe to the next, radians and metres. A wheel with like spokes would jump from
-/// one to the next.
-const MAX_STEP_RAD: f64 = 0.7;
-const MAX_STEP_M: f64 = 0.3;
 /// Share of the points, less those seen through, by which a keyframe shows the part.
 const LEAST_SHOWN: f64 = 0.15;
 /// Share of the keyframes that must show it.
@@ -98,9 +94,9 @@ impl VacatedPart {
     ) -> Self {
         let direction =
             Direction { mean: hypothesis.geometry.axis.into_inner(), sigma: direction_sigma };
-        let q = path(surface, &hypothesis.geometry, moving);
+        let q = path(surface, &hypothesis.geometry, moving, recording);
         let geometry = align(surface, &hypothesis.geometry, &q, &direction, moving).geometry;
-        let q = path(surface, &geometry, moving);
+        let q = path(surface, &geometry, moving, recording);
         let aligned = align(surface, &geometry, &q, &direction, moving);
         let (seen, median_m) = what_is_seen(surface, &aligned, moving);
         let camera_from_base = |frame: usize| recording.ego_motion.camera_from_base[frame];
@@ -139,6 +135,7 @@ impl VacatedPart {
             (is_hinge && turn < MIN_TURN_RAD, "it hardly turns"),
             (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
             (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
+            (self.geometry().kind != JointKind::Revolute, "it slides"),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
             (self.median_m > MAX_MEDIAN_M, "it does not keep its shape"),
@@ -161,9 +158,8 @@ impl VacatedPart {
     fn is_there_throughout(&self) -> bool {
         let n = ((END * self.seen.len() as f64).ceil() as usize).clamp(1, self.seen.len());
         let (first, last) = (&self.seen[..n], &self.seen[self.seen.len() - n..]);
-        [first, last]
-            .iter()
-            .all(|end| 2 * end.iter().filter(|s| s.margin >= LEAST_SHOWN).count() >= n)
+        let shown = |end: &[Seen]| end.iter().filter(|s| s.margin >= LEAST_SHOWN).count();
+        [first, last].iter().all(|end| 2 * shown(end) >= n)
     }
 
     /// Frames that show it, with its configuration.
@@ -233,7 +229,12 @@ impl VacatedPart {
 }
 
 /// The configuration in each keyframe that all of them together agree with best; 0 where the surface rests.
-fn path(surface: &RestSurface, geometry: &JointGeometry, moving: &[MovingPoints]) -> Vec<f64> {
+fn path(
+    surface: &RestSurface,
+    geometry: &JointGeometry,
+    moving: &[MovingPoints],
+    recording: &Recording,
+) -> Vec<f64> {
     let (configurations, step) = configurations(geometry, &surface.points, STEP_M);
     let moved: Vec<Vec<(Point3<f64>, Vector3<f64>)>> =
         configurations.iter().map(|q| moved(surface, geometry, *q)).collect();
@@ -246,8 +247,9 @@ fn path(surface: &RestSurface, geometry: &JointGeometry, moving: &[MovingPoints]
     };
     let table: Vec<Vec<f64>> = moving.iter().enumerate().map(row).collect();
     let cost = COST_PER_METRE * step * reach(geometry, &surface.points);
-    let most = if geometry.kind == JointKind::Revolute { MAX_STEP_RAD } else { MAX_STEP_M };
-    best_path(&table, cost, (most / step).ceil() as usize).into_iter().map(|i| configurations[i]).collect()
+    // A wheel with like spokes would jump from one to the next.
+    let largest = recording.keyframes.largest_step(geometry.kind);
+    best_path(&table, cost, (largest / step).ceil() as usize).into_iter().map(|i| configurations[i]).collect()
 }
 
 /// How long something else moved near the surface while that still was at rest, seconds: from the keyframe
