@@ -33,11 +33,13 @@ explained_config! {
 }
 
 explained_config! {
-    /// Values of the search for plain parts.
+    /// Values of the search for plain parts, and for those that leave their places.
     pub struct PlanesConfig {
         /// Plain parts are sought beside the joints that tracks show, and joints are followed by their
         /// planes where their tracks are lost. Set by the ablation.
         pub enabled: bool = true,
+        /// Parts without features and planes are sought by the places that they leave. Set by the ablation.
+        pub vacated: bool = true,
     }
 }
 

@@ -238,11 +238,14 @@ fn learn_joints(
             let settings = search_settings(config);
             let found =
                 times.measure("joints", || joint_search::learn(recording, earlier, &settings));
-            if !config.planes.enabled {
-                return found;
+            let found = match config.planes.enabled {
+                true => times.measure("planes", || plane_hinges::complete(found, recording)),
+                false => found,
+            };
+            match config.planes.vacated {
+                true => times.measure("vacated", || vacated::complete(found, recording)),
+                false => found,
             }
-            let found = times.measure("planes", || plane_hinges::complete(found, recording));
-            times.measure("vacated", || vacated::complete(found, recording))
         }
     }
 }

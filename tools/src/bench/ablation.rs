@@ -34,6 +34,7 @@ const CHOICES: &[Choice] = &[
     Choice { name: "no chains", undo: |c| c.joints.chains = false },
     Choice { name: "no screws", undo: |c| c.joints.screws = false },
     Choice { name: "no planes", undo: |c| c.planes.enabled = false },
+    Choice { name: "no vacated surfaces", undo: |c| c.planes.vacated = false },
     Choice { name: "rest is no evidence", undo: |c| c.joints.rest_frames = 0 },
     Choice { name: "half the hypotheses", undo: |c| c.joints.max_hypotheses /= 2 },
     Choice { name: "half the features", undo: |c| c.track.max_features /= 2 },

@@ -45,9 +45,8 @@ pub fn axis_directions(
 fn normals_around(surface: &RestSurface, view: &View) -> Vec<Vector3<f64>> {
     let depth = &view.picture.depth;
     let (centre, radius) = (surface.centre(), surface.radius() + SURROUNDINGS_M);
-    let steps = |size: usize| {
-        (PATCH_HALF_PX..size.saturating_sub(PATCH_HALF_PX)).step_by(PATCH_STEP_PX)
-    };
+    let steps =
+        |size: usize| (PATCH_HALF_PX..size.saturating_sub(PATCH_HALF_PX)).step_by(PATCH_STEP_PX);
     let patches = steps(depth.height()).flat_map(|v| steps(depth.width()).map(move |u| (u, v)));
     let is_near = |(u, v): &(usize, usize)| {
         view.surface_at(*u, *v).is_some_and(|place| (place - centre).norm() < radius)

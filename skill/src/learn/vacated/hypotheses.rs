@@ -69,13 +69,8 @@ pub fn best_hypotheses(
         return Vec::new();
     }
     let step = surface.points.len().div_ceil(POINTS).max(1);
-    let few: Vec<(Point3<f64>, Vector3<f64>)> = surface
-        .points
-        .iter()
-        .copied()
-        .zip(surface.normals.iter().copied())
-        .step_by(step)
-        .collect();
+    let few: Vec<(Point3<f64>, Vector3<f64>)> =
+        surface.points.iter().copied().zip(surface.normals.iter().copied()).step_by(step).collect();
     let grid = directions.iter().flat_map(|d| hinges_along(d, surface));
     let known = lines.iter().map(|&line| (line, 0.0));
     let slide = |d: &Vector3<f64>| {
@@ -85,7 +80,11 @@ pub fn best_hypotheses(
         known.chain(grid).chain(directions.iter().map(slide)).collect();
     let mut scored: Vec<Hypothesis> = all
         .into_par_iter()
-        .map(|(geometry, step)| Hypothesis { geometry, score: score(&geometry, &few, &targets), step })
+        .map(|(geometry, step)| Hypothesis {
+            geometry,
+            score: score(&geometry, &few, &targets),
+            step,
+        })
         .collect();
     scored.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut chosen: Vec<Hypothesis> = Vec::new();
@@ -179,4 +178,40 @@ pub fn margin(view: &MovingPoints, moved: &[(Point3<f64>, Vector3<f64>)]) -> f64
         Evidence::Unknown => 0.0,
     };
     moved.iter().map(of).sum::<f64>() / moved.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rest_surface::{End, vacated_surfaces};
+    use super::super::test_data::{PIVOT_M, lever, turn};
+    use super::super::view::View;
+    use super::*;
+
+    #[test]
+    fn the_best_hinge_is_near_the_true_line_and_better_than_a_slide() {
+        let recording = lever(turn);
+        let views = View::all(&recording);
+        let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
+        let moving = MovingPoints::near(&surface.centre(), 0.6, &views, &|_| Vec::new());
+        let directions = [Vector3::z(), Vector3::x()];
+        let best = best_hypotheses(surface, &directions, &[], &moving, [3, 1]);
+        assert_eq!(best[0].geometry.kind, JointKind::Revolute);
+        assert!(best[0].geometry.axis.z.abs() > 0.99);
+        let off = distance_to_line(
+            &best[0].geometry.origin,
+            &best[0].geometry.axis,
+            &Point3::from(PIVOT_M),
+        );
+        assert!(off < 0.06, "{off} m off, on a coarse grid");
+        let slide = best.iter().find(|h| h.geometry.kind == JointKind::Prismatic).unwrap();
+        assert!(slide.score < 0.7 * best[0].score);
+    }
+
+    #[test]
+    fn configurations_are_as_far_apart_as_the_surface_may_go() {
+        let hinge = JointGeometry::hinge(Vector3::z_axis(), Point3::origin());
+        let (q, step) = configurations(&hinge, &[Point3::new(0.3, 0.0, 0.0)], 0.03);
+        assert!((step - 0.1).abs() < 1e-9 && q.len() == 51);
+        assert_eq!((q[0], q[25], q[50]), (-MAX_TURN_RAD, 0.0, MAX_TURN_RAD));
+    }
 }

@@ -13,6 +13,8 @@ mod hypotheses;
 mod moving_points;
 mod point_grid;
 mod rest_surface;
+#[cfg(test)]
+mod test_data;
 mod vacated_part;
 mod view;
 
@@ -58,7 +60,11 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     let views = View::all(recording);
     for end in [End::First, End::Last] {
         let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
-        for surface in vacated_surfaces(&views, end, |frame| places_on(&joints, frame)).into_iter().filter(small).take(MOST_SURFACES) {
+        for surface in vacated_surfaces(&views, end, |frame| places_on(&joints, frame))
+            .into_iter()
+            .filter(small)
+            .take(MOST_SURFACES)
+        {
             if joints.iter().any(|j| explains(j, &surface, recording, &views)) {
                 continue;
             }
@@ -95,9 +101,15 @@ fn explains(
     let back = at_rest.inverse();
     let mut seen = FreeSpaceCounts::default();
     for view in views {
-        let Some((_, pose)) = known.iter().find(|(frame, _)| *frame == view.frame) else { continue };
+        let Some((_, pose)) = known.iter().find(|(frame, _)| *frame == view.frame) else {
+            continue;
+        };
         let camera_from_base = recording.ego_motion.camera_from_base[view.frame];
-        seen.add(count_free_space(view.picture, &surface.points, &(camera_from_base * pose * back)));
+        seen.add(count_free_space(
+            view.picture,
+            &surface.points,
+            &(camera_from_base * pose * back),
+        ));
     }
     let asked = known.len() * surface.points.len();
     seen.share_through() < EXPLAINED_THROUGH && seen.agrees as f64 > EXPLAINED_FOUND * asked as f64
@@ -111,8 +123,10 @@ fn part_of(
     views: &[View],
 ) -> Option<VacatedPart> {
     let radius = TRAVEL_RADII * surface.radius() + TRAVEL_M;
-    let moving = MovingPoints::near(&surface.centre(), radius, views, &|frame| places_on(joints, frame));
-    let hinges = joints.iter().filter(|j| j.joint.parent == 0 && j.joint.kind == JointKind::Revolute);
+    let moving =
+        MovingPoints::near(&surface.centre(), radius, views, &|frame| places_on(joints, frame));
+    let hinges =
+        joints.iter().filter(|j| j.joint.parent == 0 && j.joint.kind == JointKind::Revolute);
     let lines: Vec<JointGeometry> = hinges
         .map(|j| {
             let axis = UnitVector3::new_normalize(Vector3::from(j.joint.axis));
@@ -167,4 +181,58 @@ fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
 fn value(part: &VacatedPart) -> f64 {
     let is_slide = part.geometry().kind == JointKind::Prismatic;
     part.agreement() / if is_slide { SIMPLER } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::test_data::{PIVOT_M, lever, recording as recording_with, turn};
+    use super::*;
+    use crate::math::rigid::distance_to_line;
+
+    fn joints(recording: &Recording) -> Vec<LearnedJoint> {
+        complete(LearnedJoints::default(), recording).joints
+    }
+
+    #[test]
+    fn a_plain_lever_is_learned_by_the_places_that_it_leaves() {
+        let learned = joints(&lever(turn));
+        assert_eq!(learned.len(), 1);
+        let joint = &learned[0].joint;
+        assert_eq!((joint.kind, joint.parent, joint.child), (JointKind::Revolute, 0, 1));
+        let axis = Vector3::from(joint.axis);
+        assert!(axis.z.abs() > 0.999);
+        let off = distance_to_line(&joint.origin.into(), &axis, &Point3::from(PIVOT_M));
+        // A reading is 9 mm from the next one in these pictures.
+        assert!(off < 0.015, "{off} m off");
+        assert!((joint.range[1] - joint.range[0] - 1.2).abs() < 0.05, "{:?}", joint.range);
+        // Known well, but not better than depth readings can tell.
+        let sigma = joint.known_covariance().unwrap().diagonal().map(f64::sqrt);
+        assert!(sigma.max() > 0.003 && sigma.max() < 0.05, "{sigma}");
+    }
+
+    #[test]
+    fn a_lever_that_stays_is_no_joint() {
+        assert!(joints(&lever(|_| 0.4)).is_empty());
+    }
+
+    #[test]
+    fn what_moves_together_with_something_else_from_the_first_is_a_limb() {
+        // The block leaves when the bar begins to turn, as a forearm does with its upper arm.
+        let together = |frame: usize| Some([0.22, -0.25 + 0.25 * turn(frame)]);
+        assert!(joints(&recording_with(turn, together)).is_empty());
+    }
+
+    #[test]
+    fn what_moves_after_something_came_to_it_is_a_part() {
+        let comes = |frame: usize| Some([0.35 - 0.03 * frame.min(5) as f64, -0.2]);
+        assert_eq!(joints(&recording_with(turn, comes)).len(), 1);
+    }
+
+    #[test]
+    fn a_part_that_is_known_is_not_found_again() {
+        let recording = lever(turn);
+        let known = joints(&recording);
+        let again = complete(LearnedJoints { joints: known, ..Default::default() }, &recording);
+        assert_eq!(again.joints.len(), 1);
+    }
 }

@@ -192,3 +192,57 @@ fn beside((row, column): (usize, usize)) -> impl Iterator<Item = (usize, usize)>
 fn cell_of(place: &Point3<f64>, edge: f64) -> [i32; 3] {
     [place.x, place.y, place.z].map(|x| (x / edge).floor() as i32)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{PIVOT_M, lever, recording, turn};
+    use super::*;
+    use crate::learn::recording::Recording;
+
+    fn moving(recording: &Recording, ask: impl Fn(&[MovingPoints])) {
+        let views = View::all(recording);
+        ask(&MovingPoints::near(&Point3::from(PIVOT_M), 0.6, &views, &|_| Vec::new()));
+    }
+
+    /// A place on the bar when it is turned by so much.
+    fn on_bar(turn: f64) -> Point3<f64> {
+        Point3::from(PIVOT_M) + 0.25 * Vector3::new(turn.cos(), turn.sin(), 0.0)
+    }
+
+    #[test]
+    fn a_keyframe_tells_where_the_part_is_and_where_it_is_not() {
+        let to_camera = -Vector3::z();
+        moving(&lever(turn), |views| {
+            let [first, last] = [&views[0], &views[23]];
+            let ask = |view: &MovingPoints, q: f64| view.evidence(&on_bar(q), &to_camera);
+            assert_eq!(ask(first, 0.0), Evidence::Found);
+            assert_eq!(ask(first, 1.2), Evidence::Through);
+            assert_eq!(ask(last, 1.2), Evidence::Found);
+            assert_eq!(ask(last, 0.0), Evidence::Through);
+            let wall = Point3::new(0.0, -0.2, 1.6);
+            assert_eq!(first.evidence(&wall, &to_camera), Evidence::Unknown, "it was always there");
+            let turned_away = first.evidence(&on_bar(0.0), &Vector3::z());
+            assert_eq!(turned_away, Evidence::Unknown);
+        });
+    }
+
+    #[test]
+    fn the_reading_next_to_a_place_is_of_what_moves() {
+        moving(&lever(turn), |views| {
+            let beside = on_bar(0.0) + Vector3::new(0.0, 0.0, 0.01);
+            let reading = views[0].nearest(&beside, &-Vector3::z()).unwrap();
+            assert!((reading.z - PIVOT_M[2]).abs() < 1e-6);
+            assert_eq!(views[0].nearest(&on_bar(1.2), &-Vector3::z()), None);
+        });
+    }
+
+    #[test]
+    fn what_comes_is_told_from_what_was_there() {
+        let block = |frame: usize| (frame > 2).then_some([0.25, -0.2]);
+        moving(&recording(|_| 0.0, block), |views| {
+            assert_eq!(views[1].arrived_since(&views[0]), 0);
+            assert!(views[5].arrived_since(&views[0]) > 30);
+            assert!(views[5].apart_from(&[on_bar(0.0)], 0.1) > 30);
+        });
+    }
+}

@@ -25,8 +25,13 @@ impl PointGrid {
         let corner = Point3::new(low(0), low(1), low(2));
         let cells = |k: usize| ((high(k) - corner[k]) / edge).max(0.0) as usize + 1;
         let size = [0, 1, 2].map(|k| cells(k).min(MAX_CELLS));
-        let mut grid =
-            Self { corner, edge, size, starts: Vec::new(), points: Vec::with_capacity(points.len()) };
+        let mut grid = Self {
+            corner,
+            edge,
+            size,
+            starts: Vec::new(),
+            points: Vec::with_capacity(points.len()),
+        };
         let mut counts = vec![0_u32; size.iter().product::<usize>() + 1];
         let of = |p: &Point3<f64>| grid.index([0, 1, 2].map(|k| grid.cell(p, k)));
         let cells: Vec<Option<usize>> = points.iter().map(of).collect();

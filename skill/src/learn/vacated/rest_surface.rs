@@ -112,7 +112,8 @@ impl<'v, 'r> ReadingsBorder<'v, 'r> {
         let in_column = |u: usize| (0..height).step_by(STRIDE_PX).filter(|v| has(u, *v)).count();
         let in_row = |v: usize| (0..width).step_by(STRIDE_PX).filter(|u| has(*u, v)).count();
         let is_seen = |n: usize, size: usize| n * STRIDE_PX * LEAST_OF_A_LINE >= size;
-        let bounds = |seen: Vec<usize>| [seen.first(), seen.last()].map(|x| x.copied().unwrap_or(0));
+        let bounds =
+            |seen: Vec<usize>| [seen.first(), seen.last()].map(|x| x.copied().unwrap_or(0));
         Self {
             view,
             columns: bounds((0..width).filter(|u| is_seen(in_column(*u), height)).collect()),
@@ -198,4 +199,68 @@ fn normal_at(place: &Point3<f64>, places: &[Point3<f64>], camera: &Point3<f64>) 
     }
     let (_, normal) = plane_through(&near);
     if normal.dot(&to_camera) < 0.0 { -normal } else { normal }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{PIVOT_M, lever, turn};
+    use super::*;
+
+    fn surfaces(turn: impl Fn(usize) -> f64, end: End) -> Vec<RestSurface> {
+        let recording = lever(turn);
+        vacated_surfaces(&View::all(&recording), end, |_| Vec::new())
+    }
+
+    #[test]
+    fn what_rests_first_and_leaves_its_place_is_one_surface() {
+        let found = surfaces(turn, End::First);
+        assert_eq!(found.len(), 1);
+        let centre = found[0].centre();
+        assert!((centre.x - PIVOT_M[0] - 0.15).abs() < 0.04, "{centre}");
+        assert!((centre.y - PIVOT_M[1]).abs() < 0.01 && (centre.z - PIVOT_M[2]).abs() < 1e-6);
+        assert!(found[0].normals.iter().all(|n| n.z < -0.9), "towards the camera");
+        assert_eq!(found[0].keyframe, 0);
+    }
+
+    #[test]
+    fn what_rests_last_is_found_in_the_last_keyframe() {
+        let found = surfaces(turn, End::Last);
+        assert_eq!((found.len(), found[0].keyframe), (1, 23));
+        assert!(found[0].centre().y > PIVOT_M[1] + 0.05, "where it was turned to");
+    }
+
+    #[test]
+    fn nothing_is_vacated_where_nothing_moves_or_rests() {
+        assert!(surfaces(|_| 0.3, End::First).is_empty());
+        assert!(surfaces(|frame| 0.3 * frame as f64, End::First).is_empty(), "it never rests");
+    }
+
+    #[test]
+    fn what_the_border_of_the_picture_cuts_is_no_surface() {
+        let recording = lever(turn);
+        let views = View::all(&recording);
+        let border = ReadingsBorder::of(&views[0]);
+        assert!(!border.is_at(&views[0].surface_at(100, 100).unwrap()));
+        for (u, v) in [(2, 100), (316, 100), (100, 1), (100, 237)] {
+            assert!(border.is_at(&views[0].surface_at(u, v).unwrap()), "{u}, {v}");
+        }
+    }
+
+    #[test]
+    fn a_surface_of_a_known_part_is_left_out() {
+        let recording = lever(turn);
+        let known = |_: usize| {
+            let along = |k: i32| PIVOT_M[0] + 0.02 * f64::from(k);
+            (-3..18).map(|k| Point3::new(along(k), PIVOT_M[1], PIVOT_M[2])).collect()
+        };
+        assert!(vacated_surfaces(&View::all(&recording), End::First, known).is_empty());
+    }
+
+    #[test]
+    fn places_are_one_piece_where_they_are_close() {
+        let row = |x: f64| (0..30).map(move |k| Point3::new(x + 0.01 * f64::from(k), 0.0, 1.0));
+        let sizes = |places: Vec<Point3<f64>>| connected(places).len();
+        assert_eq!(sizes(row(0.0).chain(row(0.3)).collect()), 1);
+        assert_eq!(sizes(row(0.0).chain(row(0.6)).collect()), 2);
+    }
 }

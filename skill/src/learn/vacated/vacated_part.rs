@@ -249,18 +249,16 @@ fn path(
     let cost = COST_PER_METRE * step * reach(geometry, &surface.points);
     // A wheel with like spokes would jump from one to the next.
     let largest = recording.keyframes.largest_step(geometry.kind);
-    best_path(&table, cost, (largest / step).ceil() as usize).into_iter().map(|i| configurations[i]).collect()
+    best_path(&table, cost, (largest / step).ceil() as usize)
+        .into_iter()
+        .map(|i| configurations[i])
+        .collect()
 }
 
 /// How long something else moved near the surface while that still was at rest, seconds: from the keyframe
 /// that shows it at rest on, or from there back in time where it rests last. A hand takes its time to come
 /// to a part; a limb moves when the hand does.
-fn lead_of_others(
-    surface: &RestSurface,
-    q: &[f64],
-    reach: f64,
-    moving: &[MovingPoints],
-) -> f64 {
+fn lead_of_others(surface: &RestSurface, q: &[f64], reach: f64, moving: &[MovingPoints]) -> f64 {
     let rest = &moving[surface.keyframe];
     let at_rest = |k: &usize| q[*k].abs() * reach < REST_M;
     let others_move = |k: &usize| moving[*k].arrived_since(rest) >= MIN_ARRIVED;

@@ -1,0 +1,69 @@
+//! Test data: depth pictures of a plain bar that turns before a wall, across the line of sight.
+
+use crate::learn::ego_motion::EgoMotion;
+use crate::learn::keyframes::Keyframes;
+use crate::learn::recording::Recording;
+use crate::learn::tracking::TrackSet;
+use crate::math::rigid::Pose;
+use crate::object::joint_geometry::JointGeometry;
+use crate::test_data::seen;
+use nalgebra::{Point3, Vector3};
+
+/// Where the bar turns, camera frame, metres.
+pub const PIVOT_M: [f64; 3] = [-0.1, 0.05, 1.2];
+/// Its length to one side of the pivot, and its width, metres.
+const LENGTH_M: f64 = 0.3;
+const WIDTH_M: f64 = 0.06;
+/// Time between two frames, microseconds.
+const FRAME_US: i64 = 100_000;
+/// Frames of a recording.
+pub const FRAMES: usize = 24;
+
+/// Turn of a bar that rests, is turned, and rests again, radians.
+pub fn turn(frame: usize) -> f64 {
+    0.12 * frame.saturating_sub(7).min(10) as f64
+}
+
+/// The line that it turns about.
+pub fn hinge() -> JointGeometry {
+    JointGeometry::hinge(Vector3::z_axis(), Point3::from(PIVOT_M))
+}
+
+/// A recording of the bar, by its turn in each frame, and of a block at another place, by where its middle is.
+pub fn recording(
+    turn: impl Fn(usize) -> f64,
+    block: impl Fn(usize) -> Option<[f64; 2]>,
+) -> Recording {
+    let mut keyframes = Keyframes::new(FRAMES);
+    for frame in 0..FRAMES {
+        let (turn, block) = (turn(frame), block(frame));
+        let picture = seen(FRAME_US * frame as i64, |x, y| {
+            let at = |z: f64| [z * x, z * y];
+            let [dx, dy] = [at(PIVOT_M[2])[0] - PIVOT_M[0], at(PIVOT_M[2])[1] - PIVOT_M[1]];
+            let along = turn.cos() * dx + turn.sin() * dy;
+            let across = turn.cos() * dy - turn.sin() * dx;
+            let is_bar =
+                (-0.5 * WIDTH_M..LENGTH_M).contains(&along) && across.abs() < 0.5 * WIDTH_M;
+            let is_block = block.is_some_and(|[bx, by]| {
+                let [px, py] = at(1.1);
+                (px - bx).abs() < 0.05 && (py - by).abs() < 0.05
+            });
+            match (is_block, is_bar) {
+                (true, _) => 1.1,
+                (_, true) => PIVOT_M[2],
+                _ => 1.6,
+            }
+        });
+        keyframes.offer(frame, &picture);
+    }
+    let camera_from_base = vec![Pose::identity(); FRAMES];
+    let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
+    let frame_utimes = (0..FRAMES as i64).map(|frame| FRAME_US * frame).collect();
+    let tracks = TrackSet { frame_utimes, tracks: Vec::new() };
+    Recording { tracks, ego_motion, keyframes }
+}
+
+/// The same without a block.
+pub fn lever(turn: impl Fn(usize) -> f64) -> Recording {
+    recording(turn, |_| None)
+}
