@@ -1,5 +1,4 @@
-//! Parts that have neither features nor planes to be followed by: a lever, the spokes of a valve's wheel, a
-//! toilet's seat.
+//! Parts that have neither features nor planes to be followed by: a lever, the spokes of a valve's wheel.
 //!
 //! In: the joints that are known, and the recording. Out: these joints and those of other parts. A part is at
 //! rest before or after it is moved, and other keyframes see through the place where it was: its surface is
@@ -22,6 +21,7 @@ use super::free_space::{FreeSpaceCounts, count_free_space};
 use super::learned_joint::{LearnedJoint, LearnedJoints};
 use super::plane_hinges::same_joint::{is_same_hinge, moves_together};
 use super::recording::Recording;
+use crate::math::rigid::Pose;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use directions::axis_directions;
 use hypotheses::{Hypothesis, best_hypotheses};
@@ -65,17 +65,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
             .filter(small)
             .take(MOST_SURFACES)
         {
-            if joints.iter().any(|j| explains(j, &surface, recording, &views)) {
-                continue;
-            }
-            if let Some(part) = part_of(&surface, &joints, recording, &views) {
-                let mut learned = part.to_learned(&surface, recording);
-                let is_same = |j: &LearnedJoint| {
-                    is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned)
-                };
-                if joints.iter().any(is_same) {
-                    continue;
-                }
+            if let Some(mut learned) = new_joint(&surface, &joints, recording, &views) {
                 learned.joint.child = joints.len() + 1;
                 learned.joint.name = format!("joint{}", joints.len() + 1);
                 joints.push(learned);
@@ -85,6 +75,22 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     LearnedJoints { joints, rejections }
 }
 
+/// The joint of the part that a surface is of, if it is none of the known ones.
+fn new_joint(
+    surface: &RestSurface,
+    joints: &[LearnedJoint],
+    recording: &Recording,
+    views: &[View],
+) -> Option<LearnedJoint> {
+    if joints.iter().any(|j| explains(j, surface, recording, views)) {
+        return None;
+    }
+    let learned = part_of(surface, joints, recording, views)?.to_learned(surface, recording);
+    let is_same =
+        |j: &LearnedJoint| is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned);
+    (!joints.iter().any(is_same)).then_some(learned)
+}
+
 /// A surface goes where a known joint's part goes.
 fn explains(
     learned: &LearnedJoint,
@@ -92,24 +98,17 @@ fn explains(
     recording: &Recording,
     views: &[View],
 ) -> bool {
-    let known: Vec<(usize, _)> =
-        views.iter().filter_map(|v| Some((v.frame, learned.base_from_part[v.frame]?))).collect();
+    let known: Vec<(&View, &Pose)> =
+        views.iter().filter_map(|v| Some((v, learned.base_from_part[v.frame].as_ref()?))).collect();
     let rest = views[surface.keyframe].frame;
-    let Some((_, at_rest)) = known.iter().min_by_key(|(frame, _)| frame.abs_diff(rest)) else {
+    let Some((_, at_rest)) = known.iter().min_by_key(|(v, _)| v.frame.abs_diff(rest)) else {
         return false;
     };
     let back = at_rest.inverse();
     let mut seen = FreeSpaceCounts::default();
-    for view in views {
-        let Some((_, pose)) = known.iter().find(|(frame, _)| *frame == view.frame) else {
-            continue;
-        };
-        let camera_from_base = recording.ego_motion.camera_from_base[view.frame];
-        seen.add(count_free_space(
-            view.picture,
-            &surface.points,
-            &(camera_from_base * pose * back),
-        ));
+    for (view, pose) in &known {
+        let camera_from_surface = recording.ego_motion.camera_from_base[view.frame] * **pose * back;
+        seen.add(count_free_space(view.picture, &surface.points, &camera_from_surface));
     }
     let asked = known.len() * surface.points.len();
     seen.share_through() < EXPLAINED_THROUGH && seen.agrees as f64 > EXPLAINED_FOUND * asked as f64
