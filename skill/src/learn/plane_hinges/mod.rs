@@ -21,7 +21,7 @@ mod plain_part;
 mod plain_search;
 mod plane_segments;
 mod planes_about_axis;
-pub mod same_joint;
+mod same_joint;
 #[cfg(test)]
 mod test_data;
 

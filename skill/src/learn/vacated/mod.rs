@@ -19,10 +19,10 @@ mod view;
 
 use super::free_space::{FreeSpaceCounts, count_free_space};
 use super::learned_joint::{LearnedJoint, LearnedJoints};
-use super::plane_hinges::same_joint::{is_same_hinge, moves_together};
 use super::recording::Recording;
-use crate::math::rigid::Pose;
+use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
+use crate::object::model::Joint;
 use directions::axis_directions;
 use hypotheses::{Hypothesis, best_hypotheses};
 use moving_points::MovingPoints;
@@ -49,6 +49,9 @@ const SQUARE_RAD: f64 = 0.035;
 const ANY_RAD: f64 = 0.3;
 /// Agreement that any direction must have more than the square one, as a factor.
 const BETTER: f64 = 1.03;
+/// Lines that make a smaller angle and are closer are one, radians and metres.
+const SAME_LINE_RAD: f64 = 0.2;
+const SAME_LINE_M: f64 = 0.06;
 /// Largest share of a surface's points that may be seen through where a known joint puts them, and least
 /// share that must be found there, for the surface to be of its part.
 const EXPLAINED_THROUGH: f64 = 0.2;
@@ -86,9 +89,17 @@ fn new_joint(
         return None;
     }
     let learned = part_of(surface, joints, recording, views)?.to_learned(surface, recording);
-    let is_same =
-        |j: &LearnedJoint| is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned);
+    let is_same = |j: &LearnedJoint| is_about_one_line(&j.joint, &learned.joint);
     (!joints.iter().any(is_same)).then_some(learned)
+}
+
+/// Both are hinges about one line. Two parts may turn about it, but what a known part's surface does not
+/// explain is more often that part, badly followed.
+fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
+    let axis = known.axis.into();
+    known.kind == new.kind
+        && line_angle(&axis, &new.axis.into()) < SAME_LINE_RAD
+        && distance_to_line(&known.origin.into(), &axis, &new.origin.into()) < SAME_LINE_M
 }
 
 /// A surface goes where a known joint's part goes.
@@ -186,7 +197,6 @@ fn value(part: &VacatedPart) -> f64 {
 mod tests {
     use super::test_data::{PIVOT_M, lever, recording as recording_with, turn};
     use super::*;
-    use crate::math::rigid::distance_to_line;
 
     fn joints(recording: &Recording) -> Vec<LearnedJoint> {
         complete(LearnedJoints::default(), recording).joints
@@ -225,6 +235,17 @@ mod tests {
     fn what_moves_after_something_came_to_it_is_a_part() {
         let comes = |frame: usize| Some([0.35 - 0.03 * frame.min(5) as f64, -0.2]);
         assert_eq!(joints(&recording_with(turn, comes)).len(), 1);
+    }
+
+    #[test]
+    fn what_turns_about_the_line_of_a_known_joint_is_its_part() {
+        let recording = lever(turn);
+        let mut known = joints(&recording);
+        // Badly followed: it explains nothing.
+        known[0].base_from_part = vec![None; known[0].base_from_part.len()];
+        known[0].joint.origin[0] += 0.02;
+        let again = complete(LearnedJoints { joints: known, ..Default::default() }, &recording);
+        assert_eq!(again.joints.len(), 1);
     }
 
     #[test]
