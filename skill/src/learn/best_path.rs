@@ -1,10 +1,10 @@
 //! The path through a table that gains most: dynamic programming.
 
 /// The column of each row, so that what the table gives along the path less the cost of its steps is
-/// greatest (Viterbi). A path goes at most `max_step` columns from one row to the next. Of equal paths that
-/// with the smaller steps is taken.
+/// greatest (Viterbi). A path goes at most `max_step` columns from one row to the next; of equal origins the
+/// nearest is taken.
 pub fn best_path(table: &[Vec<f64>], cost_of_a_step: f64, max_step: usize) -> Vec<usize> {
-    let Some(first) = table.first() else { return Vec::new() };
+    let Some(first) = table.first().filter(|row| !row.is_empty()) else { return Vec::new() };
     let columns = first.len();
     let mut best: Vec<f64> = first.clone();
     let mut came_from: Vec<Vec<usize>> = Vec::new();

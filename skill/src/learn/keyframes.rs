@@ -80,7 +80,7 @@ impl Keyframes {
     /// Largest motion of a part from one keyframe to the next: as fast as people open things, over the longest
     /// time between two keyframes, and at least for a short time.
     pub fn largest_step(&self, kind: JointKind) -> f64 {
-        let intervals = self.frames.windows(2).map(|w| w[1].1.utime - w[0].1.utime);
+        let intervals = self.frames.windows(2).map(|w| w[1].1.utime.saturating_sub(w[0].1.utime));
         let longest = intervals.max().unwrap_or(0) as f64 * 1e-6;
         let speed = if kind == JointKind::Revolute { MAX_SPEED_RAD_S } else { MAX_SPEED_M_S };
         speed * longest.max(MIN_INTERVAL_S)

@@ -7,12 +7,11 @@ use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
-use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate, orient, range_of};
+use crate::learn::followed_surface::FollowedSurface;
+use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
 use crate::learn::recording::Recording;
-use crate::learn::tracking::Trajectory;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointKind;
-use crate::object::model::{Joint, covariance_rows};
 use nalgebra::{Matrix6, Point3};
 use std::collections::BTreeMap;
 
@@ -354,27 +353,13 @@ impl PlainPart {
 
     /// As a joint of the base; its configuration is known at the keyframes that show it.
     pub fn to_learned(&self, recording: &Recording) -> LearnedJoint {
-        let mut geometry = self.line.geometry;
-        let (frames, mut configuration): (Vec<usize>, Vec<f64>) =
-            self.configuration().into_iter().unzip();
-        // The part's coordinates are those of the first frame that shows it.
-        let first = geometry.motion(configuration.first().copied().unwrap_or_default());
-        let plain_surface = self.surface.points.iter().map(|p| first * p).collect();
-        orient(&mut geometry, &mut configuration);
-        let mut base_from_part: Trajectory =
-            vec![None; recording.ego_motion.camera_from_base.len()];
-        for (&frame, &q) in frames.iter().zip(&configuration) {
-            base_from_part[frame] = Some(geometry.motion(q));
-        }
-        let joint = Joint {
-            range: range_of(&configuration),
-            covariance: covariance_rows(&self.covariance()),
-            observations: frames.len(),
-            position_rmse: self.line.rmse,
-            configuration: recording.tracks.timed(&frames, &configuration),
-            type_probabilities: [(JointKind::Revolute, 1.0)].into(),
-            ..Joint::of(&geometry)
+        let surface = FollowedSurface {
+            geometry: self.line.geometry,
+            covariance: self.covariance(),
+            points: &self.surface.points,
+            configuration: self.configuration().into_iter().collect(),
+            rmse: self.line.rmse,
         };
-        LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface }
+        surface.into_learned(recording)
     }
 }

@@ -21,7 +21,7 @@ const MAX_CHANGE: f64 = 0.1;
 const SHARED_M: f64 = 0.004;
 /// Independent keyframes: a hand keeps its grip.
 const INDEPENDENT: f64 = 8.0;
-/// Standard deviation of a line's place before anything is seen, metres.
+/// Standard deviation of a step of a line's place, metres: damps what the pictures do not tell.
 const PLACE_M: f64 = 0.5;
 /// The same for a slide, whose place is any.
 const NO_PLACE_M: f64 = 1e-6;
@@ -142,7 +142,8 @@ fn normal_equations(
     Some(all)
 }
 
-/// What is known of a line before anything is seen. A slide has no place.
+/// What is known of a line's direction before anything is seen, and the damping of its place. A slide has no
+/// place.
 fn prior(line: &JointGeometry, direction: &Direction) -> (Matrix4<f64>, Vector4<f64>) {
     let sense = if direction.mean.dot(&line.axis) < 0.0 { -1.0 } else { 1.0 };
     let apart = sense * direction.mean - line.axis.into_inner();

@@ -9,6 +9,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 /// Pixels between the patches whose normals are taken, and from their middle to their border.
 const PATCH_STEP_PX: usize = 10;
 const PATCH_HALF_PX: usize = 6;
+/// Most patches.
+const MAX_PATCHES: usize = 1500;
 /// Largest range of depth in a patch, metres: more is an edge.
 const MAX_RANGE_M: f64 = 0.08;
 /// How much farther than the part itself its surroundings reach, metres.
@@ -51,7 +53,9 @@ fn normals_around(surface: &RestSurface, view: &View) -> Vec<Vector3<f64>> {
     let is_near = |(u, v): &(usize, usize)| {
         view.surface_at(*u, *v).is_some_and(|place| (place - centre).norm() < radius)
     };
-    patches.filter(is_near).filter_map(|(u, v)| normal_of_patch(view, u, v)).collect()
+    let near: Vec<(usize, usize)> = patches.filter(is_near).collect();
+    let step = near.len().div_ceil(MAX_PATCHES).max(1);
+    near.into_iter().step_by(step).filter_map(|(u, v)| normal_of_patch(view, u, v)).collect()
 }
 
 fn normal_of_patch(view: &View, u: usize, v: usize) -> Option<Vector3<f64>> {

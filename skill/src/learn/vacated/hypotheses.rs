@@ -14,8 +14,11 @@ const GRID: usize = 13;
 const BEYOND: f64 = 0.5;
 const BEYOND_M: f64 = 0.04;
 /// Largest turn, radians, and shift, metres, from the rest.
-pub const MAX_TURN_RAD: f64 = 2.5;
-pub const MAX_SHIFT_M: f64 = 0.7;
+const MAX_TURN_RAD: f64 = 2.5;
+const MAX_SHIFT_M: f64 = 0.7;
+/// Least and greatest distance of a surface from its line, metres: a line far away is a slide.
+const MIN_REACH_M: f64 = 0.02;
+const MAX_REACH_M: f64 = 3.0;
 /// Distance that the surface goes between two configurations that are tried, metres.
 const STEP_M: f64 = 0.025;
 /// Points of the surface that are asked about.
@@ -129,13 +132,13 @@ fn hinges_along(
     pairs.map(move |pair| (hinge(pair), step_u.max(step_v)))
 }
 
-/// Distance from a joint's line that its surface reaches, metres; 1 for a slide.
+/// Distance from a joint's line that its surface reaches, metres, at most [`MAX_REACH_M`]; 1 for a slide.
 pub fn reach(geometry: &JointGeometry, points: &[Point3<f64>]) -> f64 {
     if geometry.kind != JointKind::Revolute {
         return 1.0;
     }
     let distances = points.iter().map(|p| distance_to_line(&geometry.origin, &geometry.axis, p));
-    distances.fold(0.02, f64::max)
+    distances.fold(MIN_REACH_M, f64::max).min(MAX_REACH_M)
 }
 
 /// Configurations from the least to the greatest that are so far apart that the surface goes `step_m`.

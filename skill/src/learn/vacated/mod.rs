@@ -93,11 +93,12 @@ fn new_joint(
     (!joints.iter().any(is_same)).then_some(learned)
 }
 
-/// Both are hinges about one line. Two parts may turn about it, but what a known part's surface does not
+/// Both turn about one line, a screw among them. Two parts may turn about it, but what a known part's surface does not
 /// explain is more often that part, badly followed.
 fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
     let axis = known.axis.into();
-    known.kind == new.kind
+    known.kind != JointKind::Prismatic
+        && new.kind == JointKind::Revolute
         && line_angle(&axis, &new.axis.into()) < SAME_LINE_RAD
         && distance_to_line(&known.origin.into(), &axis, &new.origin.into()) < SAME_LINE_M
 }

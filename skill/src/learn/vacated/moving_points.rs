@@ -2,7 +2,7 @@
 //! that was moved is among them, and the hand that moved it. Where a joint puts the part, there must be such
 //! a reading: one of a wall that was always there is none of the part.
 
-use super::point_grid::PointGrid;
+use super::point_grid::{PointGrid, cell_of};
 use super::view::View;
 use crate::learn::free_space::depth_margin;
 use nalgebra::{Point3, Vector3};
@@ -29,7 +29,7 @@ const MIN_FACING: f64 = 0.15;
 /// What a keyframe says about a place of a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Evidence {
-    /// Something that moves is there.
+    /// A reading around it moves, and none that is behind it excludes it.
     Found,
     /// Something behind it is seen.
     Through,
@@ -59,7 +59,7 @@ pub struct MovingPoints<'v, 'r> {
 }
 
 impl<'v, 'r> MovingPoints<'v, 'r> {
-    /// Those within `radius` metres of a place, in each of the keyframes. `known` gives places on parts that
+    /// Those within `radius` metres of a place, in each of the keyframes. `known` gives places on plain parts that
     /// are known already, by keyframe.
     pub fn near(
         centre: &Point3<f64>,
@@ -187,10 +187,6 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
 fn beside((row, column): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
     let steps = (0..9).filter(|k| *k != 4).map(|k| (k / 3, k % 3));
     steps.map(move |(dy, dx)| ((row + dy).wrapping_sub(1), (column + dx).wrapping_sub(1)))
-}
-
-fn cell_of(place: &Point3<f64>, edge: f64) -> [i32; 3] {
-    [place.x, place.y, place.z].map(|x| (x / edge).floor() as i32)
 }
 
 #[cfg(test)]

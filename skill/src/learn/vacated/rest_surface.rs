@@ -4,7 +4,7 @@
 //! In: keyframes. Out: pieces of surface, each with the keyframe that shows it at rest; the greatest first.
 
 use super::moving_points::KNOWN_M;
-use super::point_grid::PointGrid;
+use super::point_grid::{PointGrid, cell_of};
 use super::view::View;
 use crate::learn::free_space::Probe;
 use crate::math::rigid::plane_through;
@@ -66,7 +66,7 @@ impl RestSurface {
 }
 
 /// The pieces of surface that rest at one end of the recording and are vacated at other times. `known` gives
-/// places on parts that are known already, by frame: these are left out.
+/// places on plain parts that are known already, by frame: these are left out.
 pub fn vacated_surfaces(
     views: &[View],
     end: End,
@@ -165,9 +165,10 @@ fn without_specks(places: BTreeMap<(usize, usize), Point3<f64>>) -> Vec<Point3<f
 
 /// Places in pieces: those in cells that touch are in one.
 fn connected(places: Vec<Point3<f64>>) -> Vec<Vec<Point3<f64>>> {
-    let cell = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / CELL_M).floor() as i32);
     let mut cells: BTreeMap<[i32; 3], Vec<Point3<f64>>> = BTreeMap::new();
-    places.into_iter().for_each(|place| cells.entry(cell(&place)).or_default().push(place));
+    places
+        .into_iter()
+        .for_each(|place| cells.entry(cell_of(&place, CELL_M)).or_default().push(place));
     let mut pieces = Vec::new();
     while let Some((first, places)) = cells.pop_first() {
         let (mut piece, mut open) = (places, vec![first]);
@@ -186,7 +187,8 @@ fn connected(places: Vec<Point3<f64>>) -> Vec<Vec<Point3<f64>>> {
 
 /// A cell and the 26 around it.
 fn neighbours([x, y, z]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
-    (0..27).map(move |k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1])
+    let beside = |x: i32, step: i32| x.saturating_add(step - 1);
+    (0..27).map(move |k| [beside(x, k % 3), beside(y, k / 3 % 3), beside(z, k / 9)])
 }
 
 /// The normal of a surface at one of its places; towards the camera where too few places tell it.

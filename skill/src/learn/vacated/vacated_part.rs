@@ -7,13 +7,12 @@ use super::moving_points::{Evidence, MovingPoints};
 use super::rest_surface::RestSurface;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
 use crate::learn::best_path::best_path;
-use crate::learn::learned_joint::{LearnedJoint, orient, range_of, span_of};
+use crate::learn::followed_surface::FollowedSurface;
+use crate::learn::learned_joint::{LearnedJoint, span_of};
 use crate::learn::line_step::line_covariance;
 use crate::learn::recording::Recording;
-use crate::learn::tracking::Trajectory;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
-use crate::object::model::{Joint, covariance_rows};
 use nalgebra::{Matrix6, Point3, Vector3};
 
 /// Distance that the surface goes between two configurations that are tried, metres.
@@ -135,7 +134,7 @@ impl VacatedPart {
             (is_hinge && turn < MIN_TURN_RAD, "it hardly turns"),
             (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
             (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
-            (self.geometry().kind != JointKind::Revolute, "it slides"),
+            (!is_hinge, "it slides"),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
             (self.median_m > MAX_MEDIAN_M, "it does not keep its shape"),
@@ -192,27 +191,14 @@ impl VacatedPart {
 
     /// As a joint of the base.
     pub fn to_learned(&self, surface: &RestSurface, recording: &Recording) -> LearnedJoint {
-        let mut geometry = *self.geometry();
-        let (frames, mut configuration): (Vec<usize>, Vec<f64>) = self.shown().unzip();
-        // The part's coordinates are those of the first frame that shows it.
-        let first = geometry.motion(configuration.first().copied().unwrap_or_default());
-        let plain_surface = surface.points.iter().map(|p| first * p).collect();
-        orient(&mut geometry, &mut configuration);
-        let mut base_from_part: Trajectory =
-            vec![None; recording.ego_motion.camera_from_base.len()];
-        for (&frame, &q) in frames.iter().zip(&configuration) {
-            base_from_part[frame] = Some(geometry.motion(q));
-        }
-        let joint = Joint {
-            range: range_of(&configuration),
-            covariance: covariance_rows(&self.covariance()),
-            observations: frames.len(),
-            position_rmse: self.median_m,
-            configuration: recording.tracks.timed(&frames, &configuration),
-            type_probabilities: [(geometry.kind, 1.0)].into(),
-            ..Joint::of(&geometry)
+        let surface = FollowedSurface {
+            geometry: *self.geometry(),
+            covariance: self.covariance(),
+            points: &surface.points,
+            configuration: self.shown().collect(),
+            rmse: self.median_m,
         };
-        LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface }
+        surface.into_learned(recording)
     }
 
     /// Covariance of (axis, origin), with the errors that all readings share.
