@@ -128,9 +128,9 @@ fn evidence(demonstration: &Demonstration, joint: &Joint) -> String {
     let tracked = tracks_of(demonstration, joint.child).count();
     let planes = demonstration.plain_surface.get(joint.child).is_some_and(|s| !s.is_empty());
     let from = match (tracked, planes) {
-        (0, true) => "the planes of its surface in the depth pictures".to_owned(),
+        (0, true) => "its surface in the depth pictures".to_owned(),
         (0, false) => "no tracked features of its own".to_owned(),
-        (n, true) => format!("{n} tracked features and the planes of its surface"),
+        (n, true) => format!("{n} tracked features and its surface in the depth pictures"),
         (n, false) => format!("{n} tracked features"),
     };
     let (frames, all) = (joint.observations, frames_that_may_show(demonstration, joint));

@@ -199,8 +199,7 @@ pub fn follow(
         })
         .collect();
     let cost_of_a_step = COST_PER_METRE * surface.points.len() as f64 * step * reach;
-    let largest = (keyframes.largest_step(geometry.kind) / step).ceil() as usize;
-    let path = best_path(&table, cost_of_a_step, largest);
+    let path = best_path(&table, cost_of_a_step, STEPS);
     let indices = || path.iter().copied();
     let (least, most) = (indices().min().unwrap_or(0), indices().max().unwrap_or(0));
     let aside = 0.5 * step * (most - least) as f64;
