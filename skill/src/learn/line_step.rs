@@ -25,6 +25,23 @@ pub fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> Matr
     spread * of_line * spread.transpose()
 }
 
+/// A line's covariance of (axis, origin) with errors that all readings share, of `direction` radians and `place`
+/// metres to all sides across the line.
+pub fn with_shared_errors(
+    mut covariance: Matrix6<f64>,
+    line: &JointGeometry,
+    direction: f64,
+    place: f64,
+) -> Matrix6<f64> {
+    let (u, v) = orthonormal_basis(&line.axis);
+    let across = u * u.transpose() + v * v.transpose();
+    for (block, sigma) in [(0, direction), (3, place)] {
+        let mut own = covariance.fixed_view_mut::<3, 3>(block, block);
+        own += sigma.powi(2) * across;
+    }
+    covariance
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -47,6 +64,16 @@ mod tests {
         let expected = [0.25, 0.25, 0.0, 0.25, 0.25, 0.0];
         for (k, variance) in expected.into_iter().enumerate() {
             assert!((covariance[(k, k)] - variance).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn shared_errors_widen_a_line_across_itself_only() {
+        let line = JointGeometry::hinge(Vector3::z_axis(), Point3::origin());
+        let wide = with_shared_errors(Matrix6::zeros(), &line, 0.1, 0.2);
+        let expected = [0.01, 0.01, 0.0, 0.04, 0.04, 0.0];
+        for (k, variance) in expected.into_iter().enumerate() {
+            assert!((wide[(k, k)] - variance).abs() < 1e-12);
         }
     }
 }

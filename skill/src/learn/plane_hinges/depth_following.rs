@@ -285,12 +285,9 @@ mod tests {
     use crate::test_data::seen;
     use nalgebra::{UnitVector3, Vector3};
 
-    /// A plate that moves to the camera by `q` metres, before a wall 3 m away; a picture a second.
-    fn plate_at(frame: usize, q: f64) -> RgbdFrame {
-        seen(
-            1_000_000 * frame as i64,
-            |x, y| if x.abs() < 0.2 && y.abs() < 0.15 { 2.0 - q } else { 3.0 },
-        )
+    /// A plate that moves to the camera by `q` metres, before a wall 3 m away.
+    fn plate_at(q: f64) -> RgbdFrame {
+        seen(0, |x, y| if x.abs() < 0.2 && y.abs() < 0.15 { 2.0 - q } else { 3.0 })
     }
 
     fn drawer() -> (Surface, JointGeometry) {
@@ -308,7 +305,7 @@ mod tests {
     fn followed(configurations: &[f64]) -> Following {
         let mut keyframes = Keyframes::new(configurations.len());
         for (f, &q) in configurations.iter().enumerate() {
-            keyframes.offer(f, &plate_at(f, q));
+            keyframes.offer(f, &plate_at(q));
         }
         let camera_from_base = vec![Pose::identity(); configurations.len()];
         let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };

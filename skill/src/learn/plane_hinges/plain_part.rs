@@ -9,8 +9,8 @@ use super::plane_segments::PlanePatch;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
 use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
+use crate::learn::line_step::with_shared_errors;
 use crate::learn::recording::Recording;
-use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointKind;
 use nalgebra::{Matrix6, Point3};
 use std::collections::BTreeMap;
@@ -321,14 +321,8 @@ impl PlainPart {
 
     /// Covariance of (axis, origin), with the errors that all readings share.
     fn covariance(&self) -> Matrix6<f64> {
-        let mut covariance = self.line.covariance;
-        let (u, v) = orthonormal_basis(&self.line.geometry.axis);
-        let across = u * u.transpose() + v * v.transpose();
-        let mut direction = covariance.fixed_view_mut::<3, 3>(0, 0);
-        direction += SYSTEMATIC_RAD.powi(2) * across;
-        let mut place = covariance.fixed_view_mut::<3, 3>(3, 3);
-        place += SYSTEMATIC_M.powi(2) * across;
-        covariance
+        let line = &self.line;
+        with_shared_errors(line.covariance, &line.geometry, SYSTEMATIC_RAD, SYSTEMATIC_M)
     }
 
     /// Configuration by frame: where a plane shows the part, its turn, which is the most exact; else

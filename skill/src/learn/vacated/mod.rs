@@ -93,12 +93,11 @@ fn new_joint(
     (!joints.iter().any(is_same)).then_some(learned)
 }
 
-/// Both turn about one line, a screw among them. Two parts may turn about it, but what a known part's surface does not
-/// explain is more often that part, badly followed.
+/// A known joint turns about the line of a new hinge. Two parts may turn about one line, but what a known
+/// part's surface does not explain is more often that part, badly followed.
 fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
     let axis = known.axis.into();
     known.kind != JointKind::Prismatic
-        && new.kind == JointKind::Revolute
         && line_angle(&axis, &new.axis.into()) < SAME_LINE_RAD
         && distance_to_line(&known.origin.into(), &axis, &new.origin.into()) < SAME_LINE_M
 }

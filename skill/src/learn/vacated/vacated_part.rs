@@ -9,9 +9,8 @@ use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
 use crate::learn::best_path::best_path;
 use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, span_of};
-use crate::learn::line_step::line_covariance;
+use crate::learn::line_step::{line_covariance, with_shared_errors};
 use crate::learn::recording::Recording;
-use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Matrix6, Point3, Vector3};
 
@@ -203,14 +202,8 @@ impl VacatedPart {
 
     /// Covariance of (axis, origin), with the errors that all readings share.
     fn covariance(&self) -> Matrix6<f64> {
-        let mut covariance = line_covariance(self.geometry(), &self.aligned.information);
-        let (u, v) = orthonormal_basis(&self.geometry().axis);
-        let across = u * u.transpose() + v * v.transpose();
-        let mut direction = covariance.fixed_view_mut::<3, 3>(0, 0);
-        direction += SYSTEMATIC_RAD.powi(2) * across;
-        let mut place = covariance.fixed_view_mut::<3, 3>(3, 3);
-        place += SYSTEMATIC_M.powi(2) * across;
-        covariance
+        let covariance = line_covariance(self.geometry(), &self.aligned.information);
+        with_shared_errors(covariance, self.geometry(), SYSTEMATIC_RAD, SYSTEMATIC_M)
     }
 }
 
@@ -253,7 +246,7 @@ fn lead_of_others(surface: &RestSurface, q: &[f64], reach: f64, moving: &[Moving
     let lead = |run: Vec<usize>| {
         let first = run.iter().copied().find(others_move);
         let both = first.zip(run.last().copied());
-        both.map_or(0.0, |(a, b)| (moving[a].utime() - moving[b].utime()).abs() as f64 * 1e-6)
+        both.map_or(0.0, |(a, b)| moving[a].utime().abs_diff(moving[b].utime()) as f64 * 1e-6)
     };
     lead(before).max(lead(after))
 }
