@@ -1,14 +1,15 @@
 //! The path through a table that gains most: dynamic programming.
 
 /// The column of each row, so that what the table gives along the path less the cost of its steps is
-/// greatest (Viterbi). A path goes at most `max_step` columns from one row to the next; of equal origins the
-/// nearest is taken.
-pub fn best_path(table: &[Vec<f64>], cost_of_a_step: f64, max_step: usize) -> Vec<usize> {
+/// greatest (Viterbi). A path goes from row `i` to the next at most `max_steps[i]` columns, any number where
+/// the list has ended; of equal origins the nearest is taken.
+pub fn best_path(table: &[Vec<f64>], cost_of_a_step: f64, max_steps: &[usize]) -> Vec<usize> {
     let Some(first) = table.first().filter(|row| !row.is_empty()) else { return Vec::new() };
     let columns = first.len();
     let mut best: Vec<f64> = first.clone();
     let mut came_from: Vec<Vec<usize>> = Vec::new();
-    for row in &table[1..] {
+    for (i, row) in table[1..].iter().enumerate() {
+        let max_step = max_steps.get(i).copied().unwrap_or(columns);
         let origins: Vec<(f64, usize)> =
             (0..columns).map(|i| best_origin(&best, i, cost_of_a_step, max_step)).collect();
         best = origins.iter().zip(row).map(|((value, _), gain)| value + gain).collect();
@@ -51,18 +52,19 @@ mod tests {
             row
         };
         let table = [row(0, 10.0), row(4, 1.0), row(0, 10.0), row(4, 10.0), row(4, 10.0)];
-        assert_eq!(best_path(&table, 1.0, 5), [0, 0, 0, 4, 4]);
+        assert_eq!(best_path(&table, 1.0, &[]), [0, 0, 0, 4, 4]);
     }
 
     #[test]
     fn a_path_makes_no_step_that_is_too_large() {
         let table = [vec![9.0, 0.0, 0.0], vec![1.0, 0.0, 0.0], vec![0.0, 0.0, 9.0]];
-        assert_eq!(best_path(&table, 0.1, 1), [0, 1, 2]);
-        assert_eq!(best_path(&table, 0.1, 2), [0, 0, 2]);
+        assert_eq!(best_path(&table, 0.1, &[1, 1]), [0, 1, 2]);
+        assert_eq!(best_path(&table, 0.1, &[2, 2]), [0, 0, 2]);
+        assert_eq!(best_path(&table, 0.1, &[1]), [0, 0, 2], "the second step has no bound");
     }
 
     #[test]
     fn a_table_without_rows_has_no_path() {
-        assert!(best_path(&[], 1.0, 5).is_empty());
+        assert!(best_path(&[], 1.0, &[]).is_empty());
     }
 }

@@ -1,15 +1,11 @@
 //! A bounded, even selection of a recording's frames, kept whole: for the appearance of the
 //! parts and for asking whether the space that a model claims was free.
 
-use crate::object::joint_geometry::JointKind;
 use linkage_frames::RgbdFrame;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-/// Greatest speed at which people open things: radians and metres a second.
-const MAX_SPEED_RAD_S: f64 = 4.0;
-const MAX_SPEED_M_S: f64 = 1.5;
-/// Shortest time over which that speed is taken, seconds: keyframes may be close.
+/// Shortest time over which a speed is taken, seconds: keyframes may be close.
 const MIN_INTERVAL_S: f64 = 0.15;
 
 /// At most `capacity` frames, evenly spread over all that were offered.
@@ -77,13 +73,11 @@ impl Keyframes {
         Self { frames: kept.cloned().collect(), ..*self }
     }
 
-    /// Largest motion of a part from one keyframe to the next: as fast as people open things, over the longest
-    /// time between two keyframes, and at least for a short time.
-    pub fn largest_step(&self, kind: JointKind) -> f64 {
+    /// Largest motion of a part from each keyframe to the next at a speed a second, taken over a short time at
+    /// least.
+    pub fn largest_steps(&self, speed: f64) -> Vec<f64> {
         let intervals = self.frames.windows(2).map(|w| w[1].1.utime.saturating_sub(w[0].1.utime));
-        let longest = intervals.max().unwrap_or(0) as f64 * 1e-6;
-        let speed = if kind == JointKind::Revolute { MAX_SPEED_RAD_S } else { MAX_SPEED_M_S };
-        speed * longest.max(MIN_INTERVAL_S)
+        intervals.map(|us| speed * (us as f64 * 1e-6).max(MIN_INTERVAL_S)).collect()
     }
 
     /// How many are kept.

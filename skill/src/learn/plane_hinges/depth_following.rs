@@ -32,6 +32,8 @@ const PARTS_PER_END: usize = 10;
 const MIN_END: usize = 3;
 /// Gauss-Newton steps from the best configuration tried.
 const ALIGNMENTS: usize = 3;
+/// Alignment may lengthen the largest step of a path by this factor.
+const ALIGNED: f64 = 1.1;
 /// Largest residual of the surface itself, metres: what is farther away is another surface.
 const MAX_RESIDUAL_M: f64 = 0.04;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points. A part
@@ -136,6 +138,18 @@ impl Following {
         shown.windows(2).map(step).fold(0.0, f64::max)
     }
 
+    /// From one keyframe that shows the surface to the next it moves no farther than `max_steps` (one from each
+    /// keyframe to the next, radians or metres) allow.
+    pub fn keeps_within(&self, max_steps: &[f64]) -> bool {
+        let all = self.placements.iter().enumerate();
+        let shown: Vec<(usize, f64)> =
+            all.filter(|(_, p)| self.is_shown(p)).map(|(i, p)| (i, p.q)).collect();
+        shown.windows(2).all(|w| {
+            let between = max_steps.get(w[0].0..w[1].0).unwrap_or_default();
+            (w[1].1 - w[0].1).abs() <= ALIGNED * between.iter().sum::<f64>()
+        })
+    }
+
     /// It stands still for so many keyframes on end, as things do before and after they are moved
     /// and people do not. `still` is how far it may move meanwhile, radians or metres.
     pub fn rests(&self, keyframes: usize, still: f64) -> bool {
@@ -175,12 +189,14 @@ fn total(counts: impl Iterator<Item = FreeSpaceCounts>) -> FreeSpaceCounts {
 }
 
 /// Follows a surface over all keyframes. `reach` is its distance from a hinge's line (metres); 1
-/// for a slide.
+/// for a slide. `max_steps` bound its motion from each keyframe to the next, radians or metres; there is no
+/// bound where the list has ended.
 pub fn follow(
     surface: &Surface,
     geometry: &JointGeometry,
     range: [f64; 2],
     reach: f64,
+    max_steps: &[f64],
     recording: &Recording,
 ) -> Following {
     let Recording { ego_motion: base, keyframes, .. } = recording;
@@ -199,7 +215,9 @@ pub fn follow(
         })
         .collect();
     let cost_of_a_step = COST_PER_METRE * surface.points.len() as f64 * step * reach;
-    let path = best_path(&table, cost_of_a_step, STEPS);
+    let max_columns: Vec<usize> =
+        max_steps.iter().map(|max| (max / step).ceil() as usize).collect();
+    let path = best_path(&table, cost_of_a_step, &max_columns);
     let indices = || path.iter().copied();
     let (least, most) = (indices().min().unwrap_or(0), indices().max().unwrap_or(0));
     let aside = 0.5 * step * (most - least) as f64;
@@ -303,6 +321,10 @@ mod tests {
     }
 
     fn followed(configurations: &[f64]) -> Following {
+        bounded(configurations, &[])
+    }
+
+    fn bounded(configurations: &[f64], max_steps: &[f64]) -> Following {
         let mut keyframes = Keyframes::new(configurations.len());
         for (f, &q) in configurations.iter().enumerate() {
             keyframes.offer(f, &plate_at(q));
@@ -311,7 +333,7 @@ mod tests {
         let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
         let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
         let (front, geometry) = drawer();
-        follow(&front, &geometry, [-0.2, 0.6], 1.0, &recording)
+        follow(&front, &geometry, [-0.2, 0.6], 1.0, max_steps, &recording)
     }
 
     #[test]
@@ -330,6 +352,17 @@ mod tests {
         let smooth = followed(&[0.0, 0.0, 0.1, 0.2, 0.3, 0.4, 0.4, 0.4]);
         let jumps = followed(&[0.0, 0.0, 0.0, 0.0, 0.4, 0.4, 0.4, 0.4]);
         assert!(smooth.largest_step() < 0.12 && jumps.largest_step() > 0.35);
+    }
+
+    #[test]
+    fn a_following_with_a_bound_does_not_jump() {
+        let truth = [0.0, 0.0, 0.05, 0.5, 0.1, 0.15, 0.2, 0.2];
+        assert!(
+            !followed(&truth).keeps_within(&[0.1; 7]) && followed(&truth).keeps_within(&[0.5; 7])
+        );
+        let slow = bounded(&truth, &[0.1; 7]);
+        assert!(slow.keeps_within(&[0.1; 7]));
+        assert!((slow.at(7).unwrap() - 0.2).abs() < 0.002, "it is found again after the jump");
     }
 
     #[test]

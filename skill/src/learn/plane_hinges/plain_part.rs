@@ -11,7 +11,7 @@ use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
 use crate::learn::line_step::with_shared_errors;
 use crate::learn::recording::Recording;
-use crate::object::joint_geometry::JointKind;
+use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Matrix6, Point3};
 use std::collections::BTreeMap;
 
@@ -47,6 +47,8 @@ const REST_KEYFRAMES: usize = 4;
 const REST_RAD: f64 = 0.03;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
+/// Speed above which a following is doubted, radians a second: people open things at up to 2.6.
+const MAX_SPEED_RAD_S: f64 = 3.0;
 /// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must
 /// not pull about a line that is less known.
 const MAX_PLACE_SIGMA_M: f64 = 0.025;
@@ -109,6 +111,8 @@ pub struct PlainPart {
     surface: Surface,
     /// Its configuration at each keyframe.
     followed: Following,
+    /// It goes faster than people open things.
+    is_fast: bool,
     /// Planes that show it, by their place in the list.
     pub support: Vec<usize>,
     /// Configuration of the hinge's first plane.
@@ -133,11 +137,34 @@ pub fn follow_candidate(
     if high - low < MIN_TURNS_RAD[0] {
         return Followed::Nothing;
     }
+    let best = |is_bounded| best_followed(&rough, is_bounded, candidate, patches, recording);
+    // The speed is not bounded from the start: the wrong one of two surfaces is told by its jumps. A following
+    // with the bound that contradicts more planes is on the wrong side of the line.
+    match best(false) {
+        Followed::Part(fast) if fast.is_fast => match best(true) {
+            Followed::Part(slower) if !slower.is_fast && slower.has_no_fewer_planes(&fast) => {
+                Followed::Part(slower)
+            }
+            _ => Followed::Part(fast),
+        },
+        other => other,
+    }
+}
+
+/// The part that most planes about a line agree with, near the range of these planes or far beyond it.
+fn best_followed(
+    rough: &Hinge,
+    is_bounded: bool,
+    candidate: &Candidate,
+    patches: &[PlanePatch],
+    recording: &Recording,
+) -> Followed {
+    let [low, high] = rough.range();
     let within = |beyond: f64| {
-        let range = [low - beyond, high + beyond];
+        let search = SearchSpace { range: [low - beyond, high + beyond], is_bounded };
         let parts = rough.ends().into_iter().filter_map(|seed| {
-            let surface = surface_of(seed, &rough, candidate, patches);
-            followed(&surface, &rough, range, candidate, patches, recording)
+            let surface = surface_of(seed, rough, candidate, patches);
+            followed(&surface, rough, search, candidate, patches, recording)
         });
         parts.map(Followed::of).fold(Followed::Nothing, Followed::better)
     };
@@ -163,19 +190,33 @@ fn surface_of(
     Surface { points, normal: back * patch.normal }
 }
 
+/// Where a part is looked for.
+#[derive(Clone, Copy)]
+struct SearchSpace {
+    /// Configurations, radians.
+    range: [f64; 2],
+    /// It goes no faster than people open things.
+    is_bounded: bool,
+}
+
 /// A surface that is followed about the line, the line that its planes tell, and the surface followed
 /// about that.
 fn followed(
     surface: &Surface,
     rough: &Hinge,
-    range: [f64; 2],
+    search: SearchSpace,
     candidate: &Candidate,
     patches: &[PlanePatch],
     recording: &Recording,
 ) -> Option<PlainPart> {
     // Each point is looked for in each keyframe: few are followed, all are kept.
     let few = &surface.thinned();
-    let first = follow(few, &rough.geometry(), range, rough.reach(), recording);
+    let max_steps = recording.keyframes.largest_steps(MAX_SPEED_RAD_S);
+    let follow = |geometry: &JointGeometry, reach: f64| {
+        let max_steps = if search.is_bounded { &max_steps[..] } else { &[] };
+        follow(few, geometry, search.range, reach, max_steps, recording)
+    };
+    let first = follow(&rough.geometry(), rough.reach());
     let agrees = |(k, (frame, turn)): (usize, &(usize, f64))| {
         let q = first.at(*frame)?;
         ((turn - q).abs() < SAME_TURN_RAD).then_some(candidate.support[k])
@@ -184,14 +225,24 @@ fn followed(
     let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
     let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
     let hinge = refined(candidate, patches, &support, recording)?;
-    let again = follow(few, &hinge.geometry(), range, hinge.reach(), recording);
+    let again = follow(&hinge.geometry(), hinge.reach());
     let line = align_line(few, &hinge, &again, recording);
-    let followed = follow(few, &line.geometry, range, hinge.reach(), recording);
+    let followed = follow(&line.geometry, hinge.reach());
     let camera_from_base = |frame: usize| recording.ego_motion.camera_from_base[frame];
     let unattached_ratio =
         unattached_ratio(&line.geometry, &few.points, recording, camera_from_base);
     let surface = surface.clone();
-    Some(PlainPart { hinge, line, surface, followed, support, first_turn, unattached_ratio })
+    let is_fast = !followed.keeps_within(&max_steps);
+    Some(PlainPart {
+        hinge,
+        line,
+        surface,
+        followed,
+        is_fast,
+        support,
+        first_turn,
+        unattached_ratio,
+    })
 }
 
 /// The hinge that planes tell, with the edges of their face if these agree with them.
@@ -271,9 +322,15 @@ impl PlainPart {
     fn explains_more_than(&self, other: &Self) -> bool {
         let (more, less) = (&self.followed, &other.followed);
         !self.jumps()
-            && self.support.len() >= other.support.len()
+            && (!self.is_fast || other.is_fast)
+            && self.has_no_fewer_planes(other)
             && more.shown_ratio() > less.shown_ratio()
             && more.free_space_violation() <= less.free_space_violation()
+    }
+
+    /// As many planes agree with it as with another, or more.
+    fn has_no_fewer_planes(&self, other: &Self) -> bool {
+        self.support.len() >= other.support.len()
     }
 
     /// It is seen here and then there, never between. Of a part that slides, or of two that look the
@@ -309,6 +366,8 @@ impl PlainPart {
             axis = ?self.line.geometry.axis.as_slice(),
             origin = ?self.line.geometry.origin.coords.as_slice(),
             jumps = self.jumps(),
+            step = self.followed.largest_step(),
+            low, high,
             rejected,
             "plain hinge"
         );

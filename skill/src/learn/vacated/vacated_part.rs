@@ -18,6 +18,9 @@ use nalgebra::{Matrix6, Point3, Vector3};
 const STEP_M: f64 = 0.015;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points.
 const COST_PER_METRE: f64 = 2.0;
+/// Greatest speed at which people open things: radians and metres a second.
+const MAX_SPEED_RAD_S: f64 = 4.0;
+const MAX_SPEED_M_S: f64 = 1.5;
 /// Share of the points, less those seen through, by which a keyframe shows the part.
 const LEAST_SHOWN: f64 = 0.15;
 /// Share of the keyframes that must show it.
@@ -227,11 +230,11 @@ fn path(
     let table: Vec<Vec<f64>> = moving.iter().enumerate().map(row).collect();
     let cost = COST_PER_METRE * step * reach(geometry, &surface.points);
     // A wheel with like spokes would jump from one to the next.
-    let largest = recording.keyframes.largest_step(geometry.kind);
-    best_path(&table, cost, (largest / step).ceil() as usize)
-        .into_iter()
-        .map(|i| configurations[i])
-        .collect()
+    let is_hinge = geometry.kind == JointKind::Revolute;
+    let speed = if is_hinge { MAX_SPEED_RAD_S } else { MAX_SPEED_M_S };
+    let largest = recording.keyframes.largest_steps(speed);
+    let largest: Vec<usize> = largest.iter().map(|max| (max / step).ceil() as usize).collect();
+    best_path(&table, cost, &largest).into_iter().map(|i| configurations[i]).collect()
 }
 
 /// How long something else moved near the surface while that still was at rest, seconds: from the keyframe
