@@ -86,9 +86,20 @@ fn direct(
         .and_then(|plane| Direction::across(&plane.normals()));
     if direction.is_some_and(|direction| direction.correct(learned)) {
         tracing::debug!(joint = learned.joint.name, "directed by its plane");
-        let all = known.iter().enumerate().filter_map(|(frame, q)| Some((frame, (*q)?)));
-        apply(learned, &all.collect::<Vec<_>>(), set);
+        set_configurations(learned, &known, set);
     }
+}
+
+/// Gives the part its poses anew where the joint's line was changed.
+pub fn pose_anew(learned: &mut LearnedJoint, set: &TrackSet) {
+    let known = configurations(learned);
+    set_configurations(learned, &known, set);
+}
+
+/// Poses the part at the configurations that are known, by frame.
+fn set_configurations(learned: &mut LearnedJoint, known: &[Option<f64>], set: &TrackSet) {
+    let all = known.iter().enumerate().filter_map(|(frame, q)| Some((frame, (*q)?)));
+    apply(learned, &all.collect::<Vec<_>>(), set);
 }
 
 /// Frames and configurations in which the plane shows another configuration than the tracks, or in

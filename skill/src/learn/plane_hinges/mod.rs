@@ -17,6 +17,7 @@ mod face_edge;
 mod hinge;
 mod line_alignment;
 mod part_plane;
+mod place_fusion;
 mod plain_part;
 mod plain_search;
 mod plane_segments;
@@ -29,7 +30,8 @@ use super::learned_joint::{LearnedJoint, LearnedJoints};
 use super::recording::Recording;
 use crate::object::model::Joint;
 use carried_parts::carried_parts;
-use extend_range::{extend, extend_to};
+use extend_range::{extend, extend_to, pose_anew};
+use place_fusion::fuse_place;
 use plain_part::PlainPart;
 use plain_search::{PlainParts, search};
 use same_joint::{is_known, is_meagre, is_same_hinge, moves_together};
@@ -56,6 +58,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
         let mut learned = part.to_learned(recording);
         if !is_chain {
             take_over(&mut joints, &mut learned);
+            fuse(&mut joints, &learned, recording);
         }
         // Both faces of a lid are one part.
         let is_same_part = |p: &LearnedJoint| {
@@ -104,6 +107,19 @@ fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint) {
     if !is_meagre(&tracked) {
         plain.joint.log_likelihood = tracked.joint.log_likelihood;
         plain.tracks = tracked.tracks;
+    }
+}
+
+/// The joint that tracks showed of the same part takes the place of its line from its planes too.
+fn fuse(joints: &mut [LearnedJoint], plain: &LearnedJoint, recording: &Recording) {
+    for tracked in joints {
+        if is_same_hinge(&tracked.joint, &plain.joint)
+            && moves_together(tracked, plain)
+            && fuse_place(tracked, &plain.joint)
+        {
+            tracing::debug!(joint = tracked.joint.name, "placed by its planes");
+            pose_anew(tracked, &recording.tracks);
+        }
     }
 }
 
