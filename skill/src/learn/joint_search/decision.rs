@@ -16,6 +16,9 @@ use crate::learn::attachment::MAX_UNATTACHED;
 const MIN_TRACKS: usize = 5;
 /// Fewest frames in which the configuration of a joint is known.
 const MIN_FRAMES: usize = 15;
+/// Fewest frames in which it is in either half of its range. Where a passer-by covers a thing at rest, that
+/// seems to run with him for a frame or three.
+const MIN_FRAMES_OF_HALF: usize = 4;
 /// Fewest frames of a segment of time in which a joint was seen.
 const MIN_SEGMENT_FRAMES: usize = 10;
 /// Largest cost of an observation, as a mean over a joint's tracks. Measured: hands cost 2.5 to 3.9,
@@ -98,6 +101,14 @@ pub enum Rejection {
     #[error("its configuration is known in {found} frames; at least {MIN_FRAMES} are needed")]
     TooFewFrames {
         /// Frames with a configuration.
+        found: usize,
+    },
+    /// It is away from its rest, or at it, for a moment only.
+    #[error(
+        "half of its range was seen in {found} frames; at least {MIN_FRAMES_OF_HALF} are needed"
+    )]
+    Moment {
+        /// Frames in the half that was seen less.
         found: usize,
     },
     /// It explains little that standing still does not explain.
@@ -229,6 +240,7 @@ pub fn decide(
     config: &JointSearchConfig,
 ) -> Result<(), Rejection> {
     let (tracks, frames) = (joint.members.len(), joint.known_frames().len());
+    let moment = frames_of_less_seen_half(joint);
     let (gain, needed) = (joint.gain, min_gain(joint, evidence));
     let (cost, allowed_cost) = (joint.cost, max_cost(joint, evidence));
     let share = evidence.parent_correlation;
@@ -240,6 +252,7 @@ pub fn decide(
     let table = [
         (tracks >= MIN_TRACKS, Rejection::TooFewTracks { found: tracks }),
         (frames >= MIN_FRAMES, Rejection::TooFewFrames { found: frames }),
+        (moment >= MIN_FRAMES_OF_HALF, Rejection::Moment { found: moment }),
         (gain >= needed, Rejection::LowGain { gain, needed }),
         (cost <= allowed_cost, Rejection::HighCost { cost, allowed: allowed_cost }),
         (ALLOWED_CORRELATION.contains(&share), correlation),
@@ -353,6 +366,14 @@ fn stands_between_rests(joint: &JointEstimate, evidence: &Evidence) -> bool {
         && evidence.discriminability >= REST_DISCRIMINABILITY
 }
 
+/// In how many frames the joint is in that half of its range which is seen less.
+fn frames_of_less_seen_half(joint: &JointEstimate) -> usize {
+    let middle = 0.5 * (joint.range[0] + joint.range[1]);
+    let known = joint.known_frames();
+    let upper = known.iter().filter(|&&f| joint.q[f] > middle).count();
+    upper.min(known.len() - upper)
+}
+
 /// Over how many configurations from the first on a joint stays within a way. The first may be at either end of
 /// that: with a moving camera a thing that rests seems to drift by millimetres.
 fn resting<'q>(configurations: impl Iterator<Item = &'q f64>, way: f64) -> usize {
@@ -408,6 +429,7 @@ mod tests {
         let mut joint = JointEstimate::new(slide, &view, 0);
         joint.known = (0..FRAMES).map(|f| (f as f64) < coverage * FRAMES as f64).collect();
         joint.members = (0..60).collect();
+        joint.q = (0..FRAMES).map(|f| if (40..60).contains(&f) { 0.2 } else { 0.0 }).collect();
         joint.range = [0.0, 0.2];
         (joint.gain, joint.cost) = (2000.0, 2.7);
         joint.evidence = Evidence {
@@ -433,6 +455,17 @@ mod tests {
     }
 
     #[test]
+    fn what_moves_for_a_moment_is_no_joint() {
+        let moment = |frames: usize| JointEstimate {
+            q: (0..FRAMES).map(|f| if f < frames { 0.2 } else { 0.0 }).collect(),
+            ..drawer(0.95, 0.0)
+        };
+        assert_eq!(decided(&moment(3)), Err(Rejection::Moment { found: 3 }));
+        assert!(is_accepted(&moment(4)));
+        assert_eq!(decided(&moment(93)), Err(Rejection::Moment { found: 2 }));
+    }
+
+    #[test]
     fn corners_along_a_wall_need_more_tracks_than_a_drawer() {
         let along_a_wall = discriminated(drawer(0.8, 0.0), 0.02);
         assert!(!is_accepted(&along_a_wall));
@@ -441,7 +474,8 @@ mod tests {
             "a sliding door"
         );
         let wheel = ScrewJoint::hinge(Vector3::z(), Point3::new(0.2, 0.0, 1.5));
-        assert!(is_accepted(&JointEstimate { dof: wheel, range: [0.0, 0.6], ..along_a_wall }));
+        let q = along_a_wall.q.iter().map(|q| 3.0 * q).collect();
+        assert!(is_accepted(&JointEstimate { dof: wheel, q, range: [0.0, 0.6], ..along_a_wall }));
     }
 
     #[test]
