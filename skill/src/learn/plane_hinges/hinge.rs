@@ -31,6 +31,8 @@ const OFFSET_M: f64 = 0.02;
 const EDGE_READING_M: f64 = 0.03;
 /// Standard deviation of the line's distance from the edge of its part's face, metres.
 const EDGE_M: f64 = 0.02;
+/// Largest share of the planes that are left out as outliers.
+const MAX_OUTLIERS: f64 = 0.25;
 /// Least standard deviation of a plane's distance, metres: planes share errors.
 const LEAST_RMSE_M: f64 = 0.001;
 /// Factor on the standard deviation of the line's place, for the planes are not independent.
@@ -66,7 +68,9 @@ pub struct Hinge {
     in_face_information: Matrix3<f64>,
     /// The edge of the face next to it was seen.
     pub has_near_edge: bool,
-    /// Root mean square distance of the planes from where the hinge puts them.
+    /// Distances of the planes from where the hinge puts them, in the order of `turns`, metres.
+    pub residuals: Vec<f64>,
+    /// Their root mean square.
     pub rmse: f64,
 }
 
@@ -89,6 +93,34 @@ impl Candidate {
         edges: &FaceEdges,
     ) -> Option<Hinge> {
         refined(patches, support, edges, &self.axis, &self.origin)
+    }
+
+    /// The hinge of the planes in `support`. Where these do not keep their distance from it but for `max_rmse`
+    /// metres, outliers are taken out of `support`: least trimmed squares. While another leaf moves beside a
+    /// part, the part's plane takes readings of that.
+    pub fn hinge_without_outliers(
+        &self,
+        patches: &[PlanePatch],
+        support: &mut Vec<usize>,
+        max_rmse: f64,
+    ) -> Option<Hinge> {
+        let hinge_of = |planes: &[usize]| self.hinge(patches, planes, &FaceEdges::default());
+        let all = hinge_of(support)?;
+        if all.rmse <= max_rmse {
+            return Some(all);
+        }
+        let mut kept = support.clone();
+        for _ in 0..(MAX_OUTLIERS * support.len() as f64) as usize {
+            let hinge = hinge_of(&kept)?;
+            let distance = |k: &usize| hinge.residuals[*k].abs();
+            kept.remove((0..kept.len()).max_by(|a, b| distance(a).total_cmp(&distance(b)))?);
+        }
+        let trimmed = hinge_of(&kept)?;
+        if trimmed.rmse > max_rmse {
+            return Some(all);
+        }
+        *support = kept;
+        Some(trimmed)
     }
 
     /// Much the same line, supported for the most part by the same planes.
@@ -207,7 +239,8 @@ fn refined(
         .collect::<Option<_>>()?;
     let place = PlaceSystem::of(&planes, &arms, edges, &direction, origin);
     let solved = place.solution()?;
-    let rmse = place.rmse_of_planes(&solved);
+    let residuals = place.residuals_of_planes(&solved);
+    let rmse = (residuals.norm_squared() / residuals.len() as f64).sqrt();
     let (place_information, in_face_information) = place.information(rmse);
     let (u, v) = orthonormal_basis(&direction);
     let origin = origin + u * solved[0] + v * solved[1];
@@ -223,6 +256,7 @@ fn refined(
         place_information,
         in_face_information,
         has_near_edge: !edges.near.is_empty(),
+        residuals: residuals.iter().copied().collect(),
         rmse,
     };
     let back = hinge.geometry().motion(-hinge.turns[largest].1);
@@ -296,10 +330,9 @@ impl PlaceSystem {
         self.rows.clone().svd(true, true).solve(&self.right, 1e-6).ok()
     }
 
-    /// Root mean square distance of the planes from where a solution puts them, metres.
-    fn rmse_of_planes(&self, solution: &DVector<f64>) -> f64 {
-        let residuals = (&self.rows * solution - &self.right).rows(0, self.planes).norm_squared();
-        (residuals / self.planes as f64).sqrt()
+    /// Distances of the planes from where a solution puts them, metres.
+    fn residuals_of_planes(&self, solution: &DVector<f64>) -> DVector<f64> {
+        (&self.rows * solution - &self.right).rows(0, self.planes).into_owned()
     }
 
     /// Information (inverse covariance) of the place, base frame: without the expectation that the line
@@ -433,6 +466,36 @@ mod tests {
                 }
             })
             .collect()
+    }
+
+    /// The patches, every so many of them 4 cm off.
+    fn with_outliers(patches: Vec<PlanePatch>, every: usize) -> Vec<PlanePatch> {
+        let off = |(k, p): (usize, PlanePatch)| {
+            let outlier = 0.04 * f64::from(u8::from(k % every == 1));
+            PlanePatch { offset: p.offset + outlier, ..p }
+        };
+        patches.into_iter().enumerate().map(off).collect()
+    }
+
+    #[test]
+    fn a_few_outliers_among_the_planes_are_left_out() {
+        let (axis, origin) = (Vector3::y_axis(), Point3::new(-0.2, 0.1, 1.5));
+        let patches = with_outliers(patches(&axis, &origin), 5);
+        let best = &candidates(&patches, 1)[0];
+        let mut support: Vec<usize> = (0..20).collect();
+        let hinge = best.hinge_without_outliers(&patches, &mut support, 0.008).unwrap();
+        assert!(support.iter().all(|k| k % 5 != 1), "{support:?}");
+        assert!(distance_to_line(&hinge.origin, &hinge.axis, &origin) < 6e-3);
+    }
+
+    #[test]
+    fn of_planes_half_of_which_are_outliers_none_is_left_out() {
+        let (axis, origin) = (Vector3::y_axis(), Point3::new(-0.2, 0.1, 1.5));
+        let patches = with_outliers(patches(&axis, &origin), 2);
+        let best = &candidates(&patches, 1)[0];
+        let mut support: Vec<usize> = (0..20).collect();
+        let hinge = best.hinge_without_outliers(&patches, &mut support, 0.008).unwrap();
+        assert!(support.len() == 20 && hinge.rmse > 0.008);
     }
 
     #[test]

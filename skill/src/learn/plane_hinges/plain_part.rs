@@ -114,7 +114,9 @@ pub struct PlainPart {
     /// It goes faster than people open things.
     is_fast: bool,
     /// Planes that show it, by their place in the list.
-    pub support: Vec<usize>,
+    support: Vec<usize>,
+    /// These and the outliers among them: what no other part needs to explain.
+    pub explained: Vec<usize>,
     /// Configuration of the hinge's first plane.
     first_turn: f64,
     /// Share of its line that is attached to nothing that pictures show.
@@ -221,10 +223,11 @@ fn followed(
         let q = first.at(*frame)?;
         ((turn - q).abs() < SAME_TURN_RAD).then_some(candidate.support[k])
     };
-    let support: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
+    let explained: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
+    let mut support = explained.clone();
+    let hinge = refined(candidate, patches, &mut support, recording)?;
     let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
     let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
-    let hinge = refined(candidate, patches, &support, recording)?;
     let again = follow(&hinge.geometry(), hinge.reach());
     let line = align_line(few, &hinge, &again, recording);
     let followed = follow(&line.geometry, hinge.reach());
@@ -240,19 +243,21 @@ fn followed(
         followed,
         is_fast,
         support,
+        explained,
         first_turn,
         unattached_ratio,
     })
 }
 
-/// The hinge that planes tell, with the edges of their face if these agree with them.
+/// The hinge that planes tell, with the edges of their face if these agree with them; planes that are
+/// outliers are taken out of `support`.
 fn refined(
     candidate: &Candidate,
     patches: &[PlanePatch],
-    support: &[usize],
+    support: &mut Vec<usize>,
     recording: &Recording,
 ) -> Option<Hinge> {
-    let hinge = candidate.hinge(patches, support, &FaceEdges::default())?;
+    let hinge = candidate.hinge_without_outliers(patches, support, MAX_RMSE_M)?;
     let planes: Vec<&PlanePatch> = support.iter().map(|&k| &patches[k]).collect();
     let edges = face_edges(&hinge.geometry(), &planes, recording);
     let at_edge = candidate.hinge(patches, support, &edges)?;

@@ -33,7 +33,7 @@ pub fn search(recording: &Recording) -> PlainParts {
                 Followed::Nothing => continue,
             };
             // What the plane of one part explains, no other joint needs to explain.
-            patches = without(patches, &part.support);
+            patches = without(patches, &part.explained);
             if !part.jumps() {
                 of_its_kind.push(part);
             }
