@@ -40,10 +40,18 @@ pub struct Demonstration {
 impl Demonstration {
     /// Why there is no joint, as a sentence without its full stop: for a demonstration that shows none.
     pub fn why_nothing(&self) -> String {
-        let unclear = self.rejections.iter().find(|r| r.needs_more);
-        let why = unclear.map_or("nothing articulated moves", |r| &r.reason);
-        format!("{why}; nothing was learned")
+        why_nothing(&self.rejections)
     }
+}
+
+/// What may well be a part and needs to be shown for longer; else the candidate that most observations speak for.
+fn why_nothing(rejections: &[RejectedCandidate]) -> String {
+    if let Some(unclear) = rejections.iter().find(|r| r.needs_more) {
+        return format!("{}; nothing was learned", unclear.reason);
+    }
+    let closest = rejections.iter().max_by_key(|r| r.tracks * r.frames);
+    let closest = closest.map(|r| format!(" (closest was {r})")).unwrap_or_default();
+    format!("nothing articulated moves; nothing was learned{closest}")
 }
 
 /// Puts a demonstration together: the base and one part a joint, with poses and grasps.
@@ -157,4 +165,29 @@ fn surface_of(
     };
     let tracked = learned.tracks.iter().filter_map(place);
     tracked.chain(learned.plain_surface.iter().copied()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::joint_geometry::JointKind;
+
+    #[test]
+    fn where_nothing_is_learned_the_reason_names_what_came_closest() {
+        let candidate = |tracks, needs_more| RejectedCandidate {
+            kind: JointKind::Revolute,
+            tracks,
+            frames: 30,
+            reason: format!("reason {tracks}"),
+            needs_more,
+        };
+        assert_eq!(why_nothing(&[]), "nothing articulated moves; nothing was learned");
+        assert_eq!(
+            why_nothing(&[candidate(5, false), candidate(40, false)]),
+            "nothing articulated moves; nothing was learned (closest was a revolute candidate \
+             (40 tracks, 30 frames): reason 40)"
+        );
+        let unclear = [candidate(40, false), candidate(5, true)];
+        assert_eq!(why_nothing(&unclear), "reason 5; nothing was learned");
+    }
 }
