@@ -1,5 +1,6 @@
 //! The pinhole camera with lens distortion.
 
+use crate::depth::DepthSensor;
 use crate::text_table;
 use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -78,6 +79,9 @@ pub struct PinholeCamera {
     /// polynomial model, 8 the rational one.
     #[serde(default, deserialize_with = "read_distortion", serialize_with = "write_distortion")]
     pub distortion: [f64; 8],
+    /// How depth is measured: `"structured_light"` (the default), `"time_of_flight"` or `"stereo"`.
+    #[serde(default, skip_serializing_if = "DepthSensor::is_default")]
+    pub depth_sensor: DepthSensor,
 }
 
 fn read_distortion<'de, D: Deserializer<'de>>(input: D) -> Result<[f64; 8], D::Error> {
@@ -110,6 +114,7 @@ impl PinholeCamera {
             cy: 239.5,
             depth_units_per_metre: 5000.0,
             distortion: [0.0; 8],
+            depth_sensor: DepthSensor::StructuredLight,
         }
     }
 
@@ -363,8 +368,11 @@ mod tests {
         ) {
             let [width, height] = sides;
             let [fx, fy, cx, cy, depth_units_per_metre] = numbers;
-            let _ = PinholeCamera { width, height, fx, fy, cx, cy, depth_units_per_metre, distortion }
-                .check();
+            let camera = PinholeCamera::kinect();
+            let _ = PinholeCamera {
+                width, height, fx, fy, cx, cy, depth_units_per_metre, distortion, ..camera
+            }
+            .check();
             let _ = PinholeCamera { distortion, ..PinholeCamera::kinect() }.check();
         }
     }
@@ -438,6 +446,17 @@ mod tests {
             let written = toml::to_string(&camera).unwrap();
             assert_eq!(PinholeCamera::parse(&written).unwrap(), camera);
         }
+    }
+
+    #[test]
+    fn the_depth_sensor_is_read_and_told_only_where_it_is_not_the_usual_one() {
+        let text = toml::to_string(&PinholeCamera::kinect()).unwrap();
+        assert!(!text.contains("depth_sensor"));
+        let camera = PinholeCamera::parse(&(text.clone() + "depth_sensor = \"stereo\"\n")).unwrap();
+        assert_eq!(camera.depth_sensor, DepthSensor::Stereo);
+        assert_eq!(PinholeCamera::parse(&toml::to_string(&camera).unwrap()).unwrap(), camera);
+        let error = PinholeCamera::parse(&(text + "depth_sensor = \"sonar\"\n")).unwrap_err();
+        assert!(error.contains("sonar") && error.contains("time_of_flight"), "{error}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::messages::CameraInfo;
 use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::DepthSensor;
 
 /// Names of the polynomial model, whose five coefficients are `k1 k2 p1 p2 k3`.
 const POLYNOMIAL: [&str; 4] = ["plumb_bob", "brown conrady", "brown_conrady", "brown-conrady"];
@@ -39,6 +40,7 @@ pub fn camera_of(
         cy,
         depth_units_per_metre: units_per_metre,
         distortion: if is_rectified { [0.0; 8] } else { distortion(info)? },
+        depth_sensor: DepthSensor::default(),
     };
     camera.check().map_err(|e| e.to_string())?;
     Ok(camera)

@@ -19,7 +19,7 @@ use crate::statistics::SourceStatistics;
 use crate::tum::{FramePair, TumRecording};
 use intrinsics::Intrinsics;
 use linkage_frames::camera::PinholeCamera;
-use linkage_frames::depth::{Registration, ScaleCheck};
+use linkage_frames::depth::{DepthSensor, Registration, ScaleCheck};
 use linkage_frames::frame::{DepthImage, RgbdFrame};
 use linkage_frames::text_table;
 use nalgebra::Isometry3;
@@ -224,6 +224,7 @@ fn camera_of(
         cy: found.cy,
         depth_units_per_metre: units,
         distortion: [0.0; 8],
+        depth_sensor: DepthSensor::default(),
     };
     camera.check().map_err(|e| broken(file, e))?;
     Ok(camera)

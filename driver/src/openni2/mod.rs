@@ -11,7 +11,7 @@ use crate::statistics::SourceStatistics;
 use crate::timestamp_filter::{Timeline, TimestampFilter};
 use crate::tum::DEFAULT_MAX_PAIR_GAP_US;
 use linkage_frames::camera::PinholeCamera;
-use linkage_frames::depth::Registration;
+use linkage_frames::depth::{DepthSensor, Registration};
 use linkage_frames::frame::{ColorImage, DepthImage, RgbdFrame};
 use std::path::Path;
 use std::sync::Arc;
@@ -269,6 +269,7 @@ fn camera_of(optics: Optics, what: &str) -> Result<PinholeCamera, String> {
         cy: (height as f64 - 1.0) / 2.0,
         depth_units_per_metre: 1000.0,
         distortion: [0.0; 8],
+        depth_sensor: DepthSensor::default(),
     };
     camera.check().map_err(|e| {
         format!(

@@ -150,7 +150,8 @@ fn search(
     report: Option<&Mutex<Vec<Joint>>>,
 ) -> Found {
     let Snapshot { tracks, camera_from_base, keyframes } = snapshot;
-    let ego_motion = earlier.ego_motion.extended(&tracks, camera_from_base);
+    let ego_motion =
+        earlier.ego_motion.extended(&tracks, camera_from_base, keyframes.depth_sensor());
     let recording = Recording { tracks, ego_motion, keyframes };
     let settings = search_settings(config);
     let (warm_start, joints) =

@@ -3,9 +3,9 @@
 //! holds, but is there only part of the time: other pictures see through the places where the model
 //! would have it.
 
-use super::ego_motion::coarse_sigma;
 use crate::math::rigid::{Pose, matrix_pose};
 use linkage_frames::RgbdFrame;
+use linkage_frames::depth::DepthSensor;
 use nalgebra::Point3;
 
 /// What a depth picture says about a point.
@@ -74,6 +74,10 @@ pub fn count_free_space(
     found
 }
 
+/// Pixels that are asked about a place, from two to the left and above it on.
+const AROUND: [(usize, usize); 9] =
+    [(2, 2), (0, 0), (2, 0), (4, 0), (0, 2), (4, 2), (0, 4), (2, 4), (4, 4)];
+
 /// What a depth picture says about a point in the camera frame.
 pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     let Some(pixel) = picture.camera.project(in_camera) else { return Probe::Unknown };
@@ -81,31 +85,24 @@ pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
         return Probe::Unknown;
     }
     let (u, v) = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
-    let (mut nearest, mut farthest) = (f64::INFINITY, 0.0_f64);
-    for y in [v - 2, v, v + 2] {
-        for x in [u - 2, u, u + 2] {
-            if let Some(z) = picture.depth.at(x, y) {
-                nearest = nearest.min(f64::from(z));
-                farthest = farthest.max(f64::from(z));
+    let margin = depth_margin(picture.camera.depth_sensor, in_camera.z);
+    let (mut reaches, mut ends) = (false, false);
+    // The reading at the place itself most often decides.
+    for (x, y) in AROUND {
+        if let Some(z) = picture.depth.at(u + x - 2, v + y - 2) {
+            reaches |= f64::from(z) >= in_camera.z - margin;
+            ends |= f64::from(z) <= in_camera.z + margin;
+            if reaches && ends {
+                return Probe::Agrees;
             }
         }
     }
-    if farthest == 0.0 {
-        return Probe::Unknown;
-    }
-    let margin = depth_margin(in_camera.z);
-    if nearest > in_camera.z + margin {
-        Probe::Through
-    } else if farthest < in_camera.z - margin {
-        Probe::Unknown
-    } else {
-        Probe::Agrees
-    }
+    if reaches { Probe::Through } else { Probe::Unknown }
 }
 
 /// Difference of depths up to which they may be of one surface, at depth `z`; metres.
-pub fn depth_margin(z: f64) -> f64 {
-    0.02 + 1.5 * coarse_sigma(z)
+pub fn depth_margin(sensor: DepthSensor, z: f64) -> f64 {
+    0.02 + 1.5 * sensor.feature_sigma(z)
 }
 
 #[cfg(test)]

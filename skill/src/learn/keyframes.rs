@@ -2,6 +2,7 @@
 //! parts and for asking whether the space that a model claims was free.
 
 use linkage_frames::RgbdFrame;
+use linkage_frames::depth::DepthSensor;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
@@ -71,6 +72,11 @@ impl Keyframes {
     pub fn within(&self, frames: &RangeInclusive<usize>) -> Self {
         let kept = self.frames.iter().filter(|(index, _)| frames.contains(index));
         Self { frames: kept.cloned().collect(), ..*self }
+    }
+
+    /// What measured their depth.
+    pub fn depth_sensor(&self) -> DepthSensor {
+        self.frames.first().map(|(_, frame)| frame.camera.depth_sensor).unwrap_or_default()
     }
 
     /// Largest motion of a part from each keyframe to the next at a speed a second, taken over a short time at

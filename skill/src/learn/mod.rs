@@ -140,7 +140,9 @@ impl Learner {
         }
         self.last_utime = Some(frame.utime);
         self.times.measure("track", || self.tracker.push(frame)).map_err(VisionError::new)?;
-        self.times.measure("camera", || self.base.push(&self.tracker.lifted()));
+        self.times.measure("camera", || {
+            self.base.push(&self.tracker.lifted(), frame.camera.depth_sensor)
+        });
         self.keyframes.offer(index, frame);
         let Self { tracker, base, keyframes, config, background, times, .. } = self;
         let snapshot = || Snapshot {
@@ -216,7 +218,9 @@ impl Learner {
         }
         let earlier = background.settle();
         let poses = base.camera_from_base().to_vec();
-        let ego_motion = times.measure("base", || earlier.ego_motion.extended(&tracks, poses));
+        let sensor = keyframes.depth_sensor();
+        let ego_motion =
+            times.measure("base", || earlier.ego_motion.extended(&tracks, poses, sensor));
         let recording = Recording { tracks, ego_motion, keyframes };
         let learned = learn_joints(&recording, &earlier.warm_start, &config, &mut times);
         Ok(assemble(object, &config, recording, learned, times))

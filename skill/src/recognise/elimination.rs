@@ -8,7 +8,6 @@ use super::render_cloud::Cloud;
 use super::scene::Scene;
 use super::verify::verify;
 use crate::object::joint_geometry::JointKind;
-use linkage_frames::depth::depth_tolerance;
 use rayon::prelude::*;
 use std::collections::HashSet;
 
@@ -138,7 +137,8 @@ impl Trial {
                 let pixel = camera.project(&point).filter(|p| camera.sees(p, 2.0))?;
                 let (u, v) = (pixel.x.round() as usize, pixel.y.round() as usize);
                 let behind = f64::from(scene.frame.depth.at(u, v)?) - point.z;
-                (behind > 2.0 * depth_tolerance(point.z, 1.0)).then_some((u / CELL_PX, v / CELL_PX))
+                (behind > 2.0 * camera.depth_sensor.tolerance(point.z, 1.0))
+                    .then_some((u / CELL_PX, v / CELL_PX))
             })
             .collect();
         let verdict = verify(scene, articulated, cloud, state);

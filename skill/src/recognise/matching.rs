@@ -6,6 +6,7 @@ use crate::features::quantised::{bytes_of, quantise, similarity};
 use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};
 use crate::math::extremes::larger;
 use crate::object::appearance::{Appearance, ModelFeature};
+use linkage_frames::depth::DepthSensor;
 use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -107,11 +108,15 @@ struct QueriesOfKind {
 }
 
 /// A scene's features, ready to be compared with many objects'.
-pub struct Queries([QueriesOfKind; KINDS.len()]);
+pub struct Queries {
+    kinds: [QueriesOfKind; KINDS.len()],
+    /// What measured their depth.
+    sensor: DepthSensor,
+}
 
 impl Queries {
     /// Of all features of a scene.
-    pub fn new(features: &[DescribedFeature]) -> Self {
+    pub fn new(features: &[DescribedFeature], sensor: DepthSensor) -> Self {
         let of = |kind: FeatureKind| {
             let size = |i: &usize| features[*i].point.map_or(f64::INFINITY, |_| features[*i].size);
             let mut order: Vec<usize> =
@@ -122,7 +127,7 @@ impl Queries {
                 DMatrix::from_iterator(DESCRIPTOR_LENGTH, order.len(), bytes.map(f32::from));
             QueriesOfKind { order, descriptors }
         };
-        Self(KINDS.map(of))
+        Self { kinds: KINDS.map(of), sensor }
     }
 }
 
@@ -137,8 +142,8 @@ pub struct Compared(Vec<Vec<Match>>);
 impl Compared {
     /// Compares a scene's features, of which `queries` were made.
     pub fn new(seen: &[DescribedFeature], queries: &Queries, table: &FeatureTable) -> Self {
-        let of_kind = |(queries, table)| match_kind(seen, queries, table);
-        Self(queries.0.iter().zip(&table.0).map(of_kind).collect())
+        let of_kind = |(of_kind, table)| match_kind(seen, of_kind, table, queries.sensor);
+        Self(queries.kinds.iter().zip(&table.0).map(of_kind).collect())
     }
 
     /// The most distinct matches of both kinds, of features that lie where `is_free` says so;
@@ -175,7 +180,12 @@ const MAX_MATCHES: usize = 400;
 const BLOCK: usize = 64;
 
 /// Many products of descriptors at once, as matrices: numbers so small are exact in floats.
-fn match_kind(seen: &[DescribedFeature], queries: &QueriesOfKind, table: &Table) -> Vec<Match> {
+fn match_kind(
+    seen: &[DescribedFeature],
+    queries: &QueriesOfKind,
+    table: &Table,
+    sensor: DepthSensor,
+) -> Vec<Match> {
     if table.parts.len() < 2 {
         return Vec::new();
     }
@@ -199,7 +209,7 @@ fn match_kind(seen: &[DescribedFeature], queries: &QueriesOfKind, table: &Table)
         let found = order.iter().zip(gates).enumerate().filter_map(|(column, (&i, gate))| {
             let products = &products.as_slice()[column * (last - first)..][..last - first];
             let products = &products[gate.start - first..gate.end - first];
-            Some((i, matched(&seen[i], table, gate.start, products)?))
+            Some((i, matched(&seen[i], table, sensor, gate.start, products)?))
         });
         found.collect::<Vec<_>>()
     };
@@ -213,6 +223,7 @@ fn match_kind(seen: &[DescribedFeature], queries: &QueriesOfKind, table: &Table)
 fn matched(
     query: &DescribedFeature,
     table: &Table,
+    sensor: DepthSensor,
     first: usize,
     products: &[f32],
 ) -> Option<Match> {
@@ -228,7 +239,7 @@ fn matched(
         pixel: query.pixel,
         distance: d,
         ratio: d.max(1e-6) / distance(elsewhere).max(1e-6),
-        tolerance: query.point.map_or(0.0, |p| tolerance(p.z)),
+        tolerance: query.point.map_or(0.0, |p| tolerance(sensor, p.z)),
     })
     .filter(|m| m.distance < MAX_DISTANCE)
 }
@@ -285,8 +296,8 @@ fn highest(products: &[f32]) -> f32 {
 }
 
 /// Tolerance of a matched place at depth `z`, metres.
-pub fn tolerance(z: f64) -> f64 {
-    0.008 + 3.0 * linkage_frames::depth::depth_sigma(z)
+fn tolerance(sensor: DepthSensor, z: f64) -> f64 {
+    0.008 + 3.0 * sensor.reading_sigma(z)
 }
 
 #[cfg(test)]
@@ -330,7 +341,7 @@ mod tests {
         let features = model.iter().map(|(number, x)| learned(*number, *x)).collect();
         let table = FeatureTable::new(&Appearance { features, ..Appearance::default() });
         let seen = [seen(of)];
-        let compared = Compared::new(&seen, &Queries::new(&seen), &table);
+        let compared = Compared::new(&seen, &Queries::new(&seen, DepthSensor::default()), &table);
         let distinct = compared.distinct(|_| true, &RecogniseConfig::default());
         (distinct.len(), compared.all().len())
     }
@@ -386,7 +397,8 @@ mod tests {
             .collect();
         let table =
             FeatureTable::new(&Appearance { features: model.clone(), ..Default::default() });
-        let matches = Compared::new(&queries, &Queries::new(&queries), &table).all();
+        let matches =
+            Compared::new(&queries, &Queries::new(&queries, DepthSensor::default()), &table).all();
         for query in &queries {
             let found = matches.iter().find(|m| m.pixel == query.pixel);
             let likeness = |f: &&ModelFeature| product(&quantise(&query.descriptor), &f.descriptor);

@@ -8,7 +8,6 @@
 use super::kinematics::{Articulated, State};
 use super::render_cloud::{Cloud, visible};
 use super::scene::Scene;
-use linkage_frames::depth::depth_sigma;
 use nalgebra::{DMatrix, DVector};
 
 /// Normal equations over pose and configurations; of the symmetric matrix the lower triangle
@@ -97,13 +96,14 @@ pub fn add_surface(
     gate: f64,
 ) -> usize {
     let poses = articulated.poses(state);
+    let sensor = scene.frame.camera.depth_sensor;
     let mut planes = Vec::new();
     for p in visible(scene, cloud, &poses) {
         let Some(surface) = scene.surface(p.pixel.0, p.pixel.1) else { continue };
         let (u, v) = (p.pixel.0 as f64, p.pixel.1 as f64);
         let seen = scene.frame.camera.back_project(u, v, surface.z);
         let residual = (p.point - seen).dot(&surface.normal);
-        let near = residual.abs() < gate + 2.0 * depth_sigma(p.point.z)
+        let near = residual.abs() < gate + 2.0 * sensor.reading_sigma(p.point.z)
             && (seen.z - p.point.z).abs() < 2.0 * gate + 0.02
             && surface.normal.dot(&p.normal) > 0.8;
         if near {
@@ -113,7 +113,7 @@ pub fn add_surface(
     let velocities = articulated.velocities(&poses);
     let share = (300.0 / planes.len().max(1) as f64).min(1.0);
     for (p, normal, residual) in &planes {
-        let sigma = depth_sigma(p.point.z) + 0.002;
+        let sigma = sensor.reading_sigma(p.point.z) + 0.002;
         let weight = share / sigma.powi(2) / (residual.abs() / sigma / 2.0).max(1.0);
         let row = velocities.of(p.part, &p.point).map(|v| normal.dot(&v));
         system.add(row, *residual, weight);

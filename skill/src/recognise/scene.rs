@@ -62,7 +62,13 @@ impl Scene {
         lab: CielabImage,
     ) -> Self {
         let surfaces = Surfaces::new(normals, frame.depth.width(), frame.depth.height());
-        Self { frame: frame.clone(), queries: Queries::new(&features), features, lab, surfaces }
+        Self {
+            frame: frame.clone(),
+            queries: Queries::new(&features, frame.camera.depth_sensor),
+            features,
+            lab,
+            surfaces,
+        }
     }
 
     /// Its features, ready to be compared.

@@ -9,7 +9,6 @@ use super::patch_colour::PatchColours;
 use super::render_cloud::{Cloud, DepthBuffer, Placed, visible};
 use super::scene::Scene;
 use super::verdict::Verdict;
-use linkage_frames::depth::depth_tolerance;
 
 /// Compares a state with the picture.
 pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {
@@ -46,7 +45,7 @@ fn compare(
 ) {
     let (u, v) = surfel.pixel;
     let Some(z) = scene.frame.depth.at(u, v) else { return };
-    let tolerance = depth_tolerance(surfel.point.z, surfel.cosine);
+    let tolerance = scene.frame.camera.depth_sensor.tolerance(surfel.point.z, surfel.cosine);
     let behind = f64::from(z) - surfel.point.z;
     if behind > 2.0 * tolerance {
         if !is_beside(scene, surfel, tolerance) {

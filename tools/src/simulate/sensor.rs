@@ -3,7 +3,7 @@
 //! shadow and on surfaces that absorb its light.
 
 use super::render::SurfacePoint;
-use linkage_driver::depth::depth_sigma;
+use linkage_driver::depth::DepthSensor;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -68,7 +68,10 @@ pub fn depth(
             if s.cosine < MIN_COSINE || blotch < s.depth_loss || lost < 0.004 {
                 return 0;
             }
-            let noisy = s.z + noise * (depth_sigma(s.z) - step_sigma(s.z)).max(0.0005);
+            let noisy = s.z
+                + noise
+                    * (DepthSensor::StructuredLight.reading_sigma(s.z) - step_sigma(s.z))
+                        .max(0.0005);
             if !(noisy > RANGE_M[0] && noisy < RANGE_M[1]) {
                 return 0;
             }
@@ -131,7 +134,7 @@ mod tests {
             let variance =
                 found.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / found.len() as f64;
             assert!((mean - z).abs() < 0.003, "{mean}");
-            let ratio = variance.sqrt() / depth_sigma(z);
+            let ratio = variance.sqrt() / DepthSensor::StructuredLight.reading_sigma(z);
             assert!((0.5..1.5).contains(&ratio), "at {z} m: {ratio}");
         }
     }

@@ -7,7 +7,7 @@ mod registration;
 mod scale;
 
 pub use bilateral::{BilateralConfig, smooth};
-pub use noise::{depth_sigma, depth_tolerance};
+pub use noise::{DepthSensor, feature_across_sigma};
 pub use normals::{NormalMap, SurfacePatch};
 pub use registration::Registration;
 pub use scale::{ScaleCheck, ScaleIssue};

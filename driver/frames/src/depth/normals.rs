@@ -1,7 +1,6 @@
 //! Surface normals from depth: a plane fitted in *inverse* depth, where a plane of the world
 //! is a plane of the picture whatever its slant, so that sums over a window give the fit.
 
-use super::noise::depth_sigma;
 use crate::camera::PinholeCamera;
 use crate::frame::DepthImage;
 use nalgebra::Vector3;
@@ -128,7 +127,7 @@ fn fit(
     }
     let z = 1.0 / inverse;
     let residual_m = ((cdd - q * cxd - r * cyd).max(0.0) / n).sqrt() * z * z;
-    if residual_m > 2.0 * depth_sigma(z) + 0.002 {
+    if residual_m > 2.0 * camera.depth_sensor.reading_sigma(z) + 0.002 {
         return None;
     }
     // The plane a X + b Y + c Z = 1 has inverse depth a x + b y + c.

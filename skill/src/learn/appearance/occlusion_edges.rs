@@ -6,7 +6,6 @@ use crate::math::rigid::orthonormal_basis;
 use crate::object::appearance::{Edge, Surfel};
 use crate::object::model::{Joint, ObjectModel};
 use linkage_frames::RgbdFrame;
-use linkage_frames::depth::depth_tolerance;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -84,7 +83,7 @@ pub fn is_empty(frame: &RgbdFrame, place: &Point3<f64>, normal: &Vector3<f64>) -
     }
     let pixel = frame.camera.project(place)?;
     let behind = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?) - place.z;
-    let tolerance = depth_tolerance(place.z, cosine);
+    let tolerance = frame.camera.depth_sensor.tolerance(place.z, cosine);
     match behind > 2.0 * tolerance {
         true => Some(true),
         false => (behind.abs() < tolerance).then_some(false),

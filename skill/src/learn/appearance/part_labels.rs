@@ -3,7 +3,6 @@
 //! holds. What fits no claim (the person) belongs to nothing.
 
 use super::dynamic_features::FrameFeatures;
-use crate::learn::ego_motion::coarse_sigma;
 use crate::math::rigid::Pose;
 use linkage_frames::RgbdFrame;
 use nalgebra::Point3;
@@ -266,7 +265,7 @@ impl Verdict {
     fn at(frame: &RgbdFrame, place: &Point3<f64>) -> Option<Self> {
         let pixel = frame.camera.project(place)?;
         let z = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?);
-        let margin = 0.012 + 3.0 * coarse_sigma(place.z);
+        let margin = 0.012 + 3.0 * frame.camera.depth_sensor.feature_sigma(place.z);
         Some(match z - place.z {
             difference if difference > margin => Self::SeenThrough,
             difference if difference > -margin => Self::There,

@@ -4,7 +4,7 @@
 use super::occupancy::Occupancy;
 use super::part_labels::PosedFrame;
 use crate::math::rigid::plane_through;
-use linkage_frames::depth::{NormalMap, depth_sigma};
+use linkage_frames::depth::{DepthSensor, NormalMap};
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -24,11 +24,12 @@ const BORDER_PX: usize = 16;
 pub struct Plane {
     normal: Vector3<f64>,
     through: Point3<f64>,
+    sensor: DepthSensor,
 }
 
 impl Plane {
     fn holds(&self, p: &Point3<f64>, z: f64) -> bool {
-        self.normal.dot(&(p - self.through)).abs() < 0.012 + 3.0 * depth_sigma(z)
+        self.normal.dot(&(p - self.through)).abs() < 0.012 + 3.0 * self.sensor.reading_sigma(z)
     }
 
     fn carries(&self, s: &Sample) -> bool {
@@ -79,6 +80,7 @@ fn surface_samples(posed: &PosedFrame) -> Vec<Sample> {
 /// Planes of the first keyframe that lead away from what moved: floor, table, wall.
 pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> {
     let mut left = first.map(surface_samples).unwrap_or_default();
+    let sensor = first.map(|posed| posed.frame.camera.depth_sensor).unwrap_or_default();
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let mut planes = Vec::new();
     for _ in 0..8 {
@@ -89,7 +91,7 @@ pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> 
         let mut order: Vec<usize> = (0..left.len()).collect();
         order.partial_shuffle(&mut rng, 80);
         for &i in order.iter().rev().take(80) {
-            let plane = Plane { normal: left[i].normal, through: left[i].point };
+            let plane = Plane { normal: left[i].normal, through: left[i].point, sensor };
             let count = left.iter().filter(|s| plane.carries(s)).count();
             if count > best.0 {
                 best = (count, Some(plane));
@@ -126,5 +128,5 @@ fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
         samples.iter().filter(|s| plane.carries(s)).map(|s| s.point).collect();
     let (through, normal) = plane_through(&on);
     let facing = normal.dot(&plane.normal).signum();
-    Plane { normal: normal * facing, through }
+    Plane { normal: normal * facing, through, ..*plane }
 }

@@ -6,14 +6,13 @@
 //! is registered to the map by RANSAC and a reweighted fit. A moving part's and the person's map
 //! points are wrong, but have little weight.
 
-mod depth_noise;
 mod observation;
 
 use super::tracking::{Track, TrackId, TrackSet};
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
-pub use depth_noise::coarse_sigma;
+use linkage_frames::depth::DepthSensor;
 use nalgebra::Point3;
 pub use observation::BaseObservation;
 #[cfg(test)]
@@ -101,9 +100,10 @@ impl EgoMotionEstimator {
 
     /// Takes the next frame: its lifted features by the numbers of their tracks, in the camera
     /// frame.
-    pub fn push(&mut self, lifted: &[(usize, Point3<f64>)]) {
+    pub fn push(&mut self, lifted: &[(usize, Point3<f64>)], sensor: DepthSensor) {
         let guess = self.camera_from_base.last().copied();
-        let pose = guess.map_or_else(Pose::identity, |g| self.register(lifted, &g).unwrap_or(g));
+        let register = |g| self.register(lifted, sensor, &g).unwrap_or(g);
+        let pose = guess.map_or_else(Pose::identity, register);
         self.camera_from_base.push(pose);
         for (track, in_camera) in lifted {
             if self.map.len() <= *track {
@@ -112,12 +112,19 @@ impl EgoMotionEstimator {
             let in_base = pose.inverse_transform_point(in_camera);
             match &mut self.map[*track] {
                 None => self.map[*track] = Some(MapPoint::new(in_base)),
-                Some(mapped) => mapped.update(in_base, 3.0 * coarse_sigma(in_camera.z)),
+                Some(mapped) => {
+                    mapped.update(in_base, 3.0 * sensor.feature_sigma(in_camera.z));
+                }
             }
         }
     }
 
-    fn register(&mut self, lifted: &[(usize, Point3<f64>)], guess: &Pose) -> Option<Pose> {
+    fn register(
+        &mut self,
+        lifted: &[(usize, Point3<f64>)],
+        sensor: DepthSensor,
+        guess: &Pose,
+    ) -> Option<Pose> {
         let mapped = |track: usize| self.map.get(track)?.as_ref();
         let mut pairs: Vec<Correspondence> = lifted
             .iter()
@@ -127,7 +134,7 @@ impl EgoMotionEstimator {
                 Some(Correspondence {
                     from: mapped.mean_in_base,
                     to: *in_camera,
-                    sigma: coarse_sigma(in_camera.z),
+                    sigma: sensor.feature_sigma(in_camera.z),
                     weight: if proven { 1.0 } else { 0.1 },
                 })
             })
@@ -157,7 +164,12 @@ impl EgoMotionEstimator {
 impl EgoMotion {
     /// The same motion with what was seen since: `set` holds these tracks, or some of them, and later
     /// ones. Poses that are known already stay.
-    pub fn extended(&self, set: &TrackSet, camera_from_base: Vec<Pose>) -> Self {
+    pub fn extended(
+        &self,
+        set: &TrackSet,
+        camera_from_base: Vec<Pose>,
+        sensor: DepthSensor,
+    ) -> Self {
         let before: HashMap<TrackId, &Arc<TrackInBase>> =
             self.tracks.iter().map(|t| (t.id, t)).collect();
         let tracks: Vec<Arc<TrackInBase>> = set
@@ -165,8 +177,8 @@ impl EgoMotion {
             .par_iter()
             .map(|track| match before.get(&track.id) {
                 Some(known) if known.points.len() == track.observations.len() => Arc::clone(known),
-                Some(known) => Arc::new(into_base(track, &known.points, &camera_from_base)),
-                None => Arc::new(into_base(track, &[], &camera_from_base)),
+                Some(known) => Arc::new(into_base(track, &known.points, &camera_from_base, sensor)),
+                None => Arc::new(into_base(track, &[], &camera_from_base, sensor)),
             })
             .collect();
         let static_count = tracks.iter().filter(|t| !t.moves).count();
@@ -195,13 +207,14 @@ fn into_base(
     track: &Track,
     known: &[Option<BaseObservation>],
     camera_from_base: &[Pose],
+    sensor: DepthSensor,
 ) -> TrackInBase {
     let mut points = Vec::with_capacity(track.observations.len());
     points.extend_from_slice(known);
     let since = track.observations.iter().enumerate().skip(known.len());
     points.extend(since.map(|(i, seen)| {
         let camera_from_base = &camera_from_base[track.first_frame + i];
-        Some(BaseObservation::by_camera(&seen.point_in_camera?, camera_from_base))
+        Some(BaseObservation::by_camera(&seen.point_in_camera?, camera_from_base, sensor))
     }));
     let moves = extent_exceeds_noise(&points);
     TrackInBase { id: track.id, first_frame: track.first_frame, points, moves }
@@ -294,9 +307,9 @@ mod tests {
     fn what_is_extended_is_what_would_have_been_seen_at_once() {
         let poses = |until: usize| (0..until).map(pose).collect::<Vec<_>>();
         let none = EgoMotion::default();
-        let early = none.extended(&tracks(15), poses(15));
-        let extended = early.extended(&tracks(FRAMES), poses(FRAMES));
-        let at_once = none.extended(&tracks(FRAMES), poses(FRAMES));
+        let early = none.extended(&tracks(15), poses(15), DepthSensor::default());
+        let extended = early.extended(&tracks(FRAMES), poses(FRAMES), DepthSensor::default());
+        let at_once = none.extended(&tracks(FRAMES), poses(FRAMES), DepthSensor::default());
         assert_eq!(extended.tracks, at_once.tracks);
         assert_eq!(
             extended.tracks.iter().map(|t| t.moves).collect::<Vec<_>>(),

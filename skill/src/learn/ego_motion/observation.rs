@@ -1,8 +1,8 @@
 //! Where a point was seen, and how well that is known. A demonstration has millions of these:
 //! they take little room.
 
-use super::depth_noise::{across_sigma, coarse_sigma, ray_sigma};
 use crate::math::rigid::Pose;
+use linkage_frames::depth::{DepthSensor, feature_across_sigma};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 
 /// Share of the coarse noise of a lifted feature that a track's has.
@@ -29,11 +29,19 @@ impl BaseObservation {
     }
 
     /// What a camera sees there, from the base.
-    pub fn by_camera(in_camera: &Point3<f64>, camera_from_base: &Pose) -> Self {
+    pub fn by_camera(
+        in_camera: &Point3<f64>,
+        camera_from_base: &Pose,
+        sensor: DepthSensor,
+    ) -> Self {
         let base_from_camera = camera_from_base.inverse();
         let ray = base_from_camera * in_camera.coords.normalize();
-        let precision = Information::new(&ray, across_sigma(in_camera.z), ray_sigma(in_camera.z));
-        let sigma = TRACKED_SHARE * coarse_sigma(in_camera.z);
+        let precision = Information::new(
+            &ray,
+            feature_across_sigma(in_camera.z),
+            sensor.feature_ray_sigma(in_camera.z),
+        );
+        let sigma = TRACKED_SHARE * sensor.feature_sigma(in_camera.z);
         Self::new(base_from_camera * in_camera, precision, sigma)
     }
 
@@ -116,9 +124,10 @@ mod tests {
             z in 0.4..4.0_f64,
         ) {
             let (rotation, vector) = (Rotation3::new(turn.into()), Vector3::from(vector));
-            let of_camera = Information::new(&Vector3::z(), across_sigma(z), ray_sigma(z));
-            let across = across_sigma(z).powi(-2);
-            let expected = Matrix3::from_diagonal(&[across, across, ray_sigma(z).powi(-2)].into());
+            let ray = DepthSensor::Stereo.feature_ray_sigma(z);
+            let of_camera = Information::new(&Vector3::z(), feature_across_sigma(z), ray);
+            let across = feature_across_sigma(z).powi(-2);
+            let expected = Matrix3::from_diagonal(&[across, across, ray.powi(-2)].into());
             let turned = rotation.matrix() * expected * rotation.matrix().transpose();
             let precision = of_camera.rotated(rotation.matrix());
             let near = |a: f64, b: f64| (a - b).abs() < 1e-5 * across;

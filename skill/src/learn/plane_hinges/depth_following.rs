@@ -188,35 +188,42 @@ fn total(counts: impl Iterator<Item = FreeSpaceCounts>) -> FreeSpaceCounts {
     })
 }
 
+/// Where a surface is looked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Search<'s> {
+    /// Configurations, radians or metres.
+    pub range: [f64; 2],
+    /// Largest motion from each keyframe to the next, radians or metres; none is bounded where the list has ended.
+    pub max_steps: &'s [f64],
+}
+
 /// Follows a surface over all keyframes. `reach` is its distance from a hinge's line (metres); 1
-/// for a slide. `max_steps` bound its motion from each keyframe to the next, radians or metres; there is no
-/// bound where the list has ended.
+/// for a slide.
 pub fn follow(
     surface: &Surface,
     geometry: &JointGeometry,
-    range: [f64; 2],
     reach: f64,
-    max_steps: &[f64],
+    search: &Search,
     recording: &Recording,
 ) -> Following {
     let Recording { ego_motion: base, keyframes, .. } = recording;
     let pictures: Vec<(usize, &RgbdFrame)> = keyframes.iter().collect();
-    let step = (range[1] - range[0]) / (STEPS - 1) as f64;
+    let [first, last] = search.range;
+    let step = (last - first) / (STEPS - 1) as f64;
     let probe = |frame: usize, picture: &RgbdFrame, q: f64| {
         let camera_from_part = base.camera_from_base[frame] * geometry.motion(q);
         count_free_space(picture, &surface.points, &camera_from_part)
     };
+    let gain = |frame: usize, picture: &RgbdFrame, i: usize| {
+        probe(frame, picture, first + step * i as f64).margin() as f64
+    };
     let table: Vec<Vec<f64>> = pictures
         .par_iter()
-        .map(|&(frame, picture)| {
-            (0..STEPS)
-                .map(|i| probe(frame, picture, range[0] + step * i as f64).margin() as f64)
-                .collect()
-        })
+        .map(|&(frame, picture)| (0..STEPS).map(|i| gain(frame, picture, i)).collect())
         .collect();
     let cost_of_a_step = COST_PER_METRE * surface.points.len() as f64 * step * reach;
     let max_columns: Vec<usize> =
-        max_steps.iter().map(|max| (max / step).ceil() as usize).collect();
+        search.max_steps.iter().map(|max| (max / step).ceil() as usize).collect();
     let path = best_path(&table, cost_of_a_step, &max_columns);
     let indices = || path.iter().copied();
     let (least, most) = (indices().min().unwrap_or(0), indices().max().unwrap_or(0));
@@ -226,7 +233,7 @@ pub fn follow(
         .zip(&path)
         .map(|(&(frame, picture), &i)| {
             let camera_from_base = base.camera_from_base[frame];
-            let q = range[0] + step * i as f64;
+            let q = first + step * i as f64;
             let q = aligned(surface, geometry, q, picture, &camera_from_base);
             let [low, high] = [q - aside, q + aside].map(|q| probe(frame, picture, q));
             let aside = if high.through > low.through { high } else { low };
@@ -333,7 +340,8 @@ mod tests {
         let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
         let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
         let (front, geometry) = drawer();
-        follow(&front, &geometry, [-0.2, 0.6], 1.0, max_steps, &recording)
+        let search = Search { range: [-0.2, 0.6], max_steps };
+        follow(&front, &geometry, 1.0, &search, &recording)
     }
 
     #[test]

@@ -10,7 +10,6 @@
 
 use super::plane_segments::PlanePatch;
 use super::planes_about_axis::PoseAboutAxis;
-use crate::learn::ego_motion::coarse_sigma;
 use crate::learn::recording::Recording;
 use crate::math::robust::median;
 use crate::object::joint_geometry::JointGeometry;
@@ -135,7 +134,7 @@ impl Face {
     ) -> Option<f64> {
         let middle = 0.5 * (pose.least + pose.reach);
         let depth = (camera_from_base * self.at(0.0, middle)).z;
-        let margin = ON_PLANE_M + 0.5 * coarse_sigma(depth);
+        let margin = ON_PLANE_M + 0.5 * picture.camera.depth_sensor.feature_sigma(depth);
         let (mut last_on, mut before, mut off) = (middle, 0.0, 0);
         let (way, step) = match side {
             Side::Near => (middle + BEYOND_M, -STEP_M),

@@ -1,7 +1,7 @@
 //! A plain part that turns: the planes about a candidate's line are followed in the depth pictures,
 //! the line is aligned to them, and the part is believed where all of them bear it out.
 
-use super::depth_following::{Following, Surface, follow};
+use super::depth_following::{Following, Search, Surface, follow};
 use super::face_edge::{FaceEdges, face_edges};
 use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
@@ -41,6 +41,10 @@ const LEAST_KEYFRAMES: f64 = 0.7;
 /// Largest share of its points that may be seen through where fewer than half of the keyframes have a
 /// plane of it.
 const FEW_PLANES_VIOLATION: f64 = 0.06;
+/// A part that so few keyframes show about the line that two planes tell, or of which they see through so much,
+/// is none about the line that all planes tell.
+const HOPELESS_SHOWN: f64 = 0.4;
+const HOPELESS_VIOLATION: f64 = 0.35;
 /// Keyframes on end for which a part must rest.
 const REST_KEYFRAMES: usize = 4;
 /// Turn that it may make meanwhile, radians.
@@ -170,8 +174,15 @@ fn best_followed(
         });
         parts.map(Followed::of).fold(Followed::Nothing, Followed::better)
     };
-    let [near, far] = BEYOND_RAD.map(within);
-    match (near, far) {
+    let [beside, beyond] = BEYOND_RAD;
+    let near = within(beside);
+    if let Followed::Part(part) = &near
+        && part.followed.shown_ratio() >= 1.0
+    {
+        // All keyframes show it: no other following shows more.
+        return near;
+    }
+    match (near, within(beyond)) {
         (Followed::Part(near), Followed::Part(far)) => {
             Followed::Part(if far.explains_more_than(&near) { far } else { near })
         }
@@ -202,7 +213,7 @@ struct SearchSpace {
 }
 
 /// A surface that is followed about the line, the line that its planes tell, and the surface followed
-/// about that.
+/// about that. `None` where few planes lie about the line or they do not keep their distance from it.
 fn followed(
     surface: &Surface,
     rough: &Hinge,
@@ -214,18 +225,28 @@ fn followed(
     // Each point is looked for in each keyframe: few are followed, all are kept.
     let few = &surface.thinned();
     let max_steps = recording.keyframes.largest_steps(MAX_SPEED_RAD_S);
+    let bound = if search.is_bounded { &max_steps[..] } else { &[] };
     let follow = |geometry: &JointGeometry, reach: f64| {
-        let max_steps = if search.is_bounded { &max_steps[..] } else { &[] };
-        follow(few, geometry, search.range, reach, max_steps, recording)
+        let search = Search { range: search.range, max_steps: bound };
+        follow(few, geometry, reach, &search, recording)
     };
     let first = follow(&rough.geometry(), rough.reach());
+    if first.shown_ratio() < HOPELESS_SHOWN || first.free_space_violation() > HOPELESS_VIOLATION {
+        return None;
+    }
     let agrees = |(k, (frame, turn)): (usize, &(usize, f64))| {
         let q = first.at(*frame)?;
         ((turn - q).abs() < SAME_TURN_RAD).then_some(candidate.support[k])
     };
     let explained: Vec<usize> = rough.turns.iter().enumerate().filter_map(agrees).collect();
     let mut support = explained.clone();
+    if support.len() < MIN_KEYFRAMES {
+        return None;
+    }
     let hinge = refined(candidate, patches, &mut support, recording)?;
+    if support.len() < MIN_KEYFRAMES || hinge.rmse > MAX_RMSE_M {
+        return None;
+    }
     let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
     let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
     let again = follow(&hinge.geometry(), hinge.reach());
@@ -294,10 +315,8 @@ impl PlainPart {
         let [least_turn, least_turn_of_planes] =
             if self.has_many_planes() { MIN_TURNS_RAD } else { MIN_TURNS_OF_FEW_PLANES_RAD };
         let reasons = [
-            (self.support.len() < MIN_KEYFRAMES, "few planes lie about the line"),
             (high - low < least_turn, "it hardly turns"),
             (self.turn_of_planes() < least_turn_of_planes, "its planes do not turn"),
-            (self.hinge.rmse > MAX_RMSE_M, "its planes do not keep their distance"),
             (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
             (seen.free_space_violation() > max_violation, "it is seen through"),

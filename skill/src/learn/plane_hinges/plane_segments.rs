@@ -1,11 +1,11 @@
 //! Flat pieces of what moves, keyframe by keyframe.
 
-use crate::learn::ego_motion::{EgoMotion, coarse_sigma};
+use crate::learn::ego_motion::EgoMotion;
 use crate::learn::recording::Recording;
 use crate::math::rigid::{distance_to_line, matrix_pose, plane_through};
 use crate::object::joint_geometry::JointGeometry;
 use linkage_frames::RgbdFrame;
-use linkage_frames::depth::SurfacePatch;
+use linkage_frames::depth::{DepthSensor, SurfacePatch};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -98,7 +98,7 @@ pub fn moving_patches(
             };
             let mut samples = samples(picture, base, frame, sampling, is_wanted);
             samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
-            patches(samples, frame)
+            patches(samples, frame, picture.camera.depth_sensor)
         })
         .collect()
 }
@@ -181,7 +181,9 @@ fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
             .project(&p)
             .filter(|px| picture.camera.sees(px, 1.0))
             .and_then(|px| picture.depth.at_nearest(px.x, px.y))
-            .is_some_and(|z| f64::from(z) > p.z + 0.03 + 2.0 * coarse_sigma(p.z));
+            .is_some_and(|z| {
+                f64::from(z) > p.z + 0.03 + 2.0 * picture.camera.depth_sensor.feature_sigma(p.z)
+            });
         needed -= usize::from(through);
         if needed == 0 {
             return true;
@@ -191,13 +193,13 @@ fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
 }
 
 /// Takes planes out of the samples, the largest first.
-fn patches(mut samples: Vec<Sample>, frame: usize) -> Vec<PlanePatch> {
+fn patches(mut samples: Vec<Sample>, frame: usize, sensor: DepthSensor) -> Vec<PlanePatch> {
     let mut found = Vec::new();
     while found.len() < MAX_PATCHES && samples.len() >= MIN_SAMPLES {
         let on = |s: &Sample, plane: &Sample| {
             plane.normal.dot(&s.normal) > SAME_NORMAL
                 && plane.normal.dot(&(s.point - plane.point)).abs()
-                    < 0.01 + coarse_sigma(s.point.coords.norm())
+                    < 0.01 + sensor.feature_sigma(s.point.coords.norm())
         };
         let votes = |plane: &Sample| some_of(&samples, VOTERS).filter(|s| on(s, plane)).count();
         let Some(&plane) = some_of(&samples, TRIES).max_by_key(|plane| votes(plane)) else { break };

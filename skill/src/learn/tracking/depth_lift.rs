@@ -1,7 +1,7 @@
 //! From a place in the picture to a place in space.
 
 use super::track::Observation;
-use linkage_frames::depth::{BilateralConfig, SurfacePatch, depth_sigma, smooth};
+use linkage_frames::depth::{BilateralConfig, SurfacePatch, smooth};
 use linkage_frames::{DepthImage, RgbdFrame};
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
@@ -81,7 +81,7 @@ impl<'f> Lifter<'f> {
         let readings = &mut readings[..count];
         let middle = *readings.select_nth_unstable_by(count / 2, f64::total_cmp).1;
         let slope_allowance = 0.004 * HALF as f64 * middle;
-        let reach = 4.0 * depth_sigma(middle) + slope_allowance;
+        let reach = 4.0 * self.frame.camera.depth_sensor.reading_sigma(middle) + slope_allowance;
         let (mut inverse, mut agreeing) = (0.0, 0);
         for z in readings.iter().filter(|z| (**z - middle).abs() < reach) {
             inverse += 1.0 / z;

@@ -133,7 +133,7 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
     pub fn evidence(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> Evidence {
         let in_camera = self.view.camera_from_base * place;
         let Some(around) = self.around(&in_camera) else { return Evidence::Unknown };
-        let margin = depth_margin(in_camera.z);
+        let margin = depth_margin(self.view.picture.camera.depth_sensor, in_camera.z);
         if f64::from(around.nearest) > in_camera.z + margin {
             Evidence::Through
         } else if around.moves

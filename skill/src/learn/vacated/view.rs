@@ -69,6 +69,6 @@ impl<'r> View<'r> {
         let camera = &self.picture.camera;
         let pixel = camera.project(&in_camera).filter(|px| camera.sees(px, BORDER_PX))?;
         let z = self.picture.depth.at_nearest(pixel.x, pixel.y)?;
-        Some((f64::from(z) - in_camera.z, depth_margin(in_camera.z)))
+        Some((f64::from(z) - in_camera.z, depth_margin(camera.depth_sensor, in_camera.z)))
     }
 }
