@@ -187,7 +187,7 @@ mod tests {
             cx: 15.5,
             cy: 11.5,
             depth_units_per_metre: units,
-            distortion: [0.0; 8],
+            ..PinholeCamera::kinect()
         }
     }
 

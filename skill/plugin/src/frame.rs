@@ -82,6 +82,7 @@ pub(crate) unsafe fn taken(frame: *const linkage_frame) -> Result<RgbdFrame, Fai
         cy: c.cy,
         depth_units_per_metre: 1000.0,
         distortion: PinholeCamera::brown(c.distortion),
+        ..PinholeCamera::kinect()
     };
     camera.check().map_err(Failure::bad)?;
     // SAFETY: the caller of this function promises it.
