@@ -4,7 +4,7 @@
 use crate::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
 use crate::limits::{Rig, Safety};
 use crate::trajectory::{Knot, Task, TrajectoryError, knots, together};
-use linkage_realtime::{JointMotion, Motion, MotionError, Moving, Sample};
+use linkage_realtime::{JointMotion, Motion, MotionError, Moving};
 use linkage_skill::object::{Joint, JointKind, ObjectModel};
 use linkage_skill::predict::{PredictError, PredictionContext, Target};
 use linkage_skill::recognise::{JointState, Recognised};
@@ -219,7 +219,7 @@ fn asked_for(
     Ok(wanted.iter().map(|m| m.joint).zip(motions).collect())
 }
 
-/// Motions of the joints that move and are not asked for.
+/// Motions of the joints that move, or have just come to rest, and are not asked for.
 fn coming_to_rest(
     model: &ObjectModel,
     request: &Request,
@@ -227,8 +227,7 @@ fn coming_to_rest(
     rig: &Rig,
 ) -> Result<Vec<(usize, JointMotion)>, PlanError> {
     let mut stopped = Vec::new();
-    let moving = request.moving.into_iter().flat_map(Moving::joints);
-    for (motion, now) in moving.filter(|(_, now): &(_, Sample)| !now.is_rest()) {
+    for (motion, now) in request.moving.into_iter().flat_map(Moving::unsettled) {
         let number = model.joints.iter().position(|j| j.name == motion.name());
         let Some(number) = number.filter(|n| asked.iter().all(|(a, _)| a != n)) else { continue };
         let joint = &model.joints[number];

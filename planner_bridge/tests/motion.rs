@@ -6,7 +6,8 @@ use linkage_lcm::decode;
 use linkage_lcm::messages::linkage::Setpoint;
 use linkage_planner_bridge::{MotionLimits, Synchronisation, Task, together};
 use linkage_realtime::{
-    DATAGRAM_CAPACITY, Motion, OrderQueue, Orders, Reason, Sample, Shared, Stream, Tick, Watch,
+    DATAGRAM_CAPACITY, Motion, Moving, OrderQueue, Orders, Reason, Sample, Shared, Stream, Tick,
+    Watch,
 };
 use proptest::prelude::*;
 
@@ -117,7 +118,7 @@ struct Robot<'q> {
 
 impl Robot<'_> {
     /// Plans as `predict` does: joints that are asked for go on from what is commanded, others that
-    /// move come to rest.
+    /// move or have just come to rest come to rest.
     fn plan(&self, joints: &[bool; 3], to: &[f64; 3]) -> Option<(Motion, Option<u64>)> {
         let commanded = self.orders.commanded_at(self.now_us + LEAD_US).ok()?;
         let moving = commanded.as_ref();
@@ -130,8 +131,8 @@ impl Robot<'_> {
         }
         let mut motions = together(&tasks, self.synchronisation).unwrap();
         for (i, joint) in self.joints.iter().enumerate().filter(|(i, _)| !joints[*i]) {
-            let now = moving.and_then(|m| m.joint(NAMES[i])).filter(|now| !now.is_rest());
-            if let Some(now) = now {
+            let mut unsettled = moving.into_iter().flat_map(Moving::unsettled);
+            if let Some((_, now)) = unsettled.find(|(motion, _)| motion.name() == NAMES[i]) {
                 let task = Task::within(NAMES[i], now, now.position, joint.limits, joint.range);
                 motions.push(task.stopping().unwrap());
             }
@@ -238,7 +239,7 @@ impl Robot<'_> {
         }
         for (k, name) in before.joint_name.iter().enumerate() {
             let is_left_out = !s.joint_name.contains(name);
-            let rests = before.velocity[k].abs() < 1e-3 && before.acceleration[k].abs() < 0.1;
+            let rests = before.velocity[k] == 0.0 && before.acceleration[k] == 0.0;
             prop_assert!(rests || !is_left_out, "{name} is forgotten:\n{before:?}\n{s:?}");
         }
         Ok(())

@@ -176,15 +176,21 @@ impl Motion {
     /// True where it may follow another from a time on, without a jump: each joint of the other
     /// goes on as it is, or rests and is left out; each joint that is new begins at rest.
     pub fn follows(&self, before: &Self, time: f64) -> bool {
-        let goes_on = |old: &JointMotion| match self.joint(old.name()) {
-            Some(new) => new.at(0.0).is_near(&old.at(time)),
-            None => old.at(time).is_rest(),
+        let goes_on = |old: &JointMotion| {
+            self.joint(old.name()).is_none_or(|new| new.at(0.0).is_near(&old.at(time)))
         };
         let begins =
             |new: &JointMotion| before.joint(new.name()).is_some() || new.at(0.0).is_rest();
         self.object == before.object
             && before.joints.iter().all(goes_on)
             && self.joints.iter().all(begins)
+            && self.leaves_out_what_rests(before, time)
+    }
+
+    /// True where each joint of another motion that is not part of this one rests at a time.
+    pub fn leaves_out_what_rests(&self, before: &Self, time: f64) -> bool {
+        let left_out = |old: &&JointMotion| self.joint(old.name()).is_none();
+        before.joints.iter().filter(left_out).all(|old| old.at(time).is_rest())
     }
 
     /// The motion that brings each joint to rest as soon as its limits allow.
@@ -219,6 +225,11 @@ pub(crate) mod tests {
             now = s.after(quarter);
         }
         JointMotion::new("joint1", &segments, 4.0 * quarter, now.position, BOUNDS).unwrap()
+    }
+
+    /// The motion of a joint, for one of another name.
+    pub fn named(name: &str, motion: JointMotion) -> JointMotion {
+        JointMotion { name: Name::try_from(name).unwrap(), ..motion }
     }
 
     /// A motion with another value in one of its pieces.
@@ -318,9 +329,7 @@ pub(crate) mod tests {
         assert!(!other.follows(&before, 0.7), "it is another object");
         let mut added = before.brake(0.7);
         let moving = Segment { velocity: 1.0, ..Segment::default() };
-        added
-            .push(JointMotion { name: Name::try_from("new").unwrap(), ..there(1.0, 0.5) })
-            .unwrap();
+        added.push(named("new", there(1.0, 0.5))).unwrap();
         assert!(added.follows(&before, 0.7));
         added.joints[1].segments[0] = moving;
         assert!(!added.follows(&before, 0.7), "the new joint would begin at once");

@@ -33,6 +33,10 @@ impl core::fmt::Display for NotNow {
 
 impl core::error::Error for NotNow {}
 
+/// Longest time, seconds, for which a consumer may not have been told that a joint came to rest: the
+/// slowest stream may miss a tick of a second.
+const UNTOLD_S: f64 = 2.5;
+
 /// A motion at an instant, from which another may go on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moving {
@@ -57,9 +61,12 @@ impl Moving {
         self.motion.object()
     }
 
-    /// Its joints, and what each is commanded to do at the instant.
-    pub fn joints(&self) -> impl Iterator<Item = (&JointMotion, Sample)> {
-        self.motion.joints().iter().map(|j| (j, j.at(self.time)))
+    /// Joints that a motion which goes on from here has to contain, and what each is commanded to do
+    /// at the instant: those that move, and those that came to rest so shortly before that no
+    /// setpoint may have told it.
+    pub fn unsettled(&self) -> impl Iterator<Item = (&JointMotion, Sample)> {
+        let lately = self.motion.joints().iter().filter(|j| j.duration() + UNTOLD_S > self.time);
+        lately.map(|j| (j, j.at(self.time)))
     }
 
     /// What a joint is commanded to do at the instant, if it is part of the motion.
@@ -212,7 +219,7 @@ mod tests {
         let Ok(Some(moving)) = orders.commanded_at(1_310_000) else { panic!() };
         assert_eq!((moving.object(), moving.at_us()), ("door", 1_310_000));
         assert_eq!(moving.joint("joint1"), Some(there(2.0, 0.5).at(0.3)));
-        assert_eq!(moving.joints().count(), 1);
+        assert_eq!(moving.unsettled().count(), 1);
         assert_eq!(orders.commanded_at(9_310_000), Err(NotNow::Arriving));
         orders.brake(Reason::Cancelled);
         assert_eq!(orders.commanded_at(1_310_000), Err(NotNow::Braking), "not heard of yet");
@@ -223,6 +230,14 @@ mod tests {
         (103..190).for_each(|n| _ = tick(n * 10_000));
         assert_eq!(orders.poll(), Some(Notice::Ended(Some(Reason::Cancelled))));
         assert_eq!((orders.poll(), orders.running()), (None, None));
+    }
+
+    #[test]
+    fn a_joint_is_settled_when_its_rest_was_told_for_sure() {
+        let unsettled_at = |time| Moving::new(door(), time, 0).unsettled().count();
+        let duration = door().duration();
+        assert_eq!([0.0, duration, duration + 1.0].map(unsettled_at), [1; 3]);
+        assert_eq!(unsettled_at(duration + UNTOLD_S), 0);
     }
 
     #[test]

@@ -216,9 +216,7 @@ impl<'q> Stream<'q> {
             // Its last setpoint is sent first.
             State::Running(run) if run.is_over(due_us) => return,
             State::Running(_) if start_us < self.last_us => Err(Refusal::Late),
-            State::Running(run) if order.motion.follows(&run.motion, run.time(start_us)) => {
-                Ok(start_us)
-            }
+            State::Running(run) if self.may_follow(&order.motion, run, start_us) => Ok(start_us),
             State::Running(_) => Err(Refusal::Jump),
         };
         self.decide(verdict);
@@ -236,6 +234,13 @@ impl<'q> Stream<'q> {
             return Err(Refusal::NoHeartbeat);
         }
         Ok(())
+    }
+
+    /// A motion goes on from what runs without a jump, and leaves out only joints whose rest the last
+    /// setpoint told.
+    fn may_follow(&self, motion: &Motion, run: &Run, start_us: u64) -> bool {
+        motion.follows(&run.motion, run.time(start_us))
+            && motion.leaves_out_what_rests(&run.motion, run.time(self.last_us))
     }
 
     fn decide(&mut self, verdict: Result<u64, Refusal>) {

@@ -1,7 +1,7 @@
 //! A stream under orders: both ends of the queue, with a clock and a network of their own.
 
 use crate::datagram::DATAGRAM_CAPACITY;
-use crate::motion::tests::there;
+use crate::motion::tests::{named, there};
 use crate::motion::{JointMotion, Motion};
 use crate::orders::{Notice, Orders};
 use crate::reason::{Reason, Refusal};
@@ -143,7 +143,7 @@ fn a_motion_is_braked_when_it_is_cancelled_and_what_waits_never_begins() {
         let at_us = it.now_us + 30_000;
         let Ok(Some(moving)) = it.orders.commanded_at(at_us) else { panic!() };
         let mut next = Motion::new("door").unwrap();
-        moving.joints().for_each(|(j, _)| next.push(j.brake(0.33)).unwrap());
+        moving.unsettled().for_each(|(j, _)| next.push(j.brake(0.33)).unwrap());
         it.orders.run(&next, Some(at_us)).unwrap();
         it.orders.brake(Reason::Replaced);
         let (ticks, said) = it.run_to_end();
@@ -204,12 +204,37 @@ fn an_order_that_would_make_a_joint_jump_is_refused_and_what_runs_goes_on() {
         // The right one, but too late.
         let Ok(Some(moving)) = it.orders.commanded_at(it.now_us) else { panic!() };
         let mut next = Motion::new("door").unwrap();
-        moving.joints().for_each(|(j, _)| next.push(j.brake(0.3)).unwrap());
+        moving.unsettled().for_each(|(j, _)| next.push(j.brake(0.3)).unwrap());
         it.orders.run(&next, Some(it.now_us - PERIOD_US)).unwrap();
         assert_eq!(it.tick(), Some(GOES_ON));
         assert_eq!(it.orders.poll(), Some(Notice::Refused(Refusal::Late)));
         assert_eq!(it.run_to_end().1, ARRIVED);
     });
+}
+
+#[test]
+fn a_joint_is_not_left_out_before_a_setpoint_told_that_it_rests() {
+    let accepted = |ticks_before_its_rest: u64, pause_us: u64| {
+        let mut result = None;
+        with(WATCH, |it| {
+            let mut both = door(0.5);
+            // Rests after 100 ms.
+            both.push(named("joint2", there(1.0, 0.025))).unwrap();
+            it.orders.run(&both, None).unwrap();
+            (0..=20 - ticks_before_its_rest).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+            let start_us = it.now_us + ticks_before_its_rest * PERIOD_US;
+            let Ok(Some(moving)) = it.orders.commanded_at(start_us) else { panic!() };
+            assert_eq!(moving.unsettled().count(), 2);
+            let mut alone = Motion::new("door").unwrap();
+            alone.push(both.joints()[0].brake(0.1)).unwrap();
+            it.orders.run(&alone, Some(start_us)).unwrap();
+            assert_eq!(it.after(pause_us), Some(GOES_ON));
+            result = Some(it.orders.poll());
+        });
+        result.unwrap()
+    };
+    assert_eq!(accepted(0, PERIOD_US), None);
+    assert_eq!(accepted(2, 3 * PERIOD_US), Some(Notice::Refused(Refusal::Jump)));
 }
 
 #[test]

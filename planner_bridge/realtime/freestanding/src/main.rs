@@ -94,6 +94,7 @@ fn motion() -> Result<Motion, MotionError> {
     motion.push(joint()?)?;
     let other = motion.brake(black_box(0.2));
     black_box((motion.follows(&other, black_box(0.1)), motion.starts_at_rest()));
+    black_box(motion.leaves_out_what_rests(&other, black_box(0.1)));
     black_box((motion.object(), motion.joints(), motion.joint(black_box("j")), motion.duration()));
     Ok(motion)
 }
@@ -106,7 +107,7 @@ fn plan(orders: &mut Orders, shared: &Shared) -> Result<(), NotNow> {
     let moving = orders.commanded_at(black_box(9))?;
     if let Some(moving) = &moving {
         black_box((moving.object(), moving.at_us(), moving.joint(black_box("j"))));
-        moving.joints().for_each(|joint| _ = black_box(joint));
+        moving.unsettled().for_each(|joint| _ = black_box(joint));
     }
     match motion() {
         Ok(motion) => {
