@@ -1,6 +1,6 @@
 //! The pinhole camera with lens distortion.
 
-use crate::depth::DepthSensor;
+use crate::depth_noise::DepthSensor;
 use crate::text_table;
 use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
