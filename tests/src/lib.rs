@@ -27,8 +27,13 @@ pub fn linkage(arguments: &[&str]) -> Output {
     Command::new(program()).args(arguments).output().expect("the built program starts")
 }
 
-/// `cargo test` builds the program only where a test of its own crate asks for it.
+/// Builds the program, unless `LINKAGE_PROGRAM_IS_BUILT` says that it is. `cargo test` builds it only
+/// where a test of its own crate is among those that run, and alone it is built with other features
+/// of its dependencies than with all tests.
 pub fn build() {
+    if std::env::var_os("LINKAGE_PROGRAM_IS_BUILT").is_some() {
+        return;
+    }
     let profile = program();
     let release = profile.components().any(|c| c.as_os_str() == "release");
     let mut cargo = Command::new(env!("CARGO"));
