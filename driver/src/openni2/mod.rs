@@ -1,5 +1,6 @@
 //! Cameras that OpenNI2 drives (Xtion, Astra, Kinect) and its recordings.
 
+mod idle;
 #[allow(unsafe_code)]
 mod sys;
 
@@ -69,19 +70,53 @@ impl Camera for OpenNi2Camera {
     }
 }
 
+/// Times that a recording is played anew for pictures that were passed over, each of which takes as
+/// long as reading up to there: beyond that they are counted as missing.
+const MOST_REPLAYS: usize = 3;
+
 /// A recording of OpenNI2, read as fast as it is taken.
 pub struct OniRecording {
     name: String,
+    uri: String,
+    replays: usize,
     device: Device,
     geometry: Geometry,
     pairing: Pairing<sys::Picture, sys::Picture>,
     timestamps: TimestampFilter,
     delivered: u64,
     frames: usize,
+    played: Played,
+}
+
+/// How far each stream of a recording was played.
+#[derive(Debug, Clone, Copy)]
+struct Played {
     /// Number of the last picture read of each: playback may pass over some.
     read: [usize; 2],
-    /// Time of the last picture of each.
+    /// Time of the last picture of each, microseconds.
     reached: [i64; 2],
+}
+
+impl Default for Played {
+    fn default() -> Self {
+        Self { read: [0; 2], reached: [i64::MIN; 2] }
+    }
+}
+
+impl Played {
+    /// The sensor whose next picture is due, of those that were not played up to a picture of this
+    /// number: the one that lags behind. A read past the last picture would block for ever.
+    fn lagging(&self, until: [usize; 2]) -> Option<Sensor> {
+        let behind = |s: &Sensor| self.read[*s as usize] < until[*s as usize];
+        let both = [Sensor::Color, Sensor::Depth].into_iter().filter(behind);
+        both.min_by_key(|s| self.reached[*s as usize])
+    }
+
+    fn pass(&mut self, sensor: Sensor, picture: &sys::Picture) {
+        let i = sensor as usize;
+        self.read[i] = picture.number.max(self.read[i] + 1);
+        self.reached[i] = picture.utime;
+    }
 }
 
 impl OniRecording {
@@ -108,36 +143,46 @@ impl OniRecording {
         Ok(Self {
             geometry: Geometry::of(&device, camera, &name).map_err(broken)?,
             name,
+            uri: uri.to_owned(),
+            replays: 0,
             device,
             pairing: Pairing::new(DEFAULT_MAX_PAIR_GAP_US),
             timestamps: TimestampFilter::new(Timeline::Continuous),
             delivered: 0,
             frames,
-            read: [0; 2],
-            reached: [i64::MIN; 2],
+            played: Played::default(),
         })
     }
 
-    /// The sensor whose next picture is due: the one that lags behind. A read past the last
-    /// picture would block for ever.
-    fn due(&self) -> Option<Sensor> {
-        [Sensor::Color, Sensor::Depth]
-            .into_iter()
-            .filter(|s| self.read[*s as usize] < self.device.recorded(*s))
-            .min_by_key(|s| self.reached[*s as usize])
+    /// Reads the picture after the last one. The library keeps one picture a stream: on its way
+    /// to the other stream's next one it may have passed over ours, where the machine is busy.
+    fn read_next(&mut self, sensor: Sensor) -> Result<sys::Picture, String> {
+        let next = self.played.read[sensor as usize] + 1;
+        let mut picture = self.device.read(sensor)?;
+        while picture.number > next && self.replays < MOST_REPLAYS {
+            self.replays += 1;
+            tracing::debug!(sensor = ?sensor, number = picture.number, next, "passed over");
+            picture = self.replayed(sensor, next)?;
+        }
+        Ok(picture)
     }
 
-    /// Reads the picture after the last one. The library keeps one picture a stream: on its way
-    /// to the other stream's next one it may have passed over ours.
-    fn read_next(&mut self, sensor: Sensor) -> Result<sys::Picture, String> {
-        let next = self.read[sensor as usize] + 1;
-        let picture = self.device.read(sensor)?;
-        if picture.number <= next {
-            return Ok(picture);
+    /// Plays the recording anew, up to a picture of one sensor, or the first after it, and to where the
+    /// other was. Seeking would do, but in the library as it is built with optimisation it reads a
+    /// variable that is gone, and crashes.
+    fn replayed(&mut self, sensor: Sensor, next: usize) -> Result<sys::Picture, String> {
+        let mut until = self.played.read;
+        until[sensor as usize] = next;
+        self.device.replay(&self.uri)?;
+        let (mut played, mut reached) = (Played::default(), None);
+        while let Some(due) = played.lagging(until) {
+            let picture = self.device.read(due)?;
+            played.pass(due, &picture);
+            if due == sensor {
+                reached = Some(picture);
+            }
         }
-        tracing::debug!(sensor = ?sensor, number = picture.number, next, "passed over");
-        self.device.seek(sensor, next)?;
-        self.device.read(sensor)
+        reached.ok_or_else(|| format!("picture {next} cannot be read"))
     }
 
     fn broken(&self, reason: String) -> SourceError {
@@ -147,11 +192,11 @@ impl OniRecording {
 
 impl RgbdSource for OniRecording {
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
-        while let Some(sensor) = self.due() {
+        let recorded = [Sensor::Color, Sensor::Depth].map(|s| self.device.recorded(s));
+        while let Some(sensor) = self.played.lagging(recorded) {
             let picture = self.read_next(sensor).map_err(|e| self.broken(e))?;
             self.geometry.tell_mirroring(&self.device);
-            self.read[sensor as usize] = picture.number.max(self.read[sensor as usize] + 1);
-            self.reached[sensor as usize] = picture.utime;
+            self.played.pass(sensor, &picture);
             let pair = match sensor {
                 Sensor::Color => self.pairing.color(picture.utime, picture),
                 Sensor::Depth => self.pairing.depth(picture.utime, picture),
@@ -282,6 +327,28 @@ fn camera_of(optics: Optics, what: &str) -> Result<PinholeCamera, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_stream_that_lags_behind_is_read_and_none_beyond_its_last_picture() {
+        let picture = |number, utime| sys::Picture {
+            utime,
+            number,
+            width: 0,
+            height: 0,
+            bytes: Vec::new(),
+            units_per_metre: 1000.0,
+        };
+        let mut played = Played::default();
+        assert_eq!(played.lagging([2, 2]), Some(Sensor::Color));
+        played.pass(Sensor::Color, &picture(1, 40));
+        assert_eq!(played.lagging([2, 2]), Some(Sensor::Depth));
+        assert_eq!(played.lagging([2, 0]), Some(Sensor::Color));
+        // Playback passed over the first one.
+        played.pass(Sensor::Depth, &picture(2, 80));
+        assert_eq!(played.lagging([2, 2]), Some(Sensor::Color));
+        played.pass(Sensor::Color, &picture(2, 80));
+        assert_eq!(played.lagging([2, 2]), None);
+    }
 
     #[test]
     fn what_a_device_tells_of_its_lens_must_be_a_camera() {

@@ -1,5 +1,6 @@
 //! Calls into OpenNI2: the only unsafe code of this source.
 
+use super::idle::Threads;
 use openni2_sys as ffi;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr;
@@ -14,6 +15,8 @@ const FRAMES_PER_SECOND: c_int = 30;
 /// A recording's thread walks the list of streams without a lock, over and over while one runs;
 /// once all are stopped it looks at them every 10 ms, and they can be taken away between.
 const UNTIL_IDLE: Duration = Duration::from_millis(50);
+/// Longest time that a thread in the middle of its work is waited for, beyond that.
+const LONGEST_WORK: Duration = Duration::from_secs(3);
 /// Playback speed that waits for the reader.
 const MANUAL_SPEED: f32 = -1.0;
 
@@ -64,6 +67,8 @@ pub struct Device {
     optics: [Optics; 2],
     recorded: [usize; 2],
     is_mirrored: [bool; 2],
+    /// Those that the library started for it.
+    threads: Threads,
 }
 
 /// What a stream tells of its lens.
@@ -136,16 +141,42 @@ impl Device {
         Ok(device)
     }
 
+    /// Plays a recording from its beginning. It is closed first: who opens one twice gets the same
+    /// device, which goes on.
+    pub fn replay(&mut self, uri: &str) -> Result<(), String> {
+        self.close();
+        *self = Self::open_recording(uri)?;
+        Ok(())
+    }
+
+    /// Gives back every handle, if that was not done.
+    fn close(&mut self) {
+        let device = std::mem::replace(&mut self.device, ptr::null_mut());
+        let streams = std::mem::replace(&mut self.streams, [ptr::null_mut(); 2]);
+        if device.is_null() {
+            return;
+        }
+        let streams = || streams.into_iter().filter(|s| !s.is_null());
+        // SAFETY: every handle came from the library and is given back once, streams first.
+        unsafe {
+            streams().for_each(|stream| ffi::oniStreamStop(stream));
+            std::thread::sleep(UNTIL_IDLE);
+            self.threads.wait_until_idle(LONGEST_WORK);
+            streams().for_each(|stream| ffi::oniStreamDestroy(stream));
+            ffi::oniDeviceClose(device);
+        }
+    }
+
     fn without_streams(uri: &str) -> Result<Self, String> {
         initialise()?;
         let uri = CString::new(uri).map_err(|_| "the name holds a NUL".to_owned())?;
         let any = uri.is_empty();
         let mut device = ptr::null_mut();
+        let address = if any { ptr::null() } else { uri.as_ptr() };
         // SAFETY: the URI is NUL-terminated or null, which stands for any device; `device` is
         // a valid place.
-        let status = unsafe {
-            ffi::oniDeviceOpen(if any { ptr::null() } else { uri.as_ptr() }, &mut device)
-        };
+        let open = || unsafe { ffi::oniDeviceOpen(address, &mut device) };
+        let (status, threads) = Threads::begun_by(open);
         if status != ffi::OniStatus_ONI_STATUS_OK || device.is_null() {
             return Err(format!("OpenNI2 cannot open it: {}", last_error()));
         }
@@ -155,6 +186,7 @@ impl Device {
             optics: [Optics::default(); 2],
             recorded: [0; 2],
             is_mirrored: [false; 2],
+            threads,
         })
     }
 
@@ -249,22 +281,6 @@ impl Device {
         if done { Ok(()) } else { Err(format!("it cannot be played: {}", last_error())) }
     }
 
-    /// Goes to a picture of a recording's stream, counted from 1.
-    pub fn seek(&mut self, sensor: Sensor, number: usize) -> Result<(), String> {
-        let mut place =
-            ffi::OniSeek { frameIndex: number as c_int, stream: self.streams[sensor as usize] };
-        // SAFETY: the device is open; the command takes an OniSeek of this size.
-        let status = unsafe {
-            ffi::oniDeviceInvoke(
-                self.device,
-                ffi::ONI_DEVICE_COMMAND_SEEK as c_int,
-                (&raw mut place).cast(),
-                size_of::<ffi::OniSeek>() as c_int,
-            )
-        };
-        if status == ffi::OniStatus_ONI_STATUS_OK { Ok(()) } else { Err(last_error()) }
-    }
-
     /// What a stream tells of its lens.
     pub fn optics(&self, sensor: Sensor) -> Optics {
         self.optics[sensor as usize]
@@ -321,6 +337,9 @@ impl Device {
     /// back: not every device lets mirroring be switched off, and a recording is as it is.
     pub fn read(&mut self, sensor: Sensor) -> Result<Picture, String> {
         let stream = self.streams[sensor as usize];
+        if stream.is_null() {
+            return Err("it is closed".to_owned());
+        }
         let mirroring = get::<c_int>(stream, ffi::ONI_STREAM_PROPERTY_MIRRORING as c_int);
         let is_mirrored = mirroring.is_some_and(|m| m != 0);
         self.is_mirrored[sensor as usize] = is_mirrored;
@@ -341,14 +360,7 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: every handle came from the library and is given back once, streams first.
-        unsafe {
-            let streams = || self.streams.into_iter().filter(|s| !s.is_null());
-            streams().for_each(|stream| ffi::oniStreamStop(stream));
-            std::thread::sleep(UNTIL_IDLE);
-            streams().for_each(|stream| ffi::oniStreamDestroy(stream));
-            ffi::oniDeviceClose(self.device);
-        }
+        self.close();
     }
 }
 
