@@ -59,7 +59,9 @@ mod tests {
         let (works, ends) = (AtomicBool::new(true), AtomicBool::new(false));
         std::thread::scope(|scope| {
             let busy_then_idle = || {
-                while works.load(Ordering::Relaxed) {}
+                while works.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
                 while !ends.load(Ordering::Relaxed) {
                     std::thread::sleep(Duration::from_millis(20));
                 }
