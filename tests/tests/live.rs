@@ -29,6 +29,8 @@ const ALL_SCENES: [&str; 10] = [
 ];
 /// Share of frames, and of tries, that must do.
 const MOST: f64 = 0.95;
+/// Encounters of an object of which one has to tell how it stands.
+const ENCOUNTERS: u64 = 4;
 /// Predictions that are asked for of each object.
 const TRIES: usize = 10;
 
@@ -97,12 +99,16 @@ fn what_rests_is_known_in_every_frame_and_predicted_whenever_that_is_asked_for()
     for (i, scene) in scenes().iter().enumerate() {
         let url = format!("udpm://239.255.76.72:{}?ttl=0", 7740 + i);
         let store = learned(scene, dir.path());
-        let encounter = simulated(scene, true, 1);
-        let joints = told_at_a_look(&encounter, &store, dir.path());
-        if joints.is_empty() {
-            eprintln!("{scene}: a look does not tell how it stands");
+        // A door that is nearly closed may hide all of what holds it: then another encounter is taken.
+        let telling = |seed: u64| {
+            let encounter = simulated(scene, true, seed);
+            let joints = told_at_a_look(&encounter, &store, dir.path());
+            (!joints.is_empty()).then_some((encounter, joints))
+        };
+        let Some((encounter, joints)) = (1..=ENCOUNTERS).find_map(telling) else {
+            short.push(format!("{scene}: no look tells how it stands"));
             continue;
-        }
+        };
         let service = Service::start(&url, &text(&encounter), &store, &["--repeat"]);
         let mut listener = Listener::new(&url, "LINKAGE_RECOGNITION");
         service.done(&["recognise", scene]);
