@@ -2,7 +2,7 @@
 //! thread may stand in the middle of its work for longer than any pause that one could choose.
 
 use std::collections::BTreeSet;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -42,11 +42,11 @@ fn all() -> BTreeSet<OsString> {
     entries.map(|entry| entry.file_name()).collect()
 }
 
-/// A thread runs, or waits for a processor. The state is the letter after the name in brackets.
-fn is_at_work(thread: &OsString) -> bool {
+/// A thread runs, or waits for a processor or a disk. The state is the letter after the name in brackets.
+fn is_at_work(thread: &OsStr) -> bool {
     let stat = fs::read_to_string(Path::new(THREADS).join(thread).join("stat"));
-    let state = stat.ok().and_then(|s| s.rsplit_once(") ").map(|(_, rest)| rest.starts_with('R')));
-    state.unwrap_or(false)
+    let stat = stat.unwrap_or_default();
+    stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with(['R', 'D']))
 }
 
 #[cfg(test)]

@@ -168,8 +168,8 @@ impl OniRecording {
     }
 
     /// Plays the recording anew, up to a picture of one sensor, or the first after it, and to where the
-    /// other was. Seeking would do, but in the library as it is built with optimisation it reads a
-    /// variable that is gone, and crashes.
+    /// other was. Seeking would be faster, but the library crashes in every seek: built with
+    /// optimisation it passes on the address of a variable that has left its scope.
     fn replayed(&mut self, sensor: Sensor, next: usize) -> Result<sys::Picture, String> {
         let mut until = self.played.read;
         until[sensor as usize] = next;

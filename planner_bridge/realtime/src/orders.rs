@@ -33,8 +33,8 @@ impl core::fmt::Display for NotNow {
 
 impl core::error::Error for NotNow {}
 
-/// Longest time, seconds, for which a consumer may not have been told that a joint came to rest: the
-/// slowest stream may miss a tick of a second.
+/// Longest time, seconds, between the rest of a joint and the setpoint that tells it. The slowest stream
+/// sends one setpoint a second and may miss one.
 const UNTOLD_S: f64 = 2.5;
 
 /// A motion at an instant, from which another may go on.
@@ -62,8 +62,8 @@ impl Moving {
     }
 
     /// Joints that a motion which goes on from here has to contain, and what each is commanded to do
-    /// at the instant: those that move, and those that came to rest so shortly before that no
-    /// setpoint may have told it.
+    /// at the instant: those that move, and those that came to rest so recently that the consumer
+    /// may not know it yet.
     pub fn unsettled(&self) -> impl Iterator<Item = (&JointMotion, Sample)> {
         let lately = self.motion.joints().iter().filter(|j| j.duration() + UNTOLD_S > self.time);
         lately.map(|j| (j, j.at(self.time)))
