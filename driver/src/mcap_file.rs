@@ -1,8 +1,9 @@
-//! MCAP files: the container of ROS 2's bags and of Foxglove.
+//! MCAP files: the container of ROS 2's bags and of Foxglove, with the messages of either.
 //!
 //! Read from beginning to end, so that a file that was cut short is read as far as it goes; memory
 //! is that of the largest message.
 
+use crate::bag::message_format::MessageFormat;
 use crate::bag::reader::{BagMessage, BagReader, MAX_MESSAGE_BYTES, MAX_TOPICS, Topic};
 use crate::bag::wire::WireFormat;
 use crate::error::SourceError;
@@ -159,11 +160,141 @@ fn distinct(topics: impl Iterator<Item = Topic>) -> Vec<Topic> {
 }
 
 fn topic_of(channel: &Channel<'_>) -> Topic {
+    let schema = channel.schema.as_ref().map_or("", |schema| &*schema.name);
     let format = match channel.message_encoding.as_str() {
-        "cdr" => Some(WireFormat::Cdr),
-        "ros1" => Some(WireFormat::Ros1),
+        "cdr" => Some(MessageFormat::Ros(WireFormat::Cdr)),
+        "ros1" => Some(MessageFormat::Ros(WireFormat::Ros1)),
+        "protobuf" if schema.starts_with("foxglove.") => Some(MessageFormat::Foxglove),
         _ => None,
     };
-    let schema = channel.schema.as_ref().map_or("", |schema| &*schema.name);
     Topic::new(&channel.topic, schema, format)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bag::foxglove::tests::{bytes, doubles, fixed32, timestamp};
+    use crate::bag::{BagOptions, BagRecording};
+    use crate::image_file;
+    use crate::rgbd_source::RgbdSource;
+    use linkage_frames::frame::RgbdFrame;
+    use mcap::Writer;
+    use mcap::records::MessageHeader;
+
+    /// Columns and rows.
+    const SIZE: (usize, usize) = (8, 6);
+    const START: i64 = 1_700_000_000_000_000;
+
+    /// Colour and depth of a frame, no two pixels of which are the same.
+    fn pixels(frame: usize) -> (Vec<u8>, Vec<u16>) {
+        let count = SIZE.0 * SIZE.1;
+        let color = (0..3 * count).map(|i| (i + 60 * frame) as u8).collect();
+        (color, (0..count).map(|i| (500 + 11 * i + frame) as u16).collect())
+    }
+
+    /// Message type, topic, and a message.
+    type Message = (&'static str, &'static str, Vec<u8>);
+
+    /// A picture without compression.
+    fn raw(utime: i64, encoding: &str, pixel_bytes: usize, data: &[u8]) -> Vec<u8> {
+        let side = |n: usize| u32::try_from(n).unwrap();
+        [
+            timestamp(utime),
+            fixed32(2, side(SIZE.0)),
+            fixed32(3, side(SIZE.1)),
+            bytes(4, encoding.as_bytes()),
+            fixed32(5, side(SIZE.0 * pixel_bytes)),
+            bytes(6, data),
+            bytes(7, b"camera"),
+        ]
+        .concat()
+    }
+
+    /// A frame as Foxglove's messages.
+    fn messages(frame: usize, is_compressed: bool) -> [Message; 3] {
+        let utime = START + 33_333 * frame as i64;
+        let (color, depth) = pixels(frame);
+        let k = [30.0, 0.0, 3.5, 0.0, 31.0, 2.5, 0.0, 0.0, 1.0];
+        let (width, height) = (fixed32(2, 8), fixed32(3, 6));
+        let (model, d) = (bytes(4, b"plumb_bob"), doubles(5, &[0.1, 0.0, 0.0, 0.0, 0.0]));
+        let camera = [timestamp(utime), width, height, model, d, doubles(6, &k)].concat();
+        let camera = ("foxglove.CameraCalibration", "/camera/calibration", camera);
+        if is_compressed {
+            let png = |data: Vec<u8>| {
+                [timestamp(utime), bytes(2, &data), bytes(3, b"png"), bytes(4, b"camera")].concat()
+            };
+            let (kind, rgb) = ("foxglove.CompressedImage", encode_color(&color));
+            let depth = image_file::encode_png_depth(SIZE.0, SIZE.1, &depth).unwrap();
+            return [
+                (kind, "/camera/color", png(rgb)),
+                (kind, "/camera/depth", png(depth)),
+                camera,
+            ];
+        }
+        let millimetres: Vec<u8> = depth.iter().flat_map(|mm| mm.to_le_bytes()).collect();
+        let kind = "foxglove.RawImage";
+        let color = (kind, "/camera/color", raw(utime, "rgb8", 3, &color));
+        [color, (kind, "/camera/depth", raw(utime, "16UC1", 2, &millimetres)), camera]
+    }
+
+    fn encode_color(rgb: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        let mut encoder = png::Encoder::new(&mut out, SIZE.0 as u32, SIZE.1 as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.write_header().unwrap().write_image_data(rgb).unwrap();
+        out
+    }
+
+    /// Writes a file; messages are logged a minute after they were made.
+    fn write(path: &Path, messages: &[Message]) {
+        let mut writer = Writer::new(File::create(path).unwrap()).unwrap();
+        for (kind, topic, data) in messages {
+            let schema = writer.add_schema(kind, "protobuf", b"").unwrap();
+            let id = writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap();
+            let log_time = (START as u64 + 60_000_000) * 1000;
+            let header =
+                MessageHeader { channel_id: id, sequence: 0, log_time, publish_time: log_time };
+            writer.write_to_known_channel(&header, data).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    fn read(path: &Path) -> Result<Vec<RgbdFrame>, SourceError> {
+        let opener = || McapReader::open(path).map(|r| Box::new(r) as _);
+        let mut source = BagRecording::open("mcap:test", &opener, &BagOptions::default())?;
+        std::iter::from_fn(|| source.next_frame().transpose()).collect()
+    }
+
+    #[test]
+    fn foxgloves_pictures_come_back_to_the_pixel_at_the_time_that_they_bear() {
+        for is_compressed in [false, true] {
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("a.mcap");
+            let written: Vec<_> = (0..4).flat_map(|i| messages(i, is_compressed)).collect();
+            write(&path, &written);
+            let frames = read(&path).unwrap();
+            assert_eq!(frames.len(), 4, "compressed: {is_compressed}");
+            for (i, frame) in frames.iter().enumerate() {
+                let (color, depth) = pixels(i);
+                assert_eq!(frame.utime, START + 33_333 * i as i64);
+                assert_eq!(frame.color.as_rgb(), color);
+                assert_eq!(frame.depth.to_raw(1000.0), depth);
+                let camera = &frame.camera;
+                assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], [30.0, 31.0, 3.5, 2.5]);
+                assert_eq!(camera.distortion[..2], [0.1, 0.0]);
+            }
+        }
+    }
+
+    #[test]
+    fn an_encoding_that_is_not_read_is_told_with_its_topic() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.mcap");
+        let [_, depth, camera] = messages(0, false);
+        let (utime, data) = (START, [0; 8 * 6 * 3 / 2]);
+        let color = ("foxglove.RawImage", "/camera/color", raw(utime, "nv12", 1, &data));
+        write(&path, &[color, depth, camera]);
+        let error = read(&path).unwrap_err().to_string();
+        assert!(error.contains("/camera/color: ") && error.contains("\"nv12\""), "{error}");
+    }
 }

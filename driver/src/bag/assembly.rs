@@ -1,7 +1,7 @@
 //! Frames of the messages of a bag.
 
 use super::camera_info::camera_of;
-use super::messages::{CompressedImage, Image};
+use super::message_format::MessageFormat;
 use super::pairing::{Pair, Stamped};
 use super::picture::{color_of_compressed, color_of_image, depth_of_compressed, depth_of_image};
 use super::reader::Topic;
@@ -26,7 +26,9 @@ const SAME_DIRECTION_RAD: f64 = 1e-4;
 
 /// How pictures become frames.
 pub struct Assembly {
-    formats: [WireFormat; 2],
+    /// Names of the topics of colour and depth.
+    names: [String; 2],
+    formats: [MessageFormat; 2],
     picture_types: [PictureType; 2],
     camera: Arc<PinholeCamera>,
     /// Columns and rows of depth.
@@ -64,8 +66,10 @@ impl Assembly {
         let depth_units_per_metre = given.map_or(units, |camera| camera.depth_units_per_metre);
         let registration = registration(source, names, found, &camera)?;
         let depth_camera = registration.as_ref().map_or(&camera, |r| &r.depth_camera);
-        let format = |topic: usize| topics[topic].format.unwrap_or(WireFormat::Cdr);
+        let format =
+            |topic: usize| topics[topic].format.unwrap_or(MessageFormat::Ros(WireFormat::Cdr));
         Ok(Self {
+            names: names.map(str::to_owned),
             formats: [chosen.color.pictures, chosen.depth.pictures].map(format),
             picture_types: [chosen.color.picture_type, chosen.depth.picture_type],
             depth_size: (depth_camera.width, depth_camera.height),
@@ -86,6 +90,7 @@ impl Assembly {
     /// What is damaged.
     pub fn stamped_color(&self, bytes: Vec<u8>, log_utime: i64) -> Result<Stamped, String> {
         stamped(bytes, log_utime, self.formats[0], self.picture_types[0])
+            .map_err(|e| format!("{}: {e}", self.names[0]))
     }
 
     /// The same for a depth message.
@@ -94,6 +99,7 @@ impl Assembly {
     /// What is damaged.
     pub fn stamped_depth(&self, bytes: Vec<u8>, log_utime: i64) -> Result<Stamped, String> {
         stamped(bytes, log_utime, self.formats[1], self.picture_types[1])
+            .map_err(|e| format!("{}: {e}", self.names[1]))
     }
 
     /// Decodes a pair.
@@ -113,14 +119,15 @@ impl Assembly {
 
     fn color(&self, bytes: &[u8]) -> Result<ColorImage, String> {
         let size = (self.camera.width, self.camera.height);
-        let told = |e: &dyn std::fmt::Display| format!("colour: {e}");
+        let (name, format) = (&self.names[0], self.formats[0]);
+        let told = |e: &dyn std::fmt::Display| format!("{name}: {e}");
         match self.picture_types[0] {
             PictureType::Image => {
-                let image = Image::parse(bytes, self.formats[0]).map_err(|e| told(&e))?;
+                let image = format.image(bytes).map_err(|e| told(&e))?;
                 color_of_image(&image, size).map_err(|e| told(&e))
             }
             PictureType::Compressed => {
-                let image = CompressedImage::parse(bytes, self.formats[0]).map_err(|e| told(&e))?;
+                let image = format.compressed_image(bytes).map_err(|e| told(&e))?;
                 color_of_compressed(&image, size).map_err(|e| told(&e))
             }
         }
@@ -128,14 +135,15 @@ impl Assembly {
 
     fn depth(&self, bytes: &[u8]) -> Result<DepthImage, String> {
         let (size, units) = (self.depth_size, self.depth_units_per_metre);
-        let told = |e: &dyn std::fmt::Display| format!("depth: {e}");
+        let (name, format) = (&self.names[1], self.formats[1]);
+        let told = |e: &dyn std::fmt::Display| format!("{name}: {e}");
         match self.picture_types[1] {
             PictureType::Image => {
-                let image = Image::parse(bytes, self.formats[1]).map_err(|e| told(&e))?;
+                let image = format.image(bytes).map_err(|e| told(&e))?;
                 depth_of_image(&image, size, units).map_err(|e| told(&e))
             }
             PictureType::Compressed => {
-                let image = CompressedImage::parse(bytes, self.formats[1]).map_err(|e| told(&e))?;
+                let image = format.compressed_image(bytes).map_err(|e| told(&e))?;
                 depth_of_compressed(&image, size, units).map_err(|e| told(&e))
             }
         }
@@ -145,12 +153,12 @@ impl Assembly {
 fn stamped(
     bytes: Vec<u8>,
     log_utime: i64,
-    format: WireFormat,
+    format: MessageFormat,
     picture_type: PictureType,
 ) -> Result<Stamped, String> {
     let header = match picture_type {
-        PictureType::Image => Image::parse(&bytes, format).map(|i| i.header.utime),
-        PictureType::Compressed => CompressedImage::parse(&bytes, format).map(|i| i.header.utime),
+        PictureType::Image => format.image(&bytes).map(|i| i.header.utime),
+        PictureType::Compressed => format.compressed_image(&bytes).map(|i| i.header.utime),
     };
     let stamp = header.map_err(|e| e.to_string())?;
     let utime = if stamp == 0 { log_utime } else { stamp };

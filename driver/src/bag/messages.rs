@@ -4,7 +4,7 @@
 use super::wire::{WireError, WireFormat, WireReader};
 
 /// Most numbers of distortion: OpenCV's largest model has 14.
-const MAX_DISTORTION: usize = 32;
+pub const MAX_DISTORTION: usize = 32;
 
 /// When and in which frame of coordinates something was seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,4 +1,5 @@
-//! Frames from bags: files that hold the messages of ROS topics, whatever their container.
+//! Frames from bags: files that hold the messages of topics, whatever their container. Messages are
+//! those of ROS, or Foxglove's own ([`message_format`]).
 //!
 //! A container is a [`reader::BagReader`]. Topics are chosen by their types and names
 //! ([`topics`]), the cameras are looked for ([`survey`]), then colour and depth are paired by time
@@ -6,9 +7,12 @@
 
 pub mod assembly;
 pub mod camera_info;
+pub mod foxglove;
+pub mod message_format;
 pub mod messages;
 pub mod pairing;
 pub mod picture;
+pub mod protobuf;
 pub mod reader;
 pub mod survey;
 pub mod topics;

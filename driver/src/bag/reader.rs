@@ -1,6 +1,6 @@
 //! What every reader of a bag offers: topics, and messages one after the other.
 
-use super::wire::WireFormat;
+use super::message_format::MessageFormat;
 use crate::error::SourceError;
 
 /// Largest message that is read, bytes: an uncompressed picture of 3840x2160 pixels with four
@@ -15,15 +15,16 @@ pub const MAX_TOPICS: usize = 10_000;
 pub struct Topic {
     /// Its name, `/camera/color/image_raw`.
     pub name: String,
-    /// The type of its messages, as `package/Type`: ROS 2's `msg` in the middle is left out.
+    /// The type of its messages, as `package/Type`, where ROS 2's `msg` in the middle is left out, or
+    /// as `foxglove.Type`.
     pub message_type: String,
     /// How its messages are written; `None` for a format that is not read.
-    pub format: Option<WireFormat>,
+    pub format: Option<MessageFormat>,
 }
 
 impl Topic {
     /// A topic whose type is named in the way of ROS 1 or ROS 2.
-    pub fn new(name: &str, message_type: &str, format: Option<WireFormat>) -> Self {
+    pub fn new(name: &str, message_type: &str, format: Option<MessageFormat>) -> Self {
         let message_type = message_type.replace("/msg/", "/");
         Self { name: name.to_owned(), message_type, format }
     }

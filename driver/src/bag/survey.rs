@@ -3,7 +3,8 @@
 //! The cameras' messages may stand anywhere in a bag: it is read from its beginning until all that
 //! is asked for was seen, most often for some frames.
 
-use super::messages::{CameraInfo, CompressedImage, Header, Image};
+use super::message_format::MessageFormat;
+use super::messages::{CameraInfo, Header};
 use super::reader::{BagMessage, BagReader, Topic};
 use super::topics::{ChosenTopics, PictureTopic, PictureType};
 use super::transforms::{FrameTree, parse_transform};
@@ -15,6 +16,10 @@ use nalgebra::Isometry3;
 const MAX_MESSAGES: usize = 20_000;
 /// Messages that are looked at when all but the transforms was seen.
 const ENOUGH_MESSAGES: usize = 500;
+
+/// Types of messages of transforms.
+const TRANSFORMS: [&str; 4] =
+    ["tf2_msgs/TFMessage", "tf/tfMessage", "foxglove.FrameTransforms", "foxglove.FrameTransform"];
 
 /// What was found.
 #[derive(Debug, Default)]
@@ -68,10 +73,10 @@ impl Extras {
         };
         let sensor = stream(chosen.depth.pictures)
             .and_then(|s| s.rsplit_once('/').map(|(sensor, _)| sensor.to_owned()));
-        let transforms = topics.iter().enumerate().filter(|(_, t)| {
-            t.name == "/tf_static"
-                && ["tf2_msgs/TFMessage", "tf/tfMessage"].contains(&&*t.message_type)
-        });
+        let transforms = topics
+            .iter()
+            .enumerate()
+            .filter(|(_, t)| t.name == "/tf_static" && TRANSFORMS.contains(&&*t.message_type));
         Self {
             transforms: transforms.map(|(i, _)| i).collect(),
             depth_unit: sensor
@@ -113,8 +118,7 @@ pub fn survey(
             break;
         }
         let Some(message) = reader.next_message()? else { break };
-        let format = topics[message.topic].format.unwrap_or(WireFormat::Cdr);
-        match found.take(&message, format, chosen, &extras) {
+        match found.take(&message, &topics[message.topic], chosen, &extras) {
             Ok(()) => unseen.retain(|t| *t != message.topic),
             Err(e) => tracing::debug!(topic = topics[message.topic].name, "{e}"),
         }
@@ -132,10 +136,11 @@ impl Survey {
     fn take(
         &mut self,
         message: &BagMessage,
-        format: WireFormat,
+        Topic { format, message_type, .. }: &Topic,
         chosen: &ChosenTopics,
         extras: &Extras,
     ) -> Result<(), WireError> {
+        let Some(format) = *format else { return Ok(()) };
         let (topic, bytes) = (message.topic, message.bytes.as_slice());
         if topic == chosen.color.pictures {
             let header = picture_header(bytes, format, chosen.color.picture_type)?.0;
@@ -151,9 +156,26 @@ impl Survey {
             (chosen.depth.camera, &mut self.depth_camera),
         ] {
             if camera == Some(topic) && place.is_none() {
-                *place = Some(CameraInfo::parse(bytes, format)?);
+                *place = Some(format.camera_info(bytes)?);
             }
         }
+        if extras.transforms.contains(&topic) {
+            self.frames.add(format.transforms(bytes, message_type)?);
+        }
+        match format {
+            MessageFormat::Ros(format) => self.take_of_realsense(topic, bytes, format, extras),
+            MessageFormat::Foxglove => Ok(()),
+        }
+    }
+
+    /// What RealSense's own recordings hold beside.
+    fn take_of_realsense(
+        &mut self,
+        topic: usize,
+        bytes: &[u8],
+        format: WireFormat,
+        extras: &Extras,
+    ) -> Result<(), WireError> {
         if extras.depth_unit == Some(topic) {
             let unit = WireReader::new(bytes, format)?.f32("depth unit")?;
             self.depth_unit_m = Some(f64::from(unit));
@@ -163,9 +185,6 @@ impl Survey {
                 *place = Some(parse_transform(bytes, format)?);
             }
         }
-        if extras.transforms.contains(&topic) {
-            self.frames.add(bytes, format)?;
-        }
         Ok(())
     }
 }
@@ -173,13 +192,11 @@ impl Survey {
 /// A picture's header, and what its pixels are.
 fn picture_header(
     bytes: &[u8],
-    format: WireFormat,
+    format: MessageFormat,
     picture_type: PictureType,
 ) -> Result<(Header<'_>, &str), WireError> {
     match picture_type {
-        PictureType::Image => Image::parse(bytes, format).map(|i| (i.header, i.encoding)),
-        PictureType::Compressed => {
-            CompressedImage::parse(bytes, format).map(|i| (i.header, i.format))
-        }
+        PictureType::Image => format.image(bytes).map(|i| (i.header, i.encoding)),
+        PictureType::Compressed => format.compressed_image(bytes).map(|i| (i.header, i.format)),
     }
 }

@@ -3,14 +3,15 @@
 //! Types say what is a picture, names what it shows: drivers agree on `rgb` or `color` and on
 //! `depth`. A camera lies beside its pictures: its topic has the longest common path with theirs.
 
+use super::message_format::MessageFormat;
 use super::reader::Topic;
 
 /// How a topic holds pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PictureType {
-    /// `sensor_msgs/Image`.
+    /// `sensor_msgs/Image`, `foxglove.RawImage`.
     Image,
-    /// `sensor_msgs/CompressedImage`.
+    /// `sensor_msgs/CompressedImage`, `foxglove.CompressedImage`.
     Compressed,
 }
 
@@ -114,10 +115,11 @@ fn candidates(
 }
 
 fn picture_type(topic: &Topic) -> Option<PictureType> {
-    topic.format?;
-    match topic.message_type.as_str() {
-        "sensor_msgs/Image" => Some(PictureType::Image),
-        "sensor_msgs/CompressedImage" => Some(PictureType::Compressed),
+    match (topic.format?, topic.message_type.as_str()) {
+        (MessageFormat::Ros(_), "sensor_msgs/Image")
+        | (MessageFormat::Foxglove, "foxglove.RawImage") => Some(PictureType::Image),
+        (MessageFormat::Ros(_), "sensor_msgs/CompressedImage")
+        | (MessageFormat::Foxglove, "foxglove.CompressedImage") => Some(PictureType::Compressed),
         _ => None,
     }
 }
@@ -158,13 +160,18 @@ fn camera_topic(topics: &[Topic], pictures: usize, is_depth: bool) -> Option<usi
         let says_color = contains_any(&t.name, &COLOR_WORDS);
         let is_other = contains_any(&t.name, &OTHER_WORDS);
         let contradicts = if is_depth { says_color && !says_depth } else { says_depth };
-        t.format.is_some()
-            && t.message_type == "sensor_msgs/CameraInfo"
-            && !contradicts
-            && (!is_other || contains_any(name, &OTHER_WORDS))
+        is_camera(t) && !contradicts && (!is_other || contains_any(name, &OTHER_WORDS))
     };
     let cameras = topics.iter().enumerate().filter(|(_, t)| fits(t));
     cameras.max_by_key(|(i, t)| (common_path(name, &t.name), std::cmp::Reverse(*i))).map(|(i, _)| i)
+}
+
+fn is_camera(topic: &Topic) -> bool {
+    match topic.format {
+        Some(MessageFormat::Ros(_)) => topic.message_type == "sensor_msgs/CameraInfo",
+        Some(MessageFormat::Foxglove) => topic.message_type == "foxglove.CameraCalibration",
+        None => false,
+    }
 }
 
 /// Parts of a path that two topics begin with.
@@ -175,8 +182,11 @@ fn common_path(a: &str, b: &str) -> usize {
 /// All topics of pictures, for messages.
 fn listed(topics: &[Topic]) -> String {
     let pictures = topics.iter().filter(|t| t.message_type.contains("Image"));
-    let names: Vec<String> =
-        pictures.map(|t| format!("{} of {}", t.name, t.message_type)).take(20).collect();
+    let named = |t: &Topic| {
+        let unread = if t.format.is_none() { ", whose encoding is not read" } else { "" };
+        format!("{} of {}{unread}", t.name, t.message_type)
+    };
+    let names: Vec<String> = pictures.map(named).take(20).collect();
     if names.is_empty() {
         return format!("of {} topics none holds pictures", topics.len());
     }
@@ -193,7 +203,11 @@ mod tests {
     const INFO: &str = "sensor_msgs/msg/CameraInfo";
 
     fn topics(names: &[(&str, &str)]) -> Vec<Topic> {
-        names.iter().map(|(name, kind)| Topic::new(name, kind, Some(WireFormat::Cdr))).collect()
+        let format = |kind: &str| match kind.split_once('.') {
+            Some(("foxglove", _)) => MessageFormat::Foxglove,
+            _ => MessageFormat::Ros(WireFormat::Cdr),
+        };
+        names.iter().map(|(name, kind)| Topic::new(name, kind, Some(format(kind)))).collect()
     }
 
     /// Names of colour, its camera, depth, its camera.
@@ -247,6 +261,23 @@ mod tests {
         ];
         let found = chosen(&kinect, None);
         assert_eq!(found, [kinect[0].0, kinect[1].0, kinect[3].0, ""]);
+    }
+
+    #[test]
+    fn foxgloves_own_messages_are_pictures_and_cameras_too() {
+        let view = [
+            ("/camera/color", "foxglove.CompressedImage"),
+            ("/camera/depth", "foxglove.RawImage"),
+            ("/camera/calibration", "foxglove.CameraCalibration"),
+            ("/surface", "foxglove.PointCloud"),
+        ];
+        assert_eq!(chosen(&view, None), [view[0].0, view[2].0, view[1].0, view[2].0]);
+        let json = ["/color", "/depth"].map(|name| Topic::new(name, "foxglove.RawImage", None));
+        let error = choose(&json, None).unwrap_err();
+        assert!(
+            error.contains("/color of foxglove.RawImage, whose encoding is not read"),
+            "{error}"
+        );
     }
 
     #[test]

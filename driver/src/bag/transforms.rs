@@ -7,9 +7,20 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use std::collections::BTreeMap;
 
 /// Most transforms that are kept: a robot has some hundred.
-const MAX_TRANSFORMS: usize = 10_000;
+pub const MAX_TRANSFORMS: usize = 10_000;
 /// Most steps from a frame to its root.
 const MAX_STEPS: usize = 100;
+
+/// How a frame stands in another one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Transform {
+    /// The frame that carries it.
+    pub parent: String,
+    /// The frame itself.
+    pub child: String,
+    /// Maps coordinates of the child into the parent.
+    pub parent_from_child: Isometry3<f64>,
+}
 
 /// Frames that stand fixed to each other.
 #[derive(Debug, Default)]
@@ -19,21 +30,13 @@ pub struct FrameTree {
 }
 
 impl FrameTree {
-    /// Takes a `tf2_msgs/TFMessage`.
-    ///
-    /// # Errors
-    /// [`WireError`].
-    pub fn add(&mut self, bytes: &[u8], format: WireFormat) -> Result<(), WireError> {
-        let mut reader = WireReader::new(bytes, format)?;
-        for _ in 0..reader.u32("transforms")? {
-            let parent = header(&mut reader, format)?.frame.to_owned();
-            let child = reader.text("child_frame_id")?.to_owned();
-            let parent_from_child = transform(&mut reader)?;
+    /// Takes transforms; a later one of the same child takes the place of an earlier one.
+    pub fn add(&mut self, transforms: Vec<Transform>) {
+        for Transform { parent, child, parent_from_child } in transforms {
             if self.parents.len() < MAX_TRANSFORMS {
                 self.parents.insert(child, (parent, parent_from_child));
             }
         }
-        Ok(())
     }
 
     /// Maps coordinates of the frame `from` into the frame `to`; `None` where nothing joins them.
@@ -55,6 +58,21 @@ impl FrameTree {
     }
 }
 
+/// The transforms of a `tf2_msgs/TFMessage`.
+///
+/// # Errors
+/// [`WireError`].
+pub fn parse_transforms(bytes: &[u8], format: WireFormat) -> Result<Vec<Transform>, WireError> {
+    let mut reader = WireReader::new(bytes, format)?;
+    let mut transforms = Vec::new();
+    for _ in 0..reader.u32("transforms")? {
+        let parent = header(&mut reader, format)?.frame.to_owned();
+        let child = reader.text("child_frame_id")?.to_owned();
+        transforms.push(Transform { parent, child, parent_from_child: transform(&mut reader)? });
+    }
+    Ok(transforms)
+}
+
 /// A `geometry_msgs/Transform` that is a message of its own.
 ///
 /// # Errors
@@ -64,8 +82,17 @@ pub fn parse_transform(bytes: &[u8], format: WireFormat) -> Result<Isometry3<f64
 }
 
 fn transform(reader: &mut WireReader<'_>) -> Result<Isometry3<f64>, WireError> {
-    let [x, y, z] = reader.f64s::<3>("translation")?;
-    let [qx, qy, qz, qw] = reader.f64s::<4>("rotation")?;
+    pose_of(reader.f64s("translation")?, reader.f64s("rotation")?)
+}
+
+/// A pose of a translation and a quaternion, whose `w` is last.
+///
+/// # Errors
+/// [`WireError::Value`] for what is not finite, and for a quaternion of nothing.
+pub fn pose_of(
+    [x, y, z]: [f64; 3],
+    [qx, qy, qz, qw]: [f64; 4],
+) -> Result<Isometry3<f64>, WireError> {
     let rotation = UnitQuaternion::try_new(Quaternion::new(qw, qx, qy, qz), 1e-6);
     let is_finite = [x, y, z, qx, qy, qz, qw].iter().all(|v| v.is_finite());
     match rotation {
@@ -93,6 +120,10 @@ mod tests {
         bytes
     }
 
+    fn read(bytes: &[u8]) -> Result<Vec<Transform>, WireError> {
+        parse_transforms(bytes, WireFormat::Ros1)
+    }
+
     #[test]
     fn frames_are_joined_through_their_root() {
         let mut tree = FrameTree::default();
@@ -101,7 +132,7 @@ mod tests {
         for (child, xyz, q) in
             [("color", [1.0, 0.0, 0.0], turned), ("depth", [0.0, 2.0, 0.0], [0.0, 0.0, 0.0, 1.0])]
         {
-            tree.add(&message("base", child, xyz, q), WireFormat::Ros1).unwrap();
+            tree.add(read(&message("base", child, xyz, q)).unwrap());
         }
         // The origin of depth lies at (0, 2, 0) of the base, (-1, 2, 0) from colour's origin, and
         // colour's x axis is the base's y axis.
@@ -115,16 +146,15 @@ mod tests {
         let mut tree = FrameTree::default();
         for (parent, child) in [("a", "b"), ("b", "a")] {
             let bytes = message(parent, child, [0.0; 3], [0.0, 0.0, 0.0, 1.0]);
-            tree.add(&bytes, WireFormat::Ros1).unwrap();
+            tree.add(read(&bytes).unwrap());
         }
         assert!(tree.between("a", "c").is_none());
     }
 
     #[test]
     fn a_rotation_of_nothing_and_a_cut_message_are_errors() {
-        let mut tree = FrameTree::default();
         let bytes = message("a", "b", [0.0; 3], [0.0; 4]);
-        assert!(tree.add(&bytes, WireFormat::Ros1).is_err());
-        assert!(tree.add(&bytes[..40], WireFormat::Ros1).is_err());
+        assert!(read(&bytes).is_err());
+        assert!(read(&bytes[..40]).is_err());
     }
 }

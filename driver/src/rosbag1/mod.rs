@@ -5,6 +5,7 @@
 
 mod record;
 
+use crate::bag::message_format::MessageFormat;
 use crate::bag::reader::{BagMessage, BagReader, MAX_TOPICS, Topic};
 use crate::bag::wire::WireFormat;
 use crate::error::SourceError;
@@ -138,7 +139,11 @@ impl<R: Read + Seek + Send> Rosbag1Reader<R> {
             return Err(RecordError::Damaged(format!("more than {MAX_TOPICS} topics")));
         }
         let place = place.unwrap_or_else(|| {
-            self.topics.push(Topic::new(topic, message_type, Some(WireFormat::Ros1)));
+            self.topics.push(Topic::new(
+                topic,
+                message_type,
+                Some(MessageFormat::Ros(WireFormat::Ros1)),
+            ));
             self.topics.len() - 1
         });
         self.places.insert(header.u32("conn")?, place);

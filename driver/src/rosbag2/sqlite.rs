@@ -1,5 +1,6 @@
 //! A rosbag2 file of messages in an SQLite database (`.db3`).
 
+use crate::bag::message_format::MessageFormat;
 use crate::bag::reader::{BagMessage, BagReader, MAX_MESSAGE_BYTES, MAX_TOPICS, Topic};
 use crate::bag::wire::WireFormat;
 use crate::error::SourceError;
@@ -106,7 +107,7 @@ fn tables(path: &Path) -> rusqlite::Result<Tables> {
         while let Some(row) = rows.next()? {
             let (id, name): (i64, String) = (row.get(0)?, row.get(1)?);
             let (message_type, encoding): (String, String) = (row.get(2)?, row.get(3)?);
-            let format = (encoding == "cdr").then_some(WireFormat::Cdr);
+            let format = (encoding == "cdr").then_some(MessageFormat::Ros(WireFormat::Cdr));
             places.insert(id, topics.len());
             topics.push(Topic::new(&name, &message_type, format));
         }

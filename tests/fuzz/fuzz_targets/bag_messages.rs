@@ -1,10 +1,10 @@
-//! A message of any bytes, in CDR and as ROS 1 writes it: refused, or a picture that lies within
-//! it and a camera that can be one.
+//! A message of any bytes, in CDR, as ROS 1 writes it and as Foxglove does: refused, or a picture that
+//! lies within it and a camera that can be one.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use linkage_driver::bag::camera_info::camera_of;
-use linkage_driver::bag::messages::{CameraInfo, CompressedImage, Image};
+use linkage_driver::bag::message_format::MessageFormat;
 use linkage_driver::bag::picture::{
     color_of_compressed, color_of_image, depth_of_compressed, depth_of_image,
 };
@@ -16,23 +16,30 @@ const SIZE: (usize, usize) = (16, 8);
 const UNITS_PER_METRE: f64 = 1000.0;
 
 fuzz_target!(|bytes: &[u8]| {
-    for format in [WireFormat::Cdr, WireFormat::Ros1] {
-        if let Ok(image) = Image::parse(bytes, format) {
+    let ros = [WireFormat::Cdr, WireFormat::Ros1].map(MessageFormat::Ros);
+    for format in ros.into_iter().chain([MessageFormat::Foxglove]) {
+        if let Ok(image) = format.image(bytes) {
             assert!(image.data.len() <= bytes.len());
             let _ = color_of_image(&image, SIZE);
             let _ = depth_of_image(&image, SIZE, UNITS_PER_METRE);
         }
-        if let Ok(image) = CompressedImage::parse(bytes, format) {
+        if let Ok(image) = format.compressed_image(bytes) {
             assert!(image.data.len() <= bytes.len());
             let _ = color_of_compressed(&image, SIZE);
             let _ = depth_of_compressed(&image, SIZE, UNITS_PER_METRE);
         }
-        if let Ok(info) = CameraInfo::parse(bytes, format)
+        if let Ok(info) = format.camera_info(bytes)
             && let Ok(camera) = camera_of(&info, false, UNITS_PER_METRE)
         {
             camera.check().expect("a camera that is accepted can be one");
         }
-        let _ = FrameTree::default().add(bytes, format);
-        let _ = parse_transform(bytes, format);
+        for message_type in ["tf2_msgs/TFMessage", "foxglove.FrameTransform"] {
+            if let Ok(transforms) = format.transforms(bytes, message_type) {
+                FrameTree::default().add(transforms);
+            }
+        }
+        if let MessageFormat::Ros(format) = format {
+            let _ = parse_transform(bytes, format);
+        }
     }
 });
