@@ -8,6 +8,7 @@
 //! Camera frame: x right, y down, z forward; metres.
 
 pub mod bag;
+mod bayer;
 mod camera_file;
 pub mod error;
 pub mod folders;

@@ -1,6 +1,7 @@
 //! Pictures of messages as colour and depth.
 
 use super::messages::{CompressedImage, Image};
+use crate::bayer::{BayerPattern, demosaic, to_8_bits};
 use crate::error::PictureFault;
 use crate::yuv::yuv_to_rgb;
 use crate::{image_file, jpeg};
@@ -29,6 +30,9 @@ fn damaged(reason: impl Into<String>) -> PictureFault {
 pub fn color_of_image(image: &Image<'_>, size: Size) -> Result<ColorImage, PictureFault> {
     same_size("colour", (image.width, image.height), size)?;
     let encoding = image.encoding.to_ascii_lowercase();
+    if let Some((pattern, bits)) = BayerPattern::of_encoding(&encoding) {
+        return color_of_mosaic(image, pattern, bits);
+    }
     let bytes_per_pixel = match encoding.as_str() {
         "rgb8" | "bgr8" | "8uc3" => 3,
         "rgba8" | "bgra8" | "8uc4" => 4,
@@ -36,7 +40,7 @@ pub fn color_of_image(image: &Image<'_>, size: Size) -> Result<ColorImage, Pictu
         "yuv422" | "uyvy" | "yuv422_yuy2" | "yuyv" | "yuy2" => 2,
         _ => {
             return Err(damaged(format!(
-                "colour of encoding \"{}\" is not read; rgb8, bgr8, rgba8, bgra8, mono8, yuv422 and yuv422_yuy2 are",
+                "colour of encoding \"{}\" is not read; rgb8, bgr8, rgba8, bgra8, mono8, yuv422, yuv422_yuy2 and bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8 (or 16) are",
                 image.encoding
             )));
         }
@@ -59,6 +63,25 @@ pub fn color_of_image(image: &Image<'_>, size: Size) -> Result<ColorImage, Pictu
         }
     }
     Ok(ColorImage::new(size.0, size.1, rgb)?)
+}
+
+/// Colour of a camera's mosaic; 16 bits are taken as the whole range.
+fn color_of_mosaic(
+    image: &Image<'_>,
+    pattern: BayerPattern,
+    bits: usize,
+) -> Result<ColorImage, PictureFault> {
+    let Image { width, height, is_big_endian, .. } = *image;
+    let order = if is_big_endian { u16::from_be_bytes } else { u16::from_le_bytes };
+    let rows = rows(image, bits / 8)?;
+    let mosaic: Vec<u8> = if bits == 8 {
+        rows.flatten().copied().collect()
+    } else {
+        rows.flat_map(|row| row.as_chunks::<2>().0).map(|b| to_8_bits(order(*b))).collect()
+    };
+    let rgb = demosaic(pattern, &mosaic, width, height)
+        .ok_or_else(|| damaged(format!("{width}x{height} pixels are no mosaic of 2x2 cells")))?;
+    Ok(ColorImage::new(width, height, rgb)?)
 }
 
 /// Colour of a compressed picture, JPEG or PNG.
@@ -197,8 +220,8 @@ mod tests {
                 assert_eq!(color.as_rgb(), expected, "{encoding}, rows of {step} bytes");
             }
         }
-        let error = color_of_image(&image("bayer_rggb8", 2, &[0; 2]), (2, 1)).unwrap_err();
-        assert!(error.to_string().contains("bayer_rggb8"), "{error}");
+        let error = color_of_image(&image("nv12", 2, &[0; 2]), (2, 1)).unwrap_err().to_string();
+        assert!(error.contains("\"nv12\"") && error.contains("bayer_rggb8"), "{error}");
     }
 
     #[test]
@@ -228,6 +251,30 @@ mod tests {
             ("16UC1; compressedDepth png", &data, 1500),
             ("16UC1; png compressed", &png, 1500),
             // 100 / (1500 + 10) m
+    #[test]
+    fn a_mosaic_of_8_or_16_bits_in_rows_with_padding_is_read_in_colour() {
+        // Red 200, green 100, blue 50: blue and green in the first row, green and red in the second.
+        let (wide, flat) = ([50_u16, 100, 100, 200], [50_u8, 100, 9, 9, 100, 200]);
+        let sixteen = |bytes: fn(u16) -> [u8; 2]| wide.map(|v| bytes(257 * v)).concat();
+        let (little, big) = (sixteen(u16::to_le_bytes), sixteen(u16::to_be_bytes));
+        let read = |encoding, step, is_big_endian, data| {
+            let image = Image { height: 2, is_big_endian, ..image(encoding, step, data) };
+            color_of_image(&image, (2, 2))
+        };
+        for (encoding, step, is_big_endian, data) in [
+            ("bayer_bggr8", 4, false, &flat[..]),
+            ("bayer_bggr16", 4, false, &little),
+            ("bayer_bggr16", 4, true, &big),
+        ] {
+            let color = read(encoding, step, is_big_endian, data).unwrap();
+            assert_eq!(color.as_rgb(), [200, 100, 50].repeat(4), "{encoding}");
+        }
+        let cut = read("bayer_bggr8", 2, false, &flat[..3]).unwrap_err().to_string();
+        assert!(cut.contains("need 4 bytes, 3 given"), "{cut}");
+        let row = color_of_image(&image("bayer_rggb8", 2, &[0; 2]), (2, 1)).unwrap_err();
+        assert!(row.to_string().contains("2x1 pixels are no mosaic"), "{row}");
+    }
+
             ("32FC1; compressedDepth", &data, 66),
         ] {
             let depth = read(format, data).unwrap();

@@ -1,12 +1,11 @@
 //! What is particular to the first Kinect: its disparities, its colour mosaic, and where its
 //! infrared camera sits. Its drivers, and messages and dumps recorded from it, need this.
 
-mod bayer;
 mod disparity;
 
-pub use bayer::demosaic;
 pub use disparity::{NO_DISPARITY, disparity_of, metres_of, unpack_11bit};
 
+use crate::bayer::{self, BayerPattern};
 use linkage_frames::camera::PinholeCamera;
 use linkage_frames::depth::Registration;
 use nalgebra::Isometry3;
@@ -15,6 +14,12 @@ use nalgebra::Isometry3;
 /// device (reference plane 1.2 m away, pixels of 0.1042 mm there, so 575.8 pixels).
 pub fn infrared_camera() -> PinholeCamera {
     PinholeCamera { fx: 575.8, fy: 575.8, ..PinholeCamera::kinect() }
+}
+
+/// RGB of the colour camera's mosaic, whose even rows are green and red; `None` when it does not hold
+/// `width * height` bytes or is smaller than 2x2.
+pub fn demosaic(mosaic: &[u8], width: usize, height: usize) -> Option<Vec<u8>> {
+    bayer::demosaic(BayerPattern::Grbg, mosaic, width, height)
 }
 
 /// Registers depth of the infrared camera to colour by the usual distance of the two cameras.
