@@ -25,6 +25,7 @@ pub mod record;
 pub mod rgbd_source;
 pub mod rosbag1;
 pub mod rosbag2;
+mod rvl;
 pub mod source;
 pub mod statistics;
 pub mod timestamp_filter;

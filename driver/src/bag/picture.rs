@@ -4,15 +4,15 @@ use super::messages::{CompressedImage, Image};
 use crate::bayer::{BayerPattern, demosaic, to_8_bits};
 use crate::error::PictureFault;
 use crate::yuv::yuv_to_rgb;
-use crate::{image_file, jpeg};
+use crate::{image_file, jpeg, rvl};
 use linkage_frames::frame::{ColorImage, DepthImage, same_size};
 use std::io::Cursor;
 
 /// Columns and rows.
 type Size = (usize, usize);
 
-/// What `compressed_depth_image_transport` writes before the PNG: the kind of compression, then two
-/// coefficients of inverse depth.
+/// What `compressed_depth_image_transport` writes before the picture: the kind of compression, then
+/// two coefficients of inverse depth.
 const DEPTH_HEADER_BYTES: usize = 12;
 /// The first bytes of any PNG.
 const PNG_MAGIC: &[u8] = b"\x89PNG";
@@ -135,7 +135,7 @@ pub fn depth_of_image(
 }
 
 /// Depth of a compressed picture: a PNG of 16 bits, or what `compressed_depth_image_transport`
-/// writes.
+/// writes, with PNG or RVL.
 ///
 /// # Errors
 /// [`PictureFault`].
@@ -148,16 +148,19 @@ pub fn depth_of_compressed(
         let raw = image_file::decode_png_depth(Cursor::new(image.data), size)?;
         return Ok(DepthImage::from_raw(size.0, size.1, &raw, units_per_metre)?);
     }
-    let Some((header, png)) = image.data.split_at_checked(DEPTH_HEADER_BYTES) else {
+    let Some((header, picture)) = image.data.split_at_checked(DEPTH_HEADER_BYTES) else {
         return Err(damaged("the header of the compressed depth is cut"));
     };
-    if !png.starts_with(PNG_MAGIC) {
+    let raw = if picture.starts_with(PNG_MAGIC) {
+        image_file::decode_png_depth(Cursor::new(picture), size)?
+    } else if image.format.to_ascii_lowercase().contains("rvl") {
+        decode_rvl(picture, size)?
+    } else {
         return Err(damaged(format!(
-            "depth of format \"{}\" is not read; compressedDepth as PNG is",
+            "depth of format \"{}\" is not read; compressedDepth as PNG or RVL is",
             image.format
         )));
-    }
-    let raw = image_file::decode_png_depth(Cursor::new(png), size)?;
+    };
     if !image.format.trim_start().starts_with("32FC1") {
         return Ok(DepthImage::from_raw(size.0, size.1, &raw, units_per_metre)?);
     }
@@ -168,6 +171,17 @@ pub fn depth_of_compressed(
     let (a, b) = (number(4), number(8));
     let metres = |v: &u16| if *v == 0 { f32::NAN } else { a / (f32::from(*v) - b) };
     Ok(DepthImage::from_metres(size.0, size.1, raw.iter().map(metres).collect())?)
+}
+
+/// RVL behind its columns and rows, each of 32 bits.
+fn decode_rvl(picture: &[u8], size: Size) -> Result<Vec<u16>, PictureFault> {
+    let cut = || damaged("the size of the RVL picture is cut");
+    let (columns, rest) = picture.split_first_chunk().ok_or_else(cut)?;
+    let (rows, numbers) = rest.split_first_chunk().ok_or_else(cut)?;
+    let found = [columns, rows].map(|side| u32::from_le_bytes(*side) as usize);
+    // Memory is taken for what the camera says, not the message.
+    same_size("depth", found.into(), size)?;
+    rvl::decode(numbers, size.0 * size.1)
 }
 
 /// The rows of a picture without what pads them.
@@ -238,20 +252,6 @@ mod tests {
     }
 
     #[test]
-    fn compressed_depth_is_read_with_its_header() {
-        let png = image_file::encode_png_depth(2, 1, &[1500, 0]).unwrap();
-        let (a, b) = (100.0_f32, -10.0_f32);
-        let header = [&0_u32.to_le_bytes()[..], &a.to_le_bytes(), &b.to_le_bytes()].concat();
-        let data = [header, png.clone()].concat();
-        let read = |format, data| {
-            let image = CompressedImage { header: HEADER, format, data };
-            depth_of_compressed(&image, (2, 1), 1000.0)
-        };
-        for (format, data, expected) in [
-            ("16UC1; compressedDepth png", &data, 1500),
-            ("16UC1; png compressed", &png, 1500),
-            // 100 / (1500 + 10) m
-    #[test]
     fn a_mosaic_of_8_or_16_bits_in_rows_with_padding_is_read_in_colour() {
         // Red 200, green 100, blue 50: blue and green in the first row, green and red in the second.
         let (wide, flat) = ([50_u16, 100, 100, 200], [50_u8, 100, 9, 9, 100, 200]);
@@ -275,6 +275,20 @@ mod tests {
         assert!(row.to_string().contains("2x1 pixels are no mosaic"), "{row}");
     }
 
+    #[test]
+    fn compressed_depth_is_read_with_its_header() {
+        let png = image_file::encode_png_depth(2, 1, &[1500, 0]).unwrap();
+        let (a, b) = (100.0_f32, -10.0_f32);
+        let header = [&0_u32.to_le_bytes()[..], &a.to_le_bytes(), &b.to_le_bytes()].concat();
+        let data = [header, png.clone()].concat();
+        let read = |format, data| {
+            let image = CompressedImage { header: HEADER, format, data };
+            depth_of_compressed(&image, (2, 1), 1000.0)
+        };
+        for (format, data, expected) in [
+            ("16UC1; compressedDepth png", &data, 1500),
+            ("16UC1; png compressed", &png, 1500),
+            // 100 / (1500 + 10) m
             ("32FC1; compressedDepth", &data, 66),
         ] {
             let depth = read(format, data).unwrap();
@@ -283,8 +297,38 @@ mod tests {
         for length in 0..data.len() - 16 {
             assert!(read("16UC1; compressedDepth png", &data[..length]).is_err(), "{length}");
         }
-        let error = read("16UC1; compressedDepth rvl", &[0; 40]).unwrap_err().to_string();
-        assert!(error.contains("rvl"), "{error}");
+        let error = read("16UC1; compressedDepth qoi", &[0; 40]).unwrap_err().to_string();
+        assert!(error.contains("qoi") && error.contains("RVL"), "{error}");
+    }
+
+    #[test]
+    fn compressed_depth_as_rvl_is_read_behind_its_size() {
+        let (a, b) = (100.0_f32, -10.0_f32);
+        let header = [&0_u32.to_le_bytes()[..], &a.to_le_bytes(), &b.to_le_bytes()].concat();
+        let message = |[columns, rows]: [u32; 2]| {
+            let sides = [columns.to_le_bytes(), rows.to_le_bytes()].concat();
+            [header.clone(), sides, rvl::tests::encode(&[1500, 0])].concat()
+        };
+        let read = |format, data: &[u8]| {
+            let image = CompressedImage { header: HEADER, format, data };
+            depth_of_compressed(&image, (2, 1), 1000.0)
+        };
+        let whole = message([2, 1]);
+        for (format, expected) in [
+            ("16UC1; compressedDepth rvl", 1500),
+            // 100 / (1500 + 10) m
+            ("32FC1; compressedDepth rvl", 66),
+        ] {
+            let depth = read(format, &whole).unwrap();
+            assert_eq!(depth.to_raw(1000.0), [expected, 0], "{format}");
+        }
+        for length in 0..whole.len() {
+            assert!(read("16UC1; compressedDepth rvl", &whole[..length]).is_err(), "{length}");
+        }
+        for sides in [[1, 2], [u32::MAX; 2]] {
+            let error = read("16UC1; compressedDepth rvl", &message(sides)).unwrap_err();
+            assert!(matches!(error, PictureFault::Size(_)), "{error}");
+        }
     }
 
     #[test]
