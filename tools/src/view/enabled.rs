@@ -3,10 +3,11 @@
 use super::cloud::{Dot, cloud};
 use super::convert::{nanoseconds, pose, timestamp};
 use super::file::{CheckedFile, Fault, Unfinished};
-use super::pictures::{self, CAMERA};
+use super::frame_names::{self, CAMERA};
+use super::pictures;
 use super::readings::{readings, states};
 use super::scene;
-use super::shown::{Configuration, Shown, number_those_of_one_make};
+use super::shown::{Configuration, Shown, with_frames_of_their_own};
 use super::topics::Topics;
 use super::wanted::Wanted;
 use crate::outcome::Outcome;
@@ -165,11 +166,8 @@ impl View {
         let at = nanoseconds(utime);
         let known = found.matches.iter().take(MOST_OBJECTS);
         let known: Vec<_> = known.filter_map(|m| Some((m, object(&m.object)?))).collect();
-        let mut shown: Vec<Shown> = known
-            .iter()
-            .map(|(m, o)| Shown::recognised(&o.model, m, Some(&o.appearance)))
-            .collect();
-        number_those_of_one_make(&mut shown);
+        let shown = known.iter().map(|(m, o)| Shown::recognised(&o.model, m, Some(&o.appearance)));
+        let shown = with_frames_of_their_own(shown.collect());
         let dots = known.iter().zip(&shown).flat_map(|((_, object), shown)| {
             surface(&object.appearance, &shown.camera_from_part, 255)
         });
@@ -219,7 +217,8 @@ impl View {
         object_from_part: &[Option<Pose>],
     ) {
         let dots = surface(appearance, object_from_part, GHOST);
-        self.topics.ghost.log_with_time(&cloud(utime, object, dots), nanoseconds(utime));
+        let frame = frame_names::of_object(object);
+        self.topics.ghost.log_with_time(&cloud(utime, &frame, dots), nanoseconds(utime));
     }
 
     /// The same, at the ends of the ranges that are farthest from where demonstrations began.

@@ -19,6 +19,8 @@ mod enabled;
 #[cfg(feature = "view")]
 mod file;
 #[cfg(feature = "view")]
+mod frame_names;
+#[cfg(feature = "view")]
 mod live;
 #[cfg(feature = "view")]
 mod pictures;

@@ -2,15 +2,12 @@
 //! stand upright.
 
 use super::convert::timestamp;
+use super::frame_names::{CAMERA, UPRIGHT};
 use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransform, Quaternion, RawImage, Vector3,
 };
 use linkage_driver::{PinholeCamera, RgbdFrame, jpeg};
 
-/// The frame of the camera: x right, y down, z forward.
-pub const CAMERA: &str = "camera";
-/// A frame with z up that stays with the camera, so that viewers show scenes upright.
-const UPRIGHT: &str = "upright";
 /// Quality of JPEG.
 const QUALITY: u8 = 80;
 /// Depth units in a metre.

@@ -33,7 +33,7 @@ pub fn readings<'s>(all: impl IntoIterator<Item = &'s Shown>) -> JointReadings {
         joints.filter_map(|(joint, known)| {
             let known = known.as_ref()?;
             Some(JointReading {
-                joint: format!("{}/{}", shown.name, joint.name),
+                joint: format!("{}/{}", shown.frame, joint.name),
                 unit: joint.line.kind.unit().to_owned(),
                 configuration: known.q,
                 deviation: known.deviation.unwrap_or(f64::NAN),

@@ -2,7 +2,7 @@
 //! part is.
 
 use super::convert::{colour, place, pose, timestamp, translation_and_rotation};
-use super::pictures::CAMERA;
+use super::frame_names::{self, CAMERA};
 use super::shown::{Configuration, Shown, ShownJoint};
 use crate::report::{amount, part_colour};
 use foxglove::messages::line_primitive::Type;
@@ -33,7 +33,7 @@ pub fn transforms(utime: i64, shown: &Shown) -> Vec<FrameTransform> {
         Some(FrameTransform {
             timestamp: Some(timestamp(utime)),
             parent_frame_id: CAMERA.to_owned(),
-            child_frame_id: shown.frame_of(part),
+            child_frame_id: frame_names::of_part(&shown.frame, part),
             translation: Some(translation),
             rotation: Some(rotation),
         })
@@ -79,8 +79,8 @@ fn entity(
     };
     SceneEntity {
         timestamp: Some(timestamp(utime)),
-        frame_id: shown.frame_of(joint.parent),
-        id: format!("{}/{}", shown.name, joint.name),
+        frame_id: frame_names::of_part(&shown.frame, joint.parent),
+        id: format!("{}/{}", shown.frame, joint.name),
         lifetime: Some(Duration::new(LIFETIME_S, 0)),
         frame_locked: true,
         lines: vec![line(&axis, rgb, 1.0), line(&way, rgb, 0.7)],
@@ -136,6 +136,7 @@ mod tests {
         };
         let shown = Shown {
             name: "door".into(),
+            frame: "door".into(),
             camera_from_part: vec![Some(Pose::identity())],
             joints: vec![door],
             configurations: vec![Some(Configuration { q: FRAC_PI_2, deviation: Some(0.0175) })],

@@ -1,19 +1,21 @@
 //! An object as it is shown in one frame, whether it is being learned, recognised or predicted.
 
+use super::frame_names;
 use crate::report::camera_from_part;
 use linkage_skill::object::{Appearance, Joint, JointGeometry};
 use linkage_skill::recognise::Recognised;
 use linkage_skill::{ObjectModel, Pose};
 use nalgebra::{Point3, Vector3};
-use std::collections::BTreeMap;
 
 /// How far beside its axis a joint's way is drawn where its part's surface is not known, metres.
 const BESIDE_M: f64 = 0.2;
 
 /// An object in one frame.
 pub struct Shown {
-    /// The object's name; a second one of its make has a number too, for each needs a frame of its own.
+    /// The object itself, by its name.
     pub name: String,
+    /// The frame of its base; those of its parts and the names of its joints begin with it.
+    pub frame: String,
     /// Where each part is, where that is known; the base's is that of the object frame.
     pub camera_from_part: Vec<Option<Pose>>,
     pub joints: Vec<ShownJoint>,
@@ -49,6 +51,7 @@ impl Shown {
     ) -> Self {
         Self {
             name: model.object.clone(),
+            frame: frame_names::of_object(&model.object),
             camera_from_part,
             joints: model.joints.iter().map(|j| ShownJoint::new(j, model, appearance)).collect(),
             configurations: model.joints.iter().map(|_| None).collect(),
@@ -70,23 +73,13 @@ impl Shown {
             ..Self::learned(model, camera_from_part(model, found), appearance)
         }
     }
-
-    /// The name of a part's frame; that of the base is the object's.
-    pub fn frame_of(&self, part: usize) -> String {
-        if part == 0 { self.name.clone() } else { format!("{}/part{part}", self.name) }
-    }
 }
 
-/// Gives objects of one name numbers from the second on.
-pub fn number_those_of_one_make(shown: &mut [Shown]) {
-    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
-    for object in shown {
-        let count = counts.entry(object.name.clone()).or_default();
-        *count += 1;
-        if *count > 1 {
-            object.name += &format!("#{count}");
-        }
-    }
+/// Objects that are shown together: each has frames of its own, those of one make too.
+pub fn with_frames_of_their_own(mut shown: Vec<Shown>) -> Vec<Shown> {
+    let frames = frame_names::of_objects(shown.iter().map(|s| s.name.as_str()));
+    shown.iter_mut().zip(frames).for_each(|(shown, frame)| shown.frame = frame);
+    shown
 }
 
 impl ShownJoint {
@@ -114,25 +107,4 @@ fn middle_of(appearance: &Appearance, part: usize) -> Option<Point3<f64>> {
 fn beside(line: &JointGeometry) -> Point3<f64> {
     let (across, _) = linkage_skill::internals::orthonormal_basis(&line.axis);
     line.origin + across * BESIDE_M
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn each_of_two_drawers_of_one_make_has_its_own_frames() {
-        let object = |name: &str| Shown {
-            name: name.to_owned(),
-            camera_from_part: Vec::new(),
-            joints: Vec::new(),
-            configurations: Vec::new(),
-        };
-        let mut shown = ["drawer", "door", "drawer"].map(object);
-        number_those_of_one_make(&mut shown);
-        assert_eq!(
-            shown.each_ref().map(|s| s.frame_of(1)),
-            ["drawer/part1", "door/part1", "drawer#2/part1"]
-        );
-    }
 }
