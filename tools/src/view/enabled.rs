@@ -299,6 +299,7 @@ fn host_and_port(address: &str) -> anyhow::Result<(&str, u16)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use linkage_driver::{ColorImage, DepthImage, PinholeCamera};
 
     #[test]
     fn an_address_is_a_host_and_a_port() {
@@ -319,6 +320,38 @@ mod tests {
         let refused = View::open(&wanted).err().unwrap().cause.to_string();
         assert!(refused.contains("kept.mcap: exists already"), "{refused}");
         assert_eq!(std::fs::read_to_string(path).unwrap(), "kept");
+    }
+
+    #[test]
+    fn what_a_view_has_written_is_a_recording_that_is_read_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("seen.mcap");
+        let camera = PinholeCamera { width: 64, height: 48, ..PinholeCamera::kinect() };
+        let camera = PinholeCamera { fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5, ..camera };
+        let frame = |i: i64| {
+            let (camera, count) = (Arc::new(camera.clone()), camera.width * camera.height);
+            let raw: Vec<u16> = (0..count).map(|k| 1000 + k as u16).collect();
+            let depth = DepthImage::from_raw(camera.width, camera.height, &raw, 1000.0).unwrap();
+            let color = ColorImage::new(camera.width, camera.height, vec![90; 3 * count]).unwrap();
+            RgbdFrame::new(1_700_000_000_000_000 + 33_333 * i, camera, color, depth).unwrap()
+        };
+        let written: Vec<RgbdFrame> = (0..4).map(frame).collect();
+        let wanted = Wanted { mcap: Some(path.clone()), address: None };
+        let view = View::open(&wanted).ok().flatten().unwrap();
+        written.iter().for_each(|frame| view.frame(frame));
+        view.say(written[3].utime, false, "that is all");
+        view.close().ok().unwrap();
+        let mut source = linkage_driver::open(&path.display().to_string()).unwrap();
+        for frame in &written {
+            let read = source.next_frame().unwrap().unwrap();
+            assert_eq!(read.utime, frame.utime);
+            assert_eq!(read.depth.to_raw(1000.0), frame.depth.to_raw(1000.0));
+            let is_near = |(a, b): (&u8, &u8)| a.abs_diff(*b) <= 2;
+            assert!(read.color.as_rgb().iter().zip(frame.color.as_rgb()).all(is_near));
+            let units = PinholeCamera { depth_units_per_metre: 1000.0, ..camera.clone() };
+            assert_eq!(*read.camera, units);
+        }
+        assert!(source.next_frame().unwrap().is_none());
     }
 
     #[test]
