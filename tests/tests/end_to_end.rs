@@ -211,7 +211,7 @@ fn it_is_recognised_and_its_motion_predicted() {
 }
 
 #[test]
-fn of_what_is_not_believed_the_best_score_is_told() {
+fn of_what_is_not_believed_the_best_is_named_with_its_score() {
     let (dir, recording) = learned();
     let library = Store::open(&dir.path().join("objects.linkage")).unwrap().load().unwrap();
     let mut frames = linkage_driver::open(&text(recording)).unwrap();
@@ -221,6 +221,7 @@ fn of_what_is_not_believed_the_best_score_is_told() {
     let found = library.recognise(&scene, &doubtful, 1).unwrap();
     assert!(found.matches.is_empty());
     assert!(found.best_refused > 0.5, "{}", found.best_refused);
+    assert_eq!(found.best_refused_object.as_deref(), Some("drawer"));
 }
 
 #[test]

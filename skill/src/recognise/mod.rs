@@ -71,9 +71,13 @@ pub fn recognise(
     }
     let instances: Vec<(Vec<Recognised>, f64)> =
         searches.into_par_iter().map(ObjectSearch::same_class_instances).collect();
-    let best_refused = instances.iter().map(|(_, refused)| *refused).fold(0.0, f64::max);
+    let refused: Vec<f64> = instances.iter().map(|(_, refused)| *refused).collect();
     let matches = instances.into_iter().flat_map(|(matches, _)| matches).collect();
-    Recognition { best_refused, ..Recognition::new(matches) }
+    let mut recognition = Recognition::new(matches);
+    for (object, score) in objects.iter().zip(refused) {
+        recognition.refuse(&object.model.object, score);
+    }
+    recognition
 }
 
 /// The best explanation of the scene by one object, whatever its score; `None` when too few

@@ -103,13 +103,25 @@ pub struct Recognition {
     /// Best score of what is not believed; stays in the program.
     #[serde(skip)]
     pub best_refused: f64,
+    /// The object that has this score, where one has any; stays in the program.
+    #[serde(skip)]
+    pub best_refused_object: Option<String>,
 }
 
 impl Recognition {
     /// Wraps matches, best first.
     pub fn new(mut matches: Vec<Recognised>) -> Self {
         matches.sort_by(|a, b| b.score.total_cmp(&a.score));
-        Self { schema: RECOGNITION_SCHEMA.to_owned(), matches, best_refused: 0.0 }
+        let schema = RECOGNITION_SCHEMA.to_owned();
+        Self { schema, matches, best_refused: 0.0, best_refused_object: None }
+    }
+
+    /// Notes an object that is not believed, where none before it was nearer to be.
+    pub(crate) fn refuse(&mut self, object: &str, score: f64) {
+        if score > self.best_refused {
+            self.best_refused = score;
+            self.best_refused_object = Some(object.to_owned());
+        }
     }
 }
 
@@ -218,5 +230,19 @@ mod tests {
         assert!(is_known([true, false]) && is_known([true, true]));
         // Only the door is seen, and how far it is open is not told.
         assert!(!is_known([false, true]));
+    }
+
+    #[test]
+    fn of_what_is_refused_the_best_is_named_and_of_equals_the_first() {
+        let mut found = Recognition::new(Vec::new());
+        found.refuse("box", 0.0);
+        assert_eq!((found.best_refused, &found.best_refused_object), (0.0, &None));
+        for (object, score) in [("door", 0.2), ("drawer", 0.3), ("fridge", 0.3), ("lid", 0.1)] {
+            found.refuse(object, score);
+        }
+        assert_eq!(
+            (found.best_refused, found.best_refused_object.as_deref()),
+            (0.3, Some("drawer"))
+        );
     }
 }

@@ -147,15 +147,18 @@ impl Library {
         config: &RecogniseConfig,
         seed: u64,
     ) -> Result<Recognition, StoreError> {
-        let mut best_refused: f64 = 0.0;
+        let mut before = Recognition::new(Vec::new());
         for listed in self.shortlists(scene, config)? {
-            let found = self.recognise_listed(scene, &listed, config, seed)?;
-            best_refused = best_refused.max(found.best_refused);
-            if !found.matches.is_empty() {
-                return Ok(Recognition { best_refused, ..found });
+            let mut found = self.recognise_listed(scene, &listed, config, seed)?;
+            if let Some(object) = &before.best_refused_object {
+                found.refuse(object, before.best_refused);
             }
+            if !found.matches.is_empty() {
+                return Ok(found);
+            }
+            before = found;
         }
-        Ok(Recognition { best_refused, ..Recognition::new(Vec::new()) })
+        Ok(before)
     }
 
     /// The same of one shortlist, so that no frame of a stream takes longer than another: of the

@@ -106,12 +106,13 @@ pub fn joint_in_words(joint: &JointState) -> String {
 /// What came next, and was refused.
 fn runner_up(recognition: &Recognition, asked: &Asked) -> String {
     let limit = format!("an object is reported from {:.0} % on", 100.0 * asked.min_score);
-    if recognition.best_refused > 0.0 {
-        let best = probability(recognition.best_refused);
-        format!("The best of what was refused was {best} sure; {limit}.")
-    } else {
-        format!("Nothing else came near; {limit}.")
-    }
+    let Some(object) = &recognition.best_refused_object else {
+        return format!("Nothing else came near; {limit}.");
+    };
+    let is_there_too = recognition.matches.iter().any(|m| m.object == *object);
+    let what = if is_there_too { format!("a further {object}") } else { object.clone() };
+    let score = probability(recognition.best_refused);
+    format!("The best of what was refused was {what}, {score} sure; {limit}.")
 }
 
 /// The frame with the learned surface and the axes of one object.
@@ -204,16 +205,36 @@ mod tests {
         assert_eq!(joint_in_words(&hinge(None)), hidden);
     }
 
+    fn drawer() -> Recognised {
+        Recognised {
+            object: "drawer".to_owned(),
+            score: 0.9,
+            inliers: 40,
+            camera_from_object: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            base_known: true,
+            joints: Vec::new(),
+            assumed: Vec::new(),
+        }
+    }
+
     #[test]
-    fn the_best_of_what_was_refused_is_told_with_the_limit() {
+    fn the_best_of_what_was_refused_is_named_and_told_with_the_limit() {
         let asked = Asked { known: 3, min_score: 0.5, objects: &[] };
-        let said = |best_refused| {
-            runner_up(&Recognition { best_refused, ..Recognition::new(Vec::new()) }, &asked)
+        let found = |name: &str| Recognised { object: name.to_owned(), ..drawer() };
+        let said = |matches, score, refused: Option<&str>| {
+            let best_refused_object = refused.map(str::to_owned);
+            let matches = Recognition::new(matches);
+            runner_up(&Recognition { best_refused: score, best_refused_object, ..matches }, &asked)
         };
+        let limit = "an object is reported from 50 % on.";
         assert_eq!(
-            said(0.31),
-            "The best of what was refused was 31 % sure; an object is reported from 50 % on."
+            said(vec![found("fridge")], 0.31, Some("drawer")),
+            format!("The best of what was refused was drawer, 31 % sure; {limit}")
         );
-        assert!(said(0.0).starts_with("Nothing else came near"));
+        assert_eq!(
+            said(vec![found("drawer")], 0.31, Some("drawer")),
+            format!("The best of what was refused was a further drawer, 31 % sure; {limit}")
+        );
+        assert!(said(Vec::new(), 0.0, None).starts_with("Nothing else came near"));
     }
 }
