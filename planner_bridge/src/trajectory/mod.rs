@@ -5,163 +5,24 @@
 //! Every motion can be braked at any instant without leaving the joint's range. From rest that is
 //! so by itself; one that begins while its joint moves is looked at, and where it is not so the
 //! joint first comes to rest and then goes to its target.
+//!
+//! In: what each joint does now and is to do, radians or metres. Out: motions over seconds.
+
+mod braking;
+mod error;
+mod knots;
+mod solver;
+mod task;
+
+pub use error::TrajectoryError;
+pub use knots::{Knot, knots};
+pub use task::Task;
 
 use crate::limits::{MotionLimits, Synchronisation};
-use linkage_realtime::{Bounds, JointMotion, Limits, MotionError, Sample, Segment, stop};
-use rsruckig::prelude::*;
-
-/// One instant of a trajectory.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Knot {
-    /// Seconds from the start.
-    pub t: f64,
-    /// Configuration; rad or m.
-    pub q: f64,
-    /// Velocity.
-    pub qd: f64,
-    /// Acceleration.
-    pub qdd: f64,
-}
-
-/// What a joint is to do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Task<'t> {
-    /// Its name.
-    pub joint: &'t str,
-    /// What it does now.
-    pub from: Sample,
-    /// Where it comes to rest; rad or m.
-    pub to: f64,
-    /// How fast it may be.
-    pub limits: MotionLimits,
-    /// Least and greatest configuration that it may have; rad or m.
-    pub range: [f64; 2],
-}
-
-/// A trajectory that cannot be computed.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum TrajectoryError {
-    /// A value is not finite.
-    #[error("{joint} from {from} to {to}: both must be finite")]
-    NotFinite {
-        /// The joint.
-        joint: String,
-        /// Start.
-        from: f64,
-        /// End.
-        to: f64,
-    },
-    /// No motion under the limits was found.
-    #[error("{joint} from {from} to {to}: no trajectory under the rig's limits ({reason})")]
-    Unsolved {
-        /// The joint.
-        joint: String,
-        /// Start.
-        from: f64,
-        /// End.
-        to: f64,
-        /// Why.
-        reason: String,
-    },
-}
-
-impl<'t> Task<'t> {
-    /// A motion from rest to rest, which stays between its ends.
-    pub fn between(joint: &'t str, from: f64, to: f64, limits: MotionLimits) -> Self {
-        let range = [from.min(to), from.max(to)];
-        Self { joint, from: Sample::rest(from), to, limits, range }
-    }
-
-    /// A motion from what a joint does now, within a range, which is widened by where the joint is,
-    /// where it can stop, and where it is to go.
-    pub fn within(
-        joint: &'t str,
-        from: Sample,
-        to: f64,
-        limits: MotionLimits,
-        range: [f64; 2],
-    ) -> Self {
-        let must_hold = [from.position, stop(from, &limits.into()).position, to];
-        let low = must_hold.into_iter().fold(range[0].min(range[1]), f64::min);
-        let high = must_hold.into_iter().fold(range[0].max(range[1]), f64::max);
-        Self { joint, from, to, limits, range: [low, high] }
-    }
-
-    /// The soonest stop.
-    pub fn stopping(&self) -> Result<JointMotion, TrajectoryError> {
-        let stop = stop(self.from, &self.limits.into());
-        self.course(&stop.segments, stop.duration, stop.position)
-            .map_err(|e| self.unsolved(e.to_string()))
-    }
-
-    fn is_still(&self) -> bool {
-        self.from.velocity == 0.0
-            && self.from.acceleration == 0.0
-            && (self.to - self.from.position).abs() < 1e-9
-    }
-
-    /// Limits below the given ones by what rounding positions to single floats makes of their
-    /// differences from knot to knot, so that a planner which receives them finds the given ones
-    /// held.
-    fn limits_with_room_for_rounding(&self) -> MotionLimits {
-        let all = [self.range[0], self.range[1], self.from.position, self.to];
-        let nearest = all.into_iter().map(f64::abs).fold(0.0, f64::max) as f32;
-        let step = f64::from(nearest.next_up()) - f64::from(nearest);
-        let less = |limit: f64, noise: f64| (0.9995 * limit - noise).max(LEAST_USED * limit);
-        MotionLimits {
-            velocity: less(self.limits.velocity, step / KNOT_PERIOD),
-            acceleration: less(self.limits.acceleration, 2.0 * step / KNOT_PERIOD.powi(2)),
-            jerk: less(self.limits.jerk, 4.0 * step / KNOT_PERIOD.powi(3)),
-        }
-    }
-
-    /// A motion in pieces, some of which may take no time.
-    fn course(
-        &self,
-        segments: &[Segment],
-        duration: f64,
-        target: f64,
-    ) -> Result<JointMotion, MotionError> {
-        let bounds = Bounds { limits: self.limits.into(), range: self.range };
-        let ends = segments.iter().skip(1).map(|s| s.start).chain([duration]);
-        let mut kept: Vec<Segment> =
-            segments.iter().zip(ends).filter(|(s, end)| *end > s.start).map(|(s, _)| *s).collect();
-        if kept.is_empty() {
-            kept.push(Segment::from(0.0, self.from, 0.0));
-        }
-        JointMotion::new(self.joint, &kept, duration, target, bounds)
-    }
-
-    /// Stays where it is for this many seconds.
-    fn rest(&self, duration: f64) -> Result<JointMotion, MotionError> {
-        self.course(&[Segment::from(0.0, self.from, 0.0)], duration, self.from.position)
-    }
-
-    fn unsolved(&self, reason: String) -> TrajectoryError {
-        let (joint, from) = (self.joint.to_owned(), self.from.position);
-        TrajectoryError::Unsolved { joint, from, to: self.to, reason }
-    }
-}
-
-impl From<MotionLimits> for Limits {
-    fn from(limits: MotionLimits) -> Self {
-        let MotionLimits { velocity, acceleration, jerk } = limits;
-        Self { velocity, acceleration, jerk }
-    }
-}
-
-/// Seconds between knots at least, and hardly more where that does not make too many.
-const KNOT_PERIOD: f64 = 0.02;
-/// Knots at most: a slow motion has them farther apart.
-const MAX_KNOTS: usize = 400;
-/// Share of the limits that is used at least.
-const LEAST_USED: f64 = 0.5;
-/// Seconds between the instants at which it is looked where a brake would end, and how many there
-/// are at most.
-const BRAKE_PERIOD: f64 = 0.001;
-const MAX_BRAKES: usize = 20_000;
-/// Largest distance by which a brake may leave the range, rad or m.
-const BRAKE_SLACK: f64 = 1e-6;
+use braking::{brakes_inside, by_way_of_rest};
+use knots::KNOT_PERIOD;
+use linkage_realtime::{JointMotion, Sample};
+use solver::{in_proportion, solve};
 
 /// The motion of a joint from rest to rest as fast as the limits allow.
 ///
@@ -231,155 +92,6 @@ fn group(
         (_, Some(first)) => Err(first.unsolved(why)),
         (_, None) => Ok(Vec::new()),
     }
-}
-
-/// True where the motion can be braked at any instant without leaving its range.
-fn brakes_inside(motion: &JointMotion) -> bool {
-    let bounds = motion.bounds();
-    let [low, high] = bounds.range;
-    let steps = ((motion.duration() / BRAKE_PERIOD) as usize).clamp(1, MAX_BRAKES);
-    (0..=steps).all(|i| {
-        let time = motion.duration() * i as f64 / steps as f64;
-        let end = stop(motion.at(time), &bounds.limits).position;
-        (low - BRAKE_SLACK..=high + BRAKE_SLACK).contains(&end)
-    })
-}
-
-/// The solver's motions.
-fn solve(tasks: &[Task], synchronisation: Synchronisation) -> Result<Vec<JointMotion>, String> {
-    if tasks.is_empty() {
-        return Ok(Vec::new());
-    }
-    let joints = Some(tasks.len());
-    let mut solver = Ruckig::<0, ThrowErrorHandler>::new(joints, KNOT_PERIOD);
-    let mut input = InputParameter::new(joints);
-    input.synchronization = match synchronisation {
-        Synchronisation::Independent => Synchronization::None,
-        Synchronisation::Time => Synchronization::Time,
-        Synchronisation::Phase => Synchronization::Phase,
-    };
-    for (i, task) in tasks.iter().enumerate() {
-        let limits = task.limits_with_room_for_rounding();
-        input.current_position[i] = task.from.position;
-        input.current_velocity[i] = task.from.velocity;
-        input.current_acceleration[i] = task.from.acceleration;
-        input.target_position[i] = task.to;
-        input.max_velocity[i] = limits.velocity;
-        input.max_acceleration[i] = limits.acceleration;
-        input.max_jerk[i] = limits.jerk;
-    }
-    let mut trajectory = Trajectory::new(joints);
-    solver.calculate(&input, &mut trajectory).map_err(|e| e.to_string())?;
-    let profiles = trajectory.get_profiles().first().ok_or("it has no section")?;
-    let course = |(task, profile): (&Task, &Profile)| {
-        let (segments, duration) = pieces(profile);
-        task.course(&segments, duration, task.to).map_err(|e| e.to_string())
-    };
-    tasks.iter().zip(profiles.iter()).map(course).collect()
-}
-
-/// The pieces of a profile, and its seconds: what brings it within the limits, then the motion.
-fn pieces(profile: &Profile) -> (Vec<Segment>, f64) {
-    let mut segments = Vec::with_capacity(9);
-    let mut start = 0.0;
-    let brake = &profile.brake;
-    if brake.duration > 0.0 {
-        for i in 0..2 {
-            let now =
-                Sample { position: brake.p[i], velocity: brake.v[i], acceleration: brake.a[i] };
-            if brake.t[i] > 0.0 {
-                segments.push(Segment::from(start, now, brake.j[i]));
-                start += brake.t[i];
-            }
-        }
-    }
-    for i in 0..7 {
-        let (position, velocity) = (profile.p[i], profile.v[i]);
-        let now = Sample { position, velocity, acceleration: profile.a[i] };
-        segments.push(Segment::from(start, now, profile.j[i]));
-        start += profile.t[i];
-    }
-    (segments, start)
-}
-
-/// Motions from rest that run in proportion to each other, so that all arrive at once: one motion
-/// from 0 to 1, as slow as the joint that limits it most.
-fn in_proportion(tasks: &[Task]) -> Result<Vec<JointMotion>, String> {
-    if tasks.is_empty() {
-        return Ok(Vec::new());
-    }
-    let way = |task: &Task| task.to - task.from.position;
-    let least = |limit: fn(&MotionLimits) -> f64| {
-        let share = |t: &Task| limit(&t.limits_with_room_for_rounding()) / way(t).abs();
-        tasks.iter().map(share).fold(f64::INFINITY, f64::min)
-    };
-    let limits = MotionLimits {
-        velocity: least(|l| l.velocity),
-        acceleration: least(|l| l.acceleration),
-        jerk: least(|l| l.jerk),
-    };
-    let mut input = InputParameter::new(None);
-    input.target_position[0] = 1.0;
-    input.max_velocity[0] = limits.velocity;
-    input.max_acceleration[0] = limits.acceleration;
-    input.max_jerk[0] = limits.jerk;
-    let mut trajectory = Trajectory::new(None);
-    let mut solver = Ruckig::<1, ThrowErrorHandler>::new(None, KNOT_PERIOD);
-    solver.calculate(&input, &mut trajectory).map_err(|e| e.to_string())?;
-    let profile = trajectory.get_profiles().first().ok_or("it has no section")?;
-    let (segments, duration) = pieces(&profile[0]);
-    let scaled = |task: &Task| {
-        let way = way(task);
-        let of = |s: &Segment| Segment {
-            start: s.start,
-            position: task.from.position + way * s.position,
-            velocity: way * s.velocity,
-            acceleration: way * s.acceleration,
-            jerk: way * s.jerk,
-        };
-        let segments: Vec<Segment> = segments.iter().map(of).collect();
-        task.course(&segments, duration, task.to).map_err(|e| e.to_string())
-    };
-    tasks.iter().map(scaled).collect()
-}
-
-/// Motions that come to rest as soon as they can, and go on from there, all from one instant.
-fn by_way_of_rest(tasks: &[Task]) -> Result<Vec<JointMotion>, String> {
-    let stops: Vec<_> = tasks.iter().map(|t| stop(t.from, &t.limits.into())).collect();
-    let resting = stops.iter().map(|s| s.duration).fold(0.0, f64::max);
-    let rested: Vec<Task> = tasks
-        .iter()
-        .zip(&stops)
-        .map(|(task, stop)| Task { from: Sample::rest(stop.position), ..*task })
-        .collect();
-    let (still, moving): (Vec<Task>, Vec<Task>) = rested.iter().partition(|t| t.is_still());
-    let onward = in_proportion(&moving)?;
-    let arrive = resting + onward.iter().map(JointMotion::duration).fold(0.0, f64::max);
-    let joined = |(task, stop): (&Task, &linkage_realtime::Stop)| {
-        let mut segments = stop.segments.to_vec();
-        let here = Sample::rest(stop.position);
-        segments.push(Segment::from(stop.duration, here, 0.0));
-        if still.iter().all(|t| t.joint != task.joint) {
-            let motion = onward.iter().find(|m| m.name() == task.joint);
-            let later = |s: &Segment| Segment { start: s.start + resting, ..*s };
-            segments.extend(motion.into_iter().flat_map(JointMotion::segments).map(later));
-        }
-        task.course(&segments, arrive, task.to).map_err(|e| e.to_string())
-    };
-    tasks.iter().zip(&stops).map(joined).collect()
-}
-
-/// Knots of a motion, evenly spread, at least two: each at a whole microsecond, the first at 0,
-/// the last at rest at the target.
-pub fn knots(motion: &JointMotion) -> Vec<Knot> {
-    let steps = ((motion.duration() / KNOT_PERIOD) as usize).clamp(1, MAX_KNOTS - 1);
-    (0..=steps)
-        .map(|i| {
-            let t = (motion.duration() * i as f64 / steps as f64 * 1e6).ceil() * 1e-6;
-            let sample = motion.at(t);
-            Knot { t, q: sample.position, qd: sample.velocity, qdd: sample.acceleration }
-        })
-        .collect()
 }
 
 #[cfg(test)]
@@ -500,25 +212,5 @@ mod tests {
     fn nan_is_refused() {
         let limits = MotionLimits { velocity: 1.0, acceleration: 1.0, jerk: 1.0 };
         assert!(time_optimal("joint1", f64::NAN, 1.0, &limits).is_err());
-    }
-
-    #[test]
-    fn the_solver_stops_no_sooner_than_the_brake() {
-        let limits = MotionLimits { velocity: 0.5, acceleration: 1.0, jerk: 4.0 };
-        let from = Sample { position: 0.3, velocity: 0.4, acceleration: 0.6 };
-        let mut input = InputParameter::<1>::new(None);
-        input.control_interface = ControlInterface::Velocity;
-        input.current_position[0] = from.position;
-        input.current_velocity[0] = from.velocity;
-        input.current_acceleration[0] = from.acceleration;
-        input.max_velocity[0] = limits.velocity;
-        input.max_acceleration[0] = limits.acceleration;
-        input.max_jerk[0] = limits.jerk;
-        let mut trajectory = Trajectory::new(None);
-        let mut solver = Ruckig::<1, ThrowErrorHandler>::new(None, 0.001);
-        solver.calculate(&input, &mut trajectory).unwrap();
-        let (ours, theirs) = (stop(from, &limits.into()), &trajectory.get_profiles()[0][0]);
-        assert!((ours.duration - trajectory.get_duration()).abs() < 1e-9);
-        assert!((ours.position - theirs.p[7]).abs() < 1e-9);
     }
 }
