@@ -110,3 +110,65 @@ impl From<MotionLimits> for Limits {
         Self { velocity, acceleration, jerk }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: MotionLimits = MotionLimits { velocity: 0.5, acceleration: 1.0, jerk: 4.0 };
+
+    fn moving(position: f64, velocity: f64) -> Sample {
+        Sample { position, velocity, acceleration: 0.0 }
+    }
+
+    #[test]
+    fn a_motion_between_two_rests_stays_between_them() {
+        assert_eq!(Task::between("lid", 1.0, 0.2, LIMITS).range, [0.2, 1.0]);
+        assert_eq!(Task::between("lid", 0.2, 1.0, LIMITS).range, [0.2, 1.0]);
+    }
+
+    #[test]
+    fn a_range_is_widened_by_where_the_joint_is_where_it_can_stop_and_where_it_is_to_go() {
+        let inside = Task::within("lid", Sample::rest(0.3), 0.5, LIMITS, [1.0, 0.0]);
+        assert_eq!(inside.range, [0.0, 1.0], "the learned range, whichever end comes first");
+        let beyond = Task::within("lid", Sample::rest(-0.1), 1.2, LIMITS, [0.0, 1.0]);
+        assert_eq!(beyond.range, [-0.1, 1.2]);
+        let fast = moving(0.95, 0.5);
+        let stops_at = stop(fast, &LIMITS.into()).position;
+        assert!(stops_at > 1.0);
+        assert_eq!(Task::within("lid", fast, 0.5, LIMITS, [0.0, 1.0]).range, [0.0, stops_at]);
+    }
+
+    #[test]
+    fn the_soonest_stop_begins_as_the_joint_moves_and_ends_at_rest() {
+        let task = Task::within("lid", moving(0.3, 0.4), 0.9, LIMITS, [0.0, 1.0]);
+        let stopping = task.stopping().unwrap();
+        assert_eq!(stopping.at(0.0), task.from);
+        let end = stopping.at(stopping.duration() - 1e-9);
+        assert!(end.velocity.abs() < 1e-6 && end.position > 0.3 && end.position < 0.9);
+    }
+
+    #[test]
+    fn a_joint_at_rest_at_its_target_is_still_and_stays_for_as_long_as_it_is_told() {
+        assert!(Task::between("lid", 0.3, 0.3, LIMITS).is_still());
+        assert!(!Task::between("lid", 0.3, 0.4, LIMITS).is_still());
+        assert!(!Task::within("lid", moving(0.3, 0.1), 0.3, LIMITS, [0.0, 1.0]).is_still());
+        let rest = Task::between("lid", 0.3, 0.3, LIMITS).rest(2.0).unwrap();
+        assert_eq!((rest.duration(), rest.at(1.3)), (2.0, Sample::rest(0.3)));
+    }
+
+    #[test]
+    fn limits_leave_room_for_rounding_and_never_less_than_half_of_them() {
+        for place in [0.0, 1.0, 1e6] {
+            let task = Task::between("lid", 0.0, place, LIMITS);
+            let less = task.limits_with_room_for_rounding();
+            for (used, given) in [
+                (less.velocity, LIMITS.velocity),
+                (less.acceleration, LIMITS.acceleration),
+                (less.jerk, LIMITS.jerk),
+            ] {
+                assert!(used < given && used >= LEAST_USED * given, "{used} of {given}");
+            }
+        }
+    }
+}

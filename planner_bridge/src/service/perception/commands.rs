@@ -171,3 +171,96 @@ impl Perception<'_> {
         self.state = State::Resting;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{answers, asked_for, perception};
+    use super::*;
+    use linkage_skill::predict::Target;
+
+    /// A command that may begin for a second still.
+    fn command(utime: i64, action: Action) -> Command {
+        Command { utime, valid_until: host_utime() + 1_000_000, action }
+    }
+
+    fn start(object: &str) -> Action {
+        Action::StartDemonstration { object: object.to_owned() }
+    }
+
+    fn recognise() -> Action {
+        Action::Recognise { object: None }
+    }
+
+    /// What is answered to the last of some commands: whether it was accepted, and the text.
+    fn answer_to_last(actions: &[Action]) -> (bool, String) {
+        let (mut perception, noted) = perception();
+        for (utime, action) in (1..).zip(actions) {
+            perception.handle_command(command(utime, action.clone()));
+        }
+        let answers = answers(&noted);
+        assert_eq!(answers.len(), actions.len(), "one answer each");
+        let last = answers.last().expect("there is a command");
+        assert_eq!((last.utime, last.done), (actions.len() as i64, true));
+        (last.accepted, last.text.clone())
+    }
+
+    #[test]
+    fn a_command_that_comes_too_late_is_not_begun() {
+        let (mut perception, noted) = perception();
+        let late = Command { valid_until: host_utime() - 1, ..command(3, start("door")) };
+        perception.handle_command(late);
+        let answers = answers(&noted);
+        assert!(!answers[0].accepted && answers[0].text.contains("too late"));
+        assert!(matches!(perception.state, State::Resting));
+    }
+
+    #[test]
+    fn nothing_is_looked_for_or_predicted_where_nothing_is_known() {
+        let (object, joint, grasp) = (None, None, None);
+        let predict = Action::Predict { object, joint, target: Target::Open, grasp };
+        for action in [recognise(), predict] {
+            let (accepted, text) = answer_to_last(&[action]);
+            assert!(!accepted && text.contains("nothing is known yet"), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_demonstration_is_interrupted_by_no_other_command_than_cancel() {
+        for action in [recognise(), start("drawer")] {
+            let (accepted, text) = answer_to_last(&[start("door"), action]);
+            assert!(!accepted && text.contains("door is being demonstrated"), "{text}");
+        }
+        assert!(answer_to_last(&[start("door"), Action::Cancel]).0);
+        assert!(answer_to_last(&[start("door"), Action::Cancel, start("drawer")]).0);
+    }
+
+    #[test]
+    fn what_was_not_begun_cannot_be_finished() {
+        let (accepted, text) = answer_to_last(&[Action::FinishDemonstration]);
+        assert!(!accepted && text.contains("no demonstration runs"), "{text}");
+    }
+
+    #[test]
+    fn a_demonstration_that_is_finished_is_learned_from() {
+        let (mut perception, noted) = perception();
+        perception.handle_command(command(1, start("door")));
+        perception.handle_command(command(2, Action::FinishDemonstration));
+        assert!(matches!(perception.state, State::Learning { command: Some(2), .. }));
+        let last = answers(&noted).pop().expect("an answer");
+        assert!(last.accepted && !last.done, "it is acknowledged, and answered once it is learned");
+    }
+
+    #[test]
+    fn a_prediction_that_waits_is_refused_when_another_command_comes() {
+        let (mut perception, noted) = perception();
+        perception.state = State::Watching(Watching::new(None, Some(asked_for(0))));
+        perception.handle_command(command(8, Action::Cancel));
+        let answers = answers(&noted);
+        assert_eq!(
+            answers.iter().map(|a| (a.utime, a.accepted)).collect::<Vec<_>>(),
+            [(7, false), (8, true)]
+        );
+        assert!(answers[0].text.contains("another command came"));
+        assert!(matches!(perception.state, State::Resting));
+    }
+}

@@ -169,3 +169,56 @@ fn search(
     };
     found.map_err(|e| e.to_string())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{
+        answers, asked_for, frame, notes, perception, perception_with_frames,
+    };
+    use super::*;
+    use crate::service::command::{Action, Command};
+    use linkage_driver::live::host_utime;
+
+    fn searched(state: &State) -> usize {
+        if let State::Watching(watching) = state { watching.searched } else { 0 }
+    }
+
+    #[test]
+    fn every_frame_of_a_demonstration_is_learned_from() {
+        let (mut perception, noted) = perception();
+        let action = Action::StartDemonstration { object: "door".to_owned() };
+        let valid_until = host_utime() + 1_000_000;
+        perception.handle_command(Command { utime: 1, valid_until, action });
+        (1..=3).for_each(|utime| perception.look(frame(40_000 * utime)));
+        let State::Demonstrating(d) = &perception.state else { panic!("it is demonstrated") };
+        assert_eq!(d.learner.tracker().frames(), 3);
+        assert!(!notes(&noted).iter().any(|note| matches!(note, Note::Error(_))));
+    }
+
+    #[test]
+    fn while_something_is_looked_for_frames_that_wait_are_skipped_and_counted() {
+        let (mut perception, _noted, frames) = perception_with_frames();
+        perception.state = State::Watching(Watching::new(None, None));
+        (2..=4).for_each(|utime| frames.push(frame(utime)));
+        perception.look(frame(1));
+        assert_eq!((perception.looked_at, searched(&perception.state)), (4, 1));
+        assert_eq!(perception.newest(frame(9)).frame.utime, 9, "none waits");
+    }
+
+    #[test]
+    fn what_is_not_found_is_looked_for_in_the_next_frame_again() {
+        let (mut perception, noted) = perception();
+        perception.state = State::Watching(Watching::new(None, Some(asked_for(0))));
+        (1..=2).for_each(|utime| perception.look(frame(utime)));
+        assert_eq!(searched(&perception.state), 2);
+        assert!(answers(&noted).is_empty(), "the prediction still waits");
+    }
+
+    #[test]
+    fn arrivals_are_kept_as_far_as_the_rate_needs_them() {
+        let (mut perception, _noted) = perception();
+        (0..2 * RATE_FRAMES as i64).for_each(|utime| perception.look(frame(utime)));
+        assert_eq!(perception.arrivals.len(), RATE_FRAMES);
+        assert_eq!(perception.looked_at, 2 * RATE_FRAMES as u64);
+    }
+}

@@ -11,6 +11,8 @@ mod frames;
 mod perceiver;
 mod state;
 mod status;
+#[cfg(test)]
+mod test_data;
 mod waiting;
 
 pub use perceiver::{Inbox, Perception};

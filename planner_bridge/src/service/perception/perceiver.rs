@@ -89,3 +89,32 @@ impl<'q> Perception<'q> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{answers, frame, perception, perception_with_frames};
+
+    #[test]
+    fn a_result_is_the_last_word_on_a_command_and_an_acknowledgement_is_not() {
+        let (perception, noted) = perception();
+        perception.acknowledge(3, "learning".to_owned());
+        perception.answer(3, Ok("learned".to_owned()));
+        perception.answer(4, Err("nothing moves".to_owned()));
+        let told: Vec<_> = answers(&noted)
+            .into_iter()
+            .map(|answer| (answer.utime, answer.accepted, answer.done, answer.text))
+            .collect();
+        assert_eq!(told[0], (3, true, false, "learning".to_owned()));
+        assert_eq!(told[1], (3, true, true, "learned".to_owned()));
+        assert_eq!(told[2], (4, false, true, "nothing moves".to_owned()));
+    }
+
+    #[test]
+    fn frames_that_found_no_room_are_counted_as_dropped() {
+        let (perception, _noted, frames) = perception_with_frames();
+        (0..8).for_each(|utime| frames.push(frame(utime)));
+        assert_eq!(perception.dropped_frames(), 0);
+        (8..11).for_each(|utime| frames.push(frame(utime)));
+        assert_eq!(perception.dropped_frames(), 3);
+    }
+}

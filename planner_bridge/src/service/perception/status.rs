@@ -77,3 +77,76 @@ fn certainties(model: &ObjectModel) -> Vec<(&'static str, f64)> {
     let certainty = |j: &linkage_skill::Joint| j.type_probabilities.get(&j.kind).copied();
     model.joints.iter().map(|j| (j.kind.name(), certainty(j).unwrap_or(1.0))).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::state::Watching;
+    use super::super::test_data::{notes, perception};
+    use super::*;
+    use linkage_driver::live::LatestReader;
+    use linkage_skill::object::{
+        Joint, JointGeometry, JointKind, MODEL_SCHEMA, ObjectModel, ReferenceFrame,
+    };
+    use nalgebra::{Point3, Vector3};
+
+    fn watching(object: &str) -> State {
+        State::Watching(Watching::new(Some(object.to_owned()), None))
+    }
+
+    /// States and objects that were told.
+    fn told(noted: &LatestReader<Note>) -> Vec<(&'static str, String)> {
+        let situation = |note| if let Note::Situation(told) = note { Some(told) } else { None };
+        let told = notes(noted).into_iter().filter_map(situation);
+        told.map(|situation| (situation.state, situation.object)).collect()
+    }
+
+    #[test]
+    fn a_change_is_told_at_once_and_the_same_state_only_now_and_then() {
+        let (mut perception, noted) = perception();
+        (0..5).for_each(|_| perception.publish_status());
+        assert_eq!(told(&noted), [("idle", String::new())]);
+        perception.state = watching("door");
+        (0..5).for_each(|_| perception.publish_status());
+        perception.state = watching("drawer");
+        perception.publish_status();
+        let expected = [("watching", "door".to_owned()), ("watching", "drawer".to_owned())];
+        assert_eq!(told(&noted), expected);
+        perception.told = perception.told.map(|(at, told)| (at - TELL_EVERY, told));
+        perception.publish_status();
+        assert_eq!(told(&noted).len(), 1);
+    }
+
+    #[test]
+    fn frames_a_second_are_those_of_the_last_arrivals() {
+        let (mut perception, _noted) = perception();
+        assert_eq!(perception.frame_rate(), 0.0, "none came");
+        let now = Instant::now();
+        let ago = |ms: u64| now.checked_sub(Duration::from_millis(ms)).expect("it runs for longer");
+        perception.arrivals = [ago(0)].into();
+        assert_eq!(perception.frame_rate(), 0.0, "one tells no rate");
+        perception.arrivals = (0..=10).rev().map(|i| ago(40 * i)).collect();
+        assert!((perception.frame_rate() - 25.0).abs() < 1e-6);
+        perception.arrivals = (0..=10).rev().map(|i| ago(4000 + 40 * i)).collect();
+        assert_eq!(perception.frame_rate(), 0.0, "the camera has stopped");
+    }
+
+    #[test]
+    fn a_joint_is_as_certain_as_its_type_and_certain_where_none_was_computed() {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
+        let computed = Joint {
+            type_probabilities: [(JointKind::Revolute, 0.7), (JointKind::Prismatic, 0.3)].into(),
+            ..Joint::of(&hinge)
+        };
+        let model = ObjectModel {
+            schema: MODEL_SCHEMA.into(),
+            object: "door".into(),
+            reference_frame: ReferenceFrame::at_camera(0.0),
+            parts: Vec::new(),
+            joints: vec![computed, Joint::of(&hinge)],
+            demonstrations: 1,
+            profile: "default".into(),
+            version: "0".into(),
+        };
+        assert_eq!(certainties(&model), [("revolute", 0.7), ("revolute", 1.0)]);
+    }
+}

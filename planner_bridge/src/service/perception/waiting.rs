@@ -114,3 +114,53 @@ impl Perception<'_> {
 pub fn stale(age: Duration) -> String {
     format!("the newest frame is {:.1} s old: is the camera still there?", age.as_secs_f64())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::state::Watching;
+    use super::super::test_data::{answers, asked_for, perception};
+    use super::*;
+
+    /// What is answered to a prediction that has waited for so long while this object is looked for.
+    fn answer(object: Option<&str>, waited_s: u64, has_frame: bool) -> Option<String> {
+        let (mut perception, noted) = perception();
+        perception.arrivals.extend(has_frame.then(Instant::now));
+        let pending = Some(asked_for(waited_s));
+        perception.state = State::Watching(Watching::new(object.map(str::to_owned), pending));
+        perception.time_out_pending();
+        let answer = answers(&noted).pop()?;
+        assert_eq!((answer.utime, answer.accepted, answer.done), (7, false, true));
+        perception.time_out_pending();
+        assert!(answers(&noted).is_empty(), "it is refused once");
+        Some(answer.text)
+    }
+
+    #[test]
+    fn a_prediction_waits_for_some_seconds_before_it_is_refused() {
+        assert_eq!(answer(None, TIMEOUT.as_secs() - 1, true), None);
+        assert!(answer(None, TIMEOUT.as_secs() + 1, true).is_some());
+    }
+
+    #[test]
+    fn the_refusal_says_whether_frames_or_the_object_are_missing() {
+        let late = TIMEOUT.as_secs() + 1;
+        assert_eq!(answer(None, late, false).unwrap(), "no frame has come yet");
+        let unseen = answer(Some("door"), late, true).unwrap();
+        assert_eq!(unseen, "door is not recognised: the best score is 0.00, 0.50 is needed");
+        assert!(answer(None, late, true).unwrap().starts_with("anything known is not recognised"));
+    }
+
+    #[test]
+    fn nothing_is_planned_while_the_object_is_still_looked_for() {
+        let (mut perception, noted) = perception();
+        perception.state = State::Watching(Watching::new(None, Some(asked_for(0))));
+        perception.execute_pending();
+        assert!(answers(&noted).is_empty());
+        assert!(matches!(&perception.state, State::Watching(w) if w.pending.is_some()));
+    }
+
+    #[test]
+    fn an_old_frame_is_told_with_its_age() {
+        assert!(stale(Duration::from_millis(2_340)).contains("2.3 s old"));
+    }
+}
