@@ -144,6 +144,9 @@ mod tests {
 
     const VOXEL_M: f64 = 0.02;
 
+    /// Surface at a place.
+    type Place = fn() -> SeenSurfel;
+
     /// A grey place in the middle of a voxel of a part, looking along `normal`.
     fn place(part: u16, column: i32, normal: Vector3<f64>) -> SeenSurfel {
         let x = VOXEL_M * (f64::from(column) + 0.5);
@@ -155,7 +158,7 @@ mod tests {
     }
 
     /// The surfels of what some keyframes show, each place twice.
-    fn surfels_of(keyframes: &[(usize, Vec<fn() -> SeenSurfel>)]) -> Vec<Surfel> {
+    fn surfels_of(keyframes: &[(usize, Vec<Place>)]) -> Vec<Surfel> {
         let mut grid = VoxelGrid::new(VOXEL_M);
         for (keyframe, places) in keyframes {
             grid.add(*keyframe, places.iter().flat_map(|p| [p(), p()]).collect());
@@ -182,7 +185,7 @@ mod tests {
 
     #[test]
     fn what_one_keyframe_alone_shows_is_no_surfel() {
-        let here: fn() -> SeenSurfel = || place(0, 0, towards_camera());
+        let here: Place = || place(0, 0, towards_camera());
         assert!(surfels_of(&[(0, vec![here, here, here])]).is_empty());
         assert_eq!(surfels_of(&[(0, vec![here]), (1, vec![here])]).len(), 1);
         assert!(surfels_of(&[]).is_empty());
@@ -190,7 +193,7 @@ mod tests {
 
     #[test]
     fn both_sides_of_a_board_and_two_parts_in_one_place_are_kept_apart() {
-        let places: [fn() -> SeenSurfel; 3] = [
+        let places: [Place; 3] = [
             || place(0, 0, towards_camera()),
             || place(0, 0, -towards_camera()),
             || place(1, 0, towards_camera()),
@@ -204,7 +207,7 @@ mod tests {
 
     #[test]
     fn where_the_normals_disagree_there_is_no_surfel() {
-        let leaning: [fn() -> SeenSurfel; 2] = [
+        let leaning: [Place; 2] = [
             || place(0, 0, Vector3::new(0.7, 0.0, -0.72).normalize()),
             || place(0, 0, Vector3::new(-0.7, 0.0, -0.72).normalize()),
         ];
@@ -213,7 +216,7 @@ mod tests {
 
     #[test]
     fn the_order_in_which_keyframes_come_does_not_matter() {
-        let places: [fn() -> SeenSurfel; 4] = [
+        let places: [Place; 4] = [
             || place(0, 0, towards_camera()),
             || place(0, 1, towards_camera()),
             || place(1, 5, towards_camera()),

@@ -399,7 +399,7 @@ mod tests {
 
     #[test]
     fn a_hand_that_comes_before_the_lever_moves_leads_it() {
-        let coming = recording(turn, |f| (f < 12).then(|| [0.35 - 0.02 * f as f64, 0.2]));
+        let coming = recording(turn, |f| (f < 12).then_some([0.35 - 0.02 * f as f64, 0.2]));
         let lead = followed(&coming, &hinge(), |part, _, _| part.lead_s);
         assert!(lead >= MIN_LEAD_S, "{lead}");
         assert_eq!(followed(&lever(turn), &hinge(), |part, _, _| part.lead_s), 0.0);
