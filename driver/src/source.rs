@@ -203,3 +203,87 @@ fn camera_beside(file: &Path) -> Result<PinholeCamera, SourceError> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(name: &str) -> String {
+        open(name).err().expect("it is refused").to_string()
+    }
+
+    #[test]
+    fn a_kind_that_there_is_not_is_refused_with_those_that_there_are() {
+        let said = refusal("kinect:0");
+        assert!(said.contains("\"kinect:\"") && said.contains("freenect:N"), "{said}");
+    }
+
+    #[test]
+    fn a_device_number_that_is_none_is_refused_before_a_device_is_opened() {
+        for name in ["freenect:first", "freenect:-", "freenect:99999999999"] {
+            let said = refusal(name);
+            assert!(said.contains("is no device number; try freenect:0"), "{said}");
+        }
+    }
+
+    #[test]
+    fn colour_alone_is_refused_with_what_is_missing() {
+        let said = refusal("v4l:/dev/video0");
+        assert!(said.contains("give v4l:/dev/video0,DEPTH_DEVICE"), "{said}");
+    }
+
+    #[test]
+    fn recordings_that_are_not_there_are_told_by_their_path() {
+        for kind in ["tum", "bag", "rosbag2", "mcap", "lcmlog"] {
+            let said = refusal(&format!("{kind}:/no/such/recording"));
+            assert!(said.contains("/no/such/recording"), "{kind}: {said}");
+        }
+        assert!(refusal("/no/such/recording").contains("/no/such/recording"));
+    }
+
+    #[test]
+    fn topics_stand_behind_the_last_sign_and_one_may_be_left_out() {
+        assert_eq!(with_topics("a.bag"), ("a.bag", None));
+        assert_eq!(with_topics("a.bag#/c, /d "), ("a.bag", Some(("/c", "/d"))));
+        assert_eq!(with_topics("a.bag#/c"), ("a.bag", Some(("/c", ""))));
+        assert_eq!(with_topics("a.bag#,/d"), ("a.bag", Some(("", "/d"))));
+        assert_eq!(with_topics("a#1.bag#/c,/d"), ("a#1.bag", Some(("/c", "/d"))));
+    }
+
+    #[test]
+    fn a_file_whose_name_has_the_sign_is_that_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("take#2.bag");
+        std::fs::write(&path, "").unwrap();
+        let name = path.to_string_lossy().into_owned();
+        assert_eq!(with_topics(&name), (name.as_str(), None));
+        let said = format!("{name}#/c,/d");
+        assert_eq!(with_topics(&said), (name.as_str(), Some(("/c", "/d"))));
+    }
+
+    #[test]
+    fn a_channel_stands_behind_the_last_sign_and_without_one_it_is_the_usual() {
+        assert_eq!(with_channel("a.log#OTHER"), ("a.log", "OTHER"));
+        for name in ["a.log", "a.log#"] {
+            assert_eq!(with_channel(name), ("a.log", DEFAULT_CHANNEL));
+        }
+        assert_eq!(with_channel("udpm://239.255.76.67:7667?ttl=0#RGBD").1, "RGBD");
+    }
+
+    #[test]
+    fn a_logs_own_camera_comes_before_that_of_its_folder() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = dir.path().join("door.log");
+        let write = |name: &str, fx: f64| {
+            let camera = PinholeCamera { fx, ..PinholeCamera::kinect() };
+            std::fs::write(dir.path().join(name), toml::to_string(&camera).unwrap()).unwrap();
+        };
+        assert_eq!(camera_beside(&log).unwrap().depth_units_per_metre, LCM_UNITS_PER_METRE);
+        write("camera.toml", 400.0);
+        assert_eq!(camera_beside(&log).unwrap().fx, 400.0);
+        write("door.camera.toml", 300.0);
+        assert_eq!(camera_beside(&log).unwrap().fx, 300.0);
+        std::fs::write(dir.path().join("door.camera.toml"), "fx = \"wide\"").unwrap();
+        assert!(camera_beside(&log).is_err(), "a damaged one is not passed over");
+    }
+}

@@ -129,3 +129,49 @@ pub fn addressed(command: &linkage::Command, session: i64) -> linkage::Command {
     let utime = host_utime();
     linkage::Command { utime, schema: COMMAND_SCHEMA, session, ..command.clone() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What was asked for, with what the client fills in left open.
+    fn command() -> linkage::Command {
+        linkage::Command { utime: 5, session: 6, ..linkage::Command::default() }
+    }
+
+    #[test]
+    fn a_command_is_sent_under_the_present_time_to_the_session_that_answers() {
+        let before = host_utime();
+        let order = addressed(&command(), 1234);
+        assert!((before..=host_utime()).contains(&order.utime));
+        assert_eq!((order.session, order.schema), (1234, COMMAND_SCHEMA));
+        assert!(order.signature.is_empty());
+    }
+
+    #[test]
+    fn a_key_signs_what_is_sent_and_another_key_otherwise() {
+        let dir = tempfile::tempdir().unwrap();
+        let signature = |key: &str| {
+            let path = dir.path().join(key);
+            std::fs::write(&path, key.repeat(8)).unwrap();
+            let mut order = linkage::Command { utime: 1, ..command() };
+            CommandKey::read(&path).unwrap().sign(&mut order);
+            order.signature
+        };
+        assert_eq!(signature("first").len(), 32);
+        assert_ne!(signature("first"), signature("other"));
+        let key = CommandKey::read(&dir.path().join("first")).unwrap();
+        let client = Client::new("memq://", Some(key)).unwrap();
+        assert_eq!(client.addressed(&command(), 1).signature.len(), 32);
+        let unsigned = Client::new("memq://", None).unwrap();
+        assert!(unsigned.addressed(&command(), 1).signature.is_empty());
+    }
+
+    #[test]
+    fn where_no_service_answers_that_is_told_with_the_network() {
+        let mut client = Client::new("memq://", None).unwrap();
+        let error = client.done(&command(), Duration::from_millis(10)).unwrap_err();
+        assert!(matches!(error, ClientError::NoService { .. }));
+        assert!(error.to_string().starts_with("memq://: no service answers"), "{error}");
+    }
+}

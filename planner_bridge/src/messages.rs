@@ -369,7 +369,7 @@ fn parameters(joint: &Joint) -> Vec<articulation::ModelParamMsg> {
 mod tests {
     use super::*;
     use crate::limits::Rig;
-    use crate::plan::{Request, predict, tests::fridge};
+    use crate::plan::{Request, predict, test_data::fridge};
     use linkage_skill::predict::Target;
     use proptest::prelude::*;
 

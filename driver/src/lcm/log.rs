@@ -136,3 +136,87 @@ impl RgbdSource for LogRecording {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::message::{Packing, encode_frame};
+    use super::*;
+    use linkage_frames::frame::{ColorImage, DepthImage};
+    use linkage_lcm::{LogWriter, encode};
+
+    const FRAMES: &str = "FRAMES";
+
+    fn camera() -> Arc<PinholeCamera> {
+        Arc::new(PinholeCamera { width: 8, height: 6, ..PinholeCamera::kinect() })
+    }
+
+    fn message(utime: i64) -> Vec<u8> {
+        let color = ColorImage::new(8, 6, vec![90; 8 * 6 * 3]).unwrap();
+        let depth = DepthImage::from_metres(8, 6, vec![1.5; 48]).unwrap();
+        let frame = RgbdFrame::new(utime, camera(), color, depth).unwrap();
+        encode(&encode_frame(&frame, Packing::LOSSLESS).unwrap()).unwrap()
+    }
+
+    /// A log of some events, each on a channel, opened to read frames of one of them.
+    fn opened(events: &[(&str, Vec<u8>)]) -> (tempfile::TempDir, LogRecording) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("door.log");
+        let mut log = LogWriter::create(&path).unwrap();
+        for (utime, (channel, bytes)) in (1..).zip(events) {
+            log.write(40_000 * utime, channel, bytes).unwrap();
+        }
+        log.flush().unwrap();
+        drop(log);
+        let recording = LogRecording::open(&path, FRAMES, camera()).unwrap();
+        (dir, recording)
+    }
+
+    fn damaged() -> Vec<u8> {
+        message(1)[..40].to_vec()
+    }
+
+    #[test]
+    fn frames_come_in_their_order_and_other_channels_are_passed_over() {
+        let events = [
+            (FRAMES, message(100_000)),
+            ("OTHER", b"anything".to_vec()),
+            (FRAMES, message(140_000)),
+        ];
+        let (_dir, mut recording) = opened(&events);
+        let times: Vec<i64> =
+            std::iter::from_fn(|| recording.next_frame().unwrap()).map(|f| f.utime).collect();
+        assert_eq!(times, [100_000, 140_000]);
+        assert_eq!(recording.statistics().delivered, 2);
+        assert!(recording.next_frame().unwrap().is_none(), "the end stays the end");
+    }
+
+    #[test]
+    fn damaged_frames_are_counted_and_the_others_are_read() {
+        let events = [(FRAMES, message(100_000)), (FRAMES, damaged()), (FRAMES, message(180_000))];
+        let (_dir, mut recording) = opened(&events);
+        assert_eq!(std::iter::from_fn(|| recording.next_frame().unwrap()).count(), 2);
+        let counted = recording.statistics();
+        assert_eq!((counted.delivered, counted.damaged), (2, 1));
+    }
+
+    #[test]
+    fn a_log_without_a_frame_says_why_there_is_none() {
+        let said =
+            |events: &[(&str, Vec<u8>)]| opened(events).1.next_frame().unwrap_err().to_string();
+        let elsewhere = said(&[("A", vec![1]), ("B", vec![2]), ("A", vec![3])]);
+        assert!(elsewhere.contains("there are A, B"), "{elsewhere}");
+        assert!(said(&[]).contains("is it an LCM log?"));
+        let broken = said(&[(FRAMES, damaged()), (FRAMES, damaged())]);
+        assert!(broken.contains("all 2 frames are damaged"), "{broken}");
+    }
+
+    #[test]
+    fn what_is_no_file_is_refused_by_its_path() {
+        let dir = tempfile::tempdir().unwrap();
+        for path in [dir.path().to_owned(), dir.path().join("no.log")] {
+            let error = LogRecording::open(&path, FRAMES, camera()).err();
+            let said = error.expect("it is refused").to_string();
+            assert!(said.contains(&path.display().to_string()), "{said}");
+        }
+    }
+}

@@ -100,3 +100,67 @@ impl Recorder for TumRecorder {
         self.lists.iter().flatten().try_for_each(LineFile::sync)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rgbd_source::RgbdSource;
+    use crate::tum::TumRecording;
+    use linkage_frames::camera::PinholeCamera;
+    use linkage_frames::frame::{ColorImage, DepthImage};
+    use std::sync::Arc;
+
+    fn frame(utime: i64, grey: u8) -> RgbdFrame {
+        let (width, height) = (64, 48);
+        let camera = PinholeCamera { width, height, cx: 31.5, cy: 23.5, ..PinholeCamera::kinect() };
+        let color = ColorImage::new(width, height, vec![grey; width * height * 3]).unwrap();
+        let metres = (0..width * height).map(|i| if i % 7 == 0 { f32::NAN } else { 1.25 });
+        let depth = DepthImage::from_metres(width, height, metres.collect()).unwrap();
+        RgbdFrame::new(utime, Arc::new(camera), color, depth).unwrap()
+    }
+
+    /// What is read again of some frames that were recorded.
+    fn read_again(frames: &[RgbdFrame], ending: &'static str) -> Vec<RgbdFrame> {
+        let dir = tempfile::tempdir().unwrap();
+        let mut recorder = TumRecorder::create(dir.path(), ending).unwrap();
+        frames.iter().for_each(|frame| recorder.write(frame).unwrap());
+        recorder.finish().unwrap();
+        let mut recording = TumRecording::open(dir.path()).unwrap();
+        std::iter::from_fn(|| recording.next_frame().unwrap()).collect()
+    }
+
+    #[test]
+    fn what_was_recorded_comes_back_with_its_time_camera_colour_and_depth() {
+        let frames = [frame(1_700_000_000_000_007, 50), frame(1_700_000_000_040_000, 90)];
+        let read = read_again(&frames, "png");
+        assert_eq!(read.len(), 2);
+        for (read, written) in read.iter().zip(&frames) {
+            assert_eq!((read.utime, &read.camera), (written.utime, &written.camera));
+            assert_eq!(read.color, written.color);
+            for (a, b) in read.depth.as_metres().iter().zip(written.depth.as_metres()) {
+                assert!((a.is_nan() && b.is_nan()) || (a - b).abs() < 1e-3, "{a} for {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn jpeg_pictures_are_nearly_what_they_were() {
+        let read = read_again(&[frame(5_000_000, 120)], "jpg");
+        assert!(read[0].color.luma_at(20, 20).unwrap().abs_diff(120) < 3);
+    }
+
+    #[test]
+    fn a_recording_without_frames_has_no_lists() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("empty");
+        TumRecorder::create(&path, "png").unwrap().finish().unwrap();
+        assert!(!path.join("rgb.txt").exists());
+    }
+
+    #[test]
+    fn another_recording_is_not_written_into_a_folder_that_has_one() {
+        let dir = tempfile::tempdir().unwrap();
+        TumRecorder::create(dir.path(), "png").unwrap().write(&frame(1, 9)).unwrap();
+        assert!(TumRecorder::create(dir.path(), "png").is_err());
+    }
+}

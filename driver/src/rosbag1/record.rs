@@ -200,3 +200,106 @@ pub fn skip_data(from: &mut impl Read, bytes: u32) -> Result<(), RecordError> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Fields as they stand in a header.
+    fn fields(all: &[(&str, &[u8])]) -> Vec<u8> {
+        let field = |(name, value): &(&str, &[u8])| {
+            let text = [name.as_bytes(), b"=", value].concat();
+            [&(text.len() as u32).to_le_bytes()[..], &text].concat()
+        };
+        all.iter().flat_map(field).collect()
+    }
+
+    /// A record of some fields and data.
+    fn record(all: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {
+        let fields = fields(all);
+        let length = |bytes: &[u8]| (bytes.len() as u32).to_le_bytes();
+        [&length(&fields)[..], &fields, &length(data), data].concat()
+    }
+
+    fn header(all: &[(&str, &[u8])]) -> RecordHeader {
+        RecordHeader::read(&mut &record(all, b"")[..]).unwrap().expect("a record")
+    }
+
+    fn is_damaged<T>(result: Result<T, RecordError>) -> bool {
+        matches!(result, Err(RecordError::Damaged(_)))
+    }
+
+    #[test]
+    fn records_are_read_one_after_the_other_to_the_end_of_the_file() {
+        let both = [record(&[("op", &[0x02])], b"abc"), record(&[("op", &[0x05])], b"")].concat();
+        let mut file = &both[..];
+        let message = RecordHeader::read(&mut file).unwrap().expect("the first");
+        assert_eq!((message.kind().unwrap(), message.data_bytes), (RecordKind::Message, 3));
+        assert_eq!(read_message(&mut file, 3).unwrap(), b"abc");
+        let chunk = RecordHeader::read(&mut file).unwrap().expect("the second");
+        assert_eq!(chunk.kind().unwrap(), RecordKind::Chunk);
+        assert!(RecordHeader::read(&mut file).unwrap().is_none());
+    }
+
+    #[test]
+    fn fields_have_their_numbers_texts_and_times() {
+        let time = [3_u32.to_le_bytes(), 250_000_000_u32.to_le_bytes()].concat();
+        let header = header(&[
+            ("conn", &7_u32.to_le_bytes()),
+            ("topic", b"/camera=left"),
+            ("time", &time),
+            ("index_pos", &u64::MAX.to_le_bytes()),
+        ]);
+        assert_eq!(header.u32("conn").unwrap(), 7);
+        assert_eq!(header.text("topic").unwrap(), "/camera=left");
+        assert_eq!(header.utime("time").unwrap(), 3_250_000);
+        assert_eq!(header.u64("index_pos").unwrap(), u64::MAX);
+    }
+
+    #[test]
+    fn a_name_that_begins_another_is_not_that_field() {
+        let header = header(&[("topics", b"many"), ("topic", b"one")]);
+        assert_eq!(header.text("topic").unwrap(), "one");
+    }
+
+    #[test]
+    fn missing_fields_and_those_of_another_length_or_no_text_are_told() {
+        let header = header(&[("conn", b"abc"), ("topic", &[0xff, 0xfe])]);
+        assert!(is_damaged(header.kind()) && is_damaged(header.u32("conn")));
+        assert!(is_damaged(header.u64("conn")) && is_damaged(header.utime("time")));
+        assert!(is_damaged(header.text("topic")) && is_damaged(header.text("type")));
+    }
+
+    #[test]
+    fn a_field_that_is_longer_than_its_record_is_damage() {
+        for fields in [vec![1, 0, 0], vec![200, 0, 0, 0, b'a'], vec![0xff; 4]] {
+            assert!(is_damaged(text_field(&fields, "topic")), "{fields:?}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_ends_inside_a_record_is_cut_wherever_it_ends() {
+        let whole = record(&[("op", &[0x02]), ("conn", &[1, 0, 0, 0])], b"some data");
+        for length in 1..whole.len() {
+            let mut file = &whole[..length];
+            let read = RecordHeader::read(&mut file).and_then(|header| {
+                let header = header.expect("it is not the end");
+                read_message(&mut file, header.data_bytes)
+            });
+            assert!(matches!(read, Err(RecordError::Cut)), "{length} bytes");
+            let mut file = &whole[..length];
+            let skipped = RecordHeader::read(&mut file).and_then(|header| {
+                skip_data(&mut file, header.expect("it is not the end").data_bytes)
+            });
+            assert!(matches!(skipped, Err(RecordError::Cut)), "{length} bytes");
+        }
+    }
+
+    #[test]
+    fn lengths_that_no_record_has_take_no_memory() {
+        let large = u32::MAX.to_le_bytes();
+        assert!(is_damaged(RecordHeader::read(&mut &large[..])));
+        assert!(is_damaged(read_message(&mut &b"few"[..], u32::MAX)));
+        assert!(is_damaged(read_data(&mut &b"few"[..], 3, 2)));
+    }
+}

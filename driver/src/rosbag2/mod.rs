@@ -112,3 +112,99 @@ fn unpacked(bytes: &[u8]) -> Vec<u8> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rusqlite::Connection;
+    use tempfile::TempDir;
+
+    /// A file of messages: number and name of topics, then topic, time in microseconds and bytes.
+    fn write_file(path: &Path, topics: &[(u32, &str)], messages: &[(u32, i64, &[u8])]) {
+        let file = Connection::open(path).unwrap();
+        let tables = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, \
+            serialization_format TEXT, offered_qos_profiles TEXT);
+            CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);";
+        file.execute_batch(tables).unwrap();
+        for (id, name) in topics {
+            let sql = "INSERT INTO topics VALUES(?1, ?2, 'sensor_msgs/msg/Image', 'cdr', '')";
+            file.execute(sql, (id, name)).unwrap();
+        }
+        for (topic, utime, bytes) in messages {
+            let sql = "INSERT INTO messages(topic_id, timestamp, data) VALUES(?1, ?2, ?3)";
+            file.execute(sql, (topic, 1000 * utime, bytes)).unwrap();
+        }
+    }
+
+    /// A bag of two files that number their topics otherwise.
+    fn bag(compression: &str) -> TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        let text = format!(
+            "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: sqlite3\n  \
+             relative_file_paths:\n    - a.db3\n    - b.db3\n{compression}  topics_with_message_count: []\n"
+        );
+        std::fs::write(dir.path().join(METADATA_FILE), text).unwrap();
+        let first: [(u32, i64, &[u8]); 2] = [(1, 10, b"left 1"), (2, 20, b"right 1")];
+        write_file(&dir.path().join("a.db3"), &[(1, "/left"), (2, "/right")], &first);
+        let second: [(u32, i64, &[u8]); 3] =
+            [(1, 30, b"right 2"), (5, 40, b"top"), (7, 50, b"left 2")];
+        let topics = [(1, "/right"), (5, "/top"), (7, "/left")];
+        write_file(&dir.path().join("b.db3"), &topics, &second);
+        dir
+    }
+
+    /// Topics by name with the messages.
+    fn read(mut reader: Rosbag2Reader) -> Vec<(String, Vec<u8>)> {
+        let mut all = Vec::new();
+        while let Some(message) = reader.next_message().unwrap() {
+            all.push((reader.topics()[message.topic].name.clone(), message.bytes));
+        }
+        all
+    }
+
+    #[test]
+    fn files_follow_each_other_and_a_topic_is_one_whatever_its_number_in_each() {
+        let dir = bag("");
+        let reader = Rosbag2Reader::open(dir.path()).unwrap();
+        let names: Vec<&str> = reader.topics().iter().map(|t| t.name.as_str()).collect();
+        assert_eq!(names, ["/left", "/right", "/top"]);
+        let expected = [
+            ("/left", "left 1"),
+            ("/right", "right 1"),
+            ("/right", "right 2"),
+            ("/top", "top"),
+            ("/left", "left 2"),
+        ];
+        let expected = expected.map(|(name, bytes)| (name.to_owned(), bytes.as_bytes().to_vec()));
+        assert_eq!(read(reader), expected);
+    }
+
+    #[test]
+    fn topics_that_are_chosen_are_read_from_every_file() {
+        let dir = bag("");
+        let mut reader = Rosbag2Reader::open(dir.path()).unwrap();
+        reader.select(&[1]).unwrap();
+        let bytes: Vec<Vec<u8>> = read(reader).into_iter().map(|(_, bytes)| bytes).collect();
+        assert_eq!(bytes, [b"right 1".to_vec(), b"right 2".to_vec()]);
+    }
+
+    #[test]
+    fn a_file_that_is_missing_is_told_by_its_name() {
+        let dir = bag("");
+        std::fs::remove_file(dir.path().join("b.db3")).unwrap();
+        let error = Rosbag2Reader::open(dir.path()).err().expect("it is refused").to_string();
+        assert!(error.contains("b.db3"), "{error}");
+        assert!(Rosbag2Reader::open(&dir.path().join("a.db3")).is_err(), "a file is no bag");
+    }
+
+    #[test]
+    fn messages_that_were_compressed_are_unpacked_and_damaged_ones_come_short() {
+        let packed = zstd::encode_all(&b"a message"[..], 1).unwrap();
+        assert_eq!(unpacked(&packed), b"a message");
+        assert!(unpacked(b"no zstd at all").is_empty() && unpacked(b"").is_empty());
+        assert!(unpacked(&packed[..packed.len() - 3]).len() <= b"a message".len());
+        let dir = bag("  compression_format: zstd\n  compression_mode: MESSAGE\n");
+        let all = read(Rosbag2Reader::open(dir.path()).unwrap());
+        assert!(all.len() == 5 && all.iter().all(|(_, bytes)| bytes.is_empty()));
+    }
+}

@@ -156,3 +156,56 @@ impl Learning {
         self.cancelled.store(true, Ordering::Relaxed);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::observer::Observer;
+    use linkage_driver::live::latest;
+
+    fn known() -> Learned {
+        Learned { summary: "learned door".to_owned(), library: Library::new(Vec::new()) }
+    }
+
+    fn told(result: Result<Learned, String>) -> String {
+        result.map_or_else(|reason| reason, |learned| learned.summary)
+    }
+
+    #[test]
+    fn frames_that_were_lost_are_told_with_what_was_learned_and_with_why_nothing_was() {
+        let lost = || Some("9 of 20 frames were lost".to_owned());
+        assert_eq!(
+            told(with_losses(Ok(known()), lost())),
+            "learned door; 9 of 20 frames were lost"
+        );
+        let nothing = || Err("nothing moves".to_owned());
+        assert_eq!(told(with_losses(nothing(), lost())), "nothing moves; 9 of 20 frames were lost");
+        assert_eq!(told(with_losses(nothing(), None)), "nothing moves");
+        assert_eq!(told(with_losses(Ok(known()), None)), "learned door");
+    }
+
+    #[test]
+    fn a_result_is_there_once_and_a_thread_that_failed_is_told() {
+        let (sender, result) = channel();
+        let learning = Learning { object: "door".to_owned(), result, cancelled: Arc::default() };
+        assert!(learning.poll().is_none(), "it is still being learned");
+        sender.send(Ok(known())).expect("it is waited for");
+        assert_eq!(told(learning.poll().expect("a result")), "learned door");
+        drop(sender);
+        assert_eq!(told(learning.poll().expect("a result")), "learning failed");
+    }
+
+    #[test]
+    fn nothing_is_stored_of_a_demonstration_that_shows_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = dir.path().join("s.linkage");
+        let ((packets, _), (notes, _)) = (latest(4), latest(4));
+        let out = Outbox { packets, notes, observer: Observer::default() };
+        let worker = LearningWorker { config: SkillConfig::default(), store: store.clone(), out };
+        let learner = Learner::live(&worker.config);
+        let learning = worker.learn(learner, "door".to_owned(), None).unwrap();
+        let result = learning.result.recv().expect("the thread answers");
+        assert!(result.is_err());
+        assert!(!store.exists());
+    }
+}

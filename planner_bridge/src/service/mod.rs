@@ -215,3 +215,35 @@ impl Drop for StopAll<'_> {
         self.0.store(true, Ordering::Relaxed);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_ends_stops_no_other_and_one_that_fails_stops_all() {
+        let stop = AtomicBool::new(false);
+        assert_eq!(guarded(&stop, || 7), 7);
+        assert!(!stop.load(Ordering::Relaxed));
+        let failed = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            guarded(&stop, || panic!("a test's own"))
+        }));
+        assert!(failed.is_err() && stop.load(Ordering::Relaxed));
+    }
+
+    #[test]
+    fn a_store_that_is_not_there_yet_knows_nothing_and_is_not_made() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        assert!(known(&path).unwrap().is_empty());
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn what_is_no_store_is_refused_at_the_start() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("notes.txt");
+        std::fs::write(&path, "no database. ".repeat(100)).unwrap();
+        assert!(matches!(known(&path), Err(StoreError::NotAStore { .. })));
+    }
+}

@@ -290,7 +290,7 @@ impl Pulse<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{Request, predict, tests::fridge};
+    use crate::plan::{Request, predict, test_data::fridge};
     use linkage_lcm::messages::linkage::Setpoint;
     use linkage_lcm::{Lcm, decode};
     use linkage_skill::predict::Target;

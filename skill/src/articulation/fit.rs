@@ -56,9 +56,7 @@ pub fn fit_models(samples: &[PoseSample]) -> Result<Vec<FittedJoint>, FitError> 
     if samples.len() < MIN_SAMPLES {
         return Err(FitError::TooFewSamples { found: samples.len(), needed: MIN_SAMPLES });
     }
-    if let Some(sample) =
-        samples.iter().position(|s| !s.position.coords.iter().all(|x| x.is_finite()))
-    {
+    if let Some(sample) = samples.iter().position(|s| !is_finite(s)) {
         return Err(FitError::NotFinite { sample });
     }
     let lost = lost_samples(samples, POSITION_SIGMA_M);
@@ -77,6 +75,11 @@ pub fn fit_models(samples: &[PoseSample]) -> Result<Vec<FittedJoint>, FitError> 
     }
     fitted.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(fitted)
+}
+
+fn is_finite(sample: &PoseSample) -> bool {
+    let turn = sample.orientation.unwrap_or_default();
+    sample.position.coords.iter().chain(turn.coords.iter()).all(|x| x.is_finite())
 }
 
 /// Probability of each kind given the samples, from the BIC of its fit (Kass & Raftery 1995).
@@ -218,4 +221,110 @@ fn unwrapped(residuals: &[Residual], inlier: &[bool]) -> Vec<f64> {
         q
     };
     residuals.iter().zip(inlier).map(unwrap).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector3};
+    use std::f64::consts::PI;
+
+    fn hinge() -> JointGeometry {
+        JointGeometry::hinge(Vector3::z_axis(), Point3::new(0.1, -0.2, 0.3))
+    }
+
+    fn slide() -> JointGeometry {
+        JointGeometry::slide(Vector3::x_axis(), Point3::origin())
+    }
+
+    /// Poses of a part that a joint moves.
+    fn moved(joint: &JointGeometry, q: impl Iterator<Item = f64>) -> Vec<PoseSample> {
+        let rest = Pose::translation(0.5, 0.1, 0.4);
+        let pose =
+            |(i, q): (usize, f64)| PoseSample::from_pose(i as f64, &(joint.motion(q) * rest));
+        q.enumerate().map(pose).collect()
+    }
+
+    fn opening() -> impl Iterator<Item = f64> {
+        (0..40).map(|i| 0.03 * f64::from(i))
+    }
+
+    #[test]
+    fn the_type_that_made_the_poses_is_the_best_and_has_its_line_and_configurations() {
+        for joint in [hinge(), slide()] {
+            let fits = fit_models(&moved(&joint, opening())).unwrap();
+            assert_eq!(fits[0].geometry.kind, joint.kind);
+            let line = &fits[0].geometry;
+            assert!(line.axis.dot(&joint.axis).abs() > 1.0 - 1e-9);
+            let turned = (fits[0].configuration[39] - fits[0].configuration[0]).abs();
+            assert!((turned - 39.0 * 0.03).abs() < 1e-3, "{turned}");
+            assert!(fits[0].position_rmse < 1e-4 && fits[0].outlier_ratio < 1e-3);
+        }
+        let fits = fit_models(&moved(&hinge(), opening())).unwrap();
+        let apart = fits[0].geometry.origin - hinge().origin;
+        assert!(apart.xy().norm() < 1e-4, "{apart}");
+    }
+
+    #[test]
+    fn what_keeps_still_is_rigid() {
+        let fits = fit_models(&moved(&hinge(), std::iter::repeat_n(0.4, 30))).unwrap();
+        assert_eq!(fits[0].geometry.kind, JointKind::Fixed);
+    }
+
+    #[test]
+    fn a_part_that_turns_more_than_once_around_has_no_jump() {
+        let twice = (0..120).map(|i| 4.0 * PI * f64::from(i) / 119.0);
+        let fits = fit_models(&moved(&hinge(), twice)).unwrap();
+        let q = &fits[0].configuration;
+        assert!(((q[119] - q[0]).abs() - 4.0 * PI).abs() < 1e-3);
+    }
+
+    #[test]
+    fn too_few_samples_are_refused_with_how_many_are_needed() {
+        for found in [0, 5] {
+            let few = moved(&hinge(), opening().take(found));
+            assert_eq!(
+                fit_models(&few).unwrap_err(),
+                FitError::TooFewSamples { found, needed: MIN_SAMPLES }
+            );
+        }
+    }
+
+    #[test]
+    fn a_position_that_is_not_finite_is_refused_by_its_number() {
+        for value in [f64::NAN, f64::INFINITY] {
+            let mut samples = moved(&hinge(), opening());
+            samples[7].position.y = value;
+            assert_eq!(fit_models(&samples).unwrap_err(), FitError::NotFinite { sample: 7 });
+        }
+    }
+
+    #[test]
+    fn an_orientation_that_is_not_finite_is_refused_by_its_number() {
+        let mut samples = moved(&hinge(), opening());
+        let broken = Quaternion::new(f64::NAN, 0.0, 0.0, 1.0);
+        samples[7].orientation = Some(UnitQuaternion::new_unchecked(broken));
+        assert_eq!(fit_models(&samples).unwrap_err(), FitError::NotFinite { sample: 7 });
+    }
+
+    #[test]
+    fn the_probabilities_of_all_types_sum_to_one_and_the_best_fit_has_the_greatest() {
+        let fits = fit_models(&moved(&slide(), opening())).unwrap();
+        let probabilities = type_probabilities(&fits);
+        assert!((probabilities.values().sum::<f64>() - 1.0).abs() < 1e-12);
+        let best = probabilities[&fits[0].geometry.kind];
+        assert!(probabilities.values().all(|p| *p <= best));
+        assert!(type_probabilities(&[]).is_empty());
+    }
+
+    #[test]
+    fn an_outlier_does_not_turn_the_angles_after_it() {
+        let seen = |q: f64| Residual { q, position: Vector3::zeros(), orientation: None };
+        let residuals = [seen(3.0), seen(-0.1), seen(-3.0)];
+        let q = unwrapped(&residuals, &[true, false, true]);
+        assert!((q[2] - (2.0 * PI - 3.0)).abs() < 1e-12, "{q:?}");
+        assert!(unwrapped(&[], &[]).is_empty());
+    }
 }

@@ -86,3 +86,92 @@ impl Problem<'_> {
         some.iter().min_by(|a, b| cost(a).total_cmp(&cost(b))).copied().unwrap_or_default()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::pose_sample::PoseSample;
+    use super::*;
+    use crate::math::rigid::{distance_to_line, line_angle};
+
+    fn hinge() -> JointGeometry {
+        JointGeometry::hinge(Vector3::z_axis(), Point3::new(0.2, 0.1, 0.0))
+    }
+
+    /// Poses of a part of the hinge, this far from it.
+    fn samples(arm: f64, has_orientation: bool) -> Vec<PoseSample> {
+        let rest = hinge().origin + Vector3::x() * arm;
+        let sample = |i| {
+            let motion = hinge().motion(0.05 * f64::from(i));
+            let orientation = has_orientation.then_some(motion.rotation);
+            PoseSample { t: f64::from(i), position: motion * rest, orientation }
+        };
+        (0..30).map(sample).collect()
+    }
+
+    fn starts(samples: &[PoseSample], kind: JointKind) -> Vec<State> {
+        Problem::new(samples).starts(kind)
+    }
+
+    /// The state is about the true hinge.
+    fn is_true(state: &State) -> bool {
+        let (line, found) = (hinge(), &state.geometry);
+        line_angle(&line.axis, &found.axis) < 1e-4
+            && distance_to_line(&line.origin, &line.axis, &found.origin) < 1e-4
+    }
+
+    #[test]
+    fn places_on_an_arc_start_a_hinge_at_its_centre() {
+        let found = starts(&samples(0.5, false), JointKind::Revolute);
+        assert_eq!(found.len(), 1, "no orientation tells another");
+        assert!(is_true(&found[0]));
+        let with_both = starts(&samples(0.5, true), JointKind::Revolute);
+        assert_eq!(with_both.len(), 2);
+        assert!(with_both.iter().all(is_true));
+    }
+
+    #[test]
+    fn a_marker_on_the_hinge_starts_it_by_its_orientations() {
+        let found = starts(&samples(0.0, true), JointKind::Revolute);
+        assert_eq!(found.len(), 1, "places that do not move are on no arc");
+        assert!(is_true(&found[0]));
+    }
+
+    #[test]
+    fn what_does_not_turn_starts_no_hinge_by_its_orientations() {
+        let still: Vec<PoseSample> =
+            samples(0.5, true).iter().map(|_| samples(0.5, true)[0]).collect();
+        assert!(starts(&still, JointKind::Revolute).is_empty());
+    }
+
+    #[test]
+    fn a_slide_starts_along_the_places_about_their_mean() {
+        let sample = |i| PoseSample {
+            t: f64::from(i),
+            position: Point3::new(0.0, 0.02 * f64::from(i), 1.0),
+            orientation: None,
+        };
+        let found = starts(&(0..11).map(sample).collect::<Vec<_>>(), JointKind::Prismatic);
+        assert_eq!(found.len(), 1);
+        assert!(found[0].geometry.axis.y.abs() > 1.0 - 1e-9);
+        assert!((found[0].rest_position - Point3::new(0.0, 0.1, 1.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn types_that_are_not_fitted_and_logs_without_samples_have_no_start() {
+        for kind in [JointKind::Helical, JointKind::Nonparametric] {
+            assert!(starts(&samples(0.5, true), kind).is_empty());
+        }
+        assert!(starts(&[], JointKind::Prismatic).is_empty());
+    }
+
+    #[test]
+    fn flipped_markers_do_not_draw_the_orientation_at_rest() {
+        let mut seen = samples(0.5, true);
+        let (straight, flipped) =
+            (UnitQuaternion::identity(), UnitQuaternion::from_euler_angles(3.0, 0.0, 0.0));
+        for (i, sample) in seen.iter_mut().enumerate() {
+            sample.orientation = Some(if i % 3 == 0 { flipped } else { straight });
+        }
+        assert_eq!(Problem::new(&seen).median_orientation(), straight);
+    }
+}

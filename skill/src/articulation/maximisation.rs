@@ -115,3 +115,130 @@ pub fn perturbed(state: &State, delta: &DVector<f64>) -> State {
     next.rest_orientation = UnitQuaternion::from_scaled_axis(turn) * state.rest_orientation;
     next
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::pose_sample::PoseSample;
+    use super::*;
+    use crate::math::rigid::{distance_to_line, line_angle};
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::Point3;
+
+    fn truth(geometry: JointGeometry) -> State {
+        State {
+            geometry,
+            rest_position: Point3::new(0.5, 0.1, 0.2),
+            rest_orientation: UnitQuaternion::from_euler_angles(0.2, 0.1, -0.3),
+        }
+    }
+
+    fn hinge() -> State {
+        truth(JointGeometry::hinge(Vector3::z_axis(), Point3::new(0.1, -0.1, 0.0)))
+    }
+
+    fn slide() -> State {
+        truth(JointGeometry::slide(Vector3::x_axis(), Point3::origin()))
+    }
+
+    /// The part's poses at configurations about 0.
+    fn samples(state: &State, has_orientation: bool) -> Vec<PoseSample> {
+        let sample = |i: i32| {
+            let motion = state.geometry.motion(0.04 * f64::from(i));
+            let orientation = has_orientation.then(|| motion.rotation * state.rest_orientation);
+            PoseSample { t: f64::from(i), position: motion * state.rest_position, orientation }
+        };
+        (-15..=15).map(sample).collect()
+    }
+
+    /// A state after so many steps, all samples of one weight.
+    fn stepped(start: &State, samples: &[PoseSample], steps: usize) -> Option<State> {
+        let problem = Problem::new(samples);
+        let ones = vec![1.0; samples.len()];
+        (0..steps).try_fold(*start, |state, _| {
+            problem.maximise(&state, &problem.residuals(&state), &ones, &ones)
+        })
+    }
+
+    #[test]
+    fn the_state_that_made_the_samples_is_kept() {
+        for state in [hinge(), slide()] {
+            let kept = stepped(&state, &samples(&state, true), 1).unwrap();
+            assert!(kept.geometry.axis.dot(&state.geometry.axis) > 1.0 - 1e-9);
+            assert!((kept.rest_position - state.rest_position).norm() < 1e-6);
+            assert!(kept.rest_orientation.angle_to(&state.rest_orientation) < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_hinge_beside_the_true_one_is_led_to_it() {
+        let off =
+            DVector::from_row_slice(&[0.1, -0.1, 0.05, 0.03, 0.01, 0.0, -0.02, 0.05, 0.0, 0.1]);
+        let led = stepped(&perturbed(&hinge(), &off), &samples(&hinge(), true), 20).unwrap();
+        let line = hinge().geometry;
+        assert!(line_angle(&led.geometry.axis, &line.axis) < 1e-4);
+        assert!(distance_to_line(&line.origin, &line.axis, &led.geometry.origin) < 1e-4);
+    }
+
+    #[test]
+    fn places_alone_give_a_hinge_by_their_circle_and_a_slide_by_their_line() {
+        let turned = stepped(&hinge(), &samples(&hinge(), false), 1).unwrap();
+        let line = hinge().geometry;
+        assert!(distance_to_line(&line.origin, &line.axis, &turned.geometry.origin) < 1e-6);
+        let slid = stepped(&slide(), &samples(&slide(), false), 1).unwrap();
+        assert!(line_angle(&slid.geometry.axis, &Vector3::x_axis()) < 1e-9);
+    }
+
+    #[test]
+    fn an_axis_keeps_its_sense() {
+        for mut state in [hinge(), slide()] {
+            let samples = samples(&state, false);
+            for _ in 0..2 {
+                state.geometry.axis = -state.geometry.axis;
+                let next = stepped(&state, &samples, 1).unwrap();
+                assert!(next.geometry.axis.dot(&state.geometry.axis) > 0.99);
+            }
+        }
+    }
+
+    #[test]
+    fn samples_without_weight_give_no_state() {
+        for state in [hinge(), slide()] {
+            let samples = samples(&state, false);
+            let problem = Problem::new(&samples);
+            let nothing = vec![0.0; samples.len()];
+            let residuals = problem.residuals(&state);
+            assert!(problem.maximise(&state, &residuals, &nothing, &nothing).is_none());
+        }
+    }
+
+    #[test]
+    fn an_outlier_without_weight_has_no_say() {
+        let mut samples = samples(&slide(), true);
+        samples[3].position += Vector3::new(0.0, 2.0, 0.0);
+        samples[3].orientation = Some(UnitQuaternion::from_euler_angles(2.0, 0.0, 0.0));
+        let problem = Problem::new(&samples);
+        let weights: Vec<f64> = (0..samples.len()).map(|i| f64::from(u8::from(i != 3))).collect();
+        let residuals = problem.residuals(&slide());
+        let next = problem.maximise(&slide(), &residuals, &weights, &weights).unwrap();
+        assert!(line_angle(&next.geometry.axis, &Vector3::x_axis()) < 1e-9);
+        assert!(next.rest_orientation.angle_to(&slide().rest_orientation) < 1e-6);
+    }
+
+    #[test]
+    fn small_steps_move_each_unknown_by_themselves_and_none_moves_none() {
+        let state = hinge();
+        let same = perturbed(&state, &DVector::zeros(10));
+        assert_eq!(same.rest_position, state.rest_position);
+        assert!(
+            (same.geometry.axis.into_inner() - state.geometry.axis.into_inner()).norm() < 1e-15
+        );
+        let mut step = DVector::zeros(10);
+        (step[0], step[5], step[9]) = (0.02, 0.3, 0.1);
+        let moved = perturbed(&state, &step);
+        assert!((line_angle(&moved.geometry.axis, &state.geometry.axis) - 0.02).abs() < 1e-5);
+        assert!((moved.geometry.axis.norm() - 1.0).abs() < 1e-12);
+        assert!((moved.rest_position - state.rest_position - Vector3::y() * 0.3).norm() < 1e-12);
+        assert!((moved.rest_orientation.angle_to(&state.rest_orientation) - 0.1).abs() < 1e-9);
+        assert_eq!(moved.geometry.origin, state.geometry.origin);
+    }
+}

@@ -152,3 +152,132 @@ pub fn effective_count(residuals: &[Residual], inlier: &[bool]) -> f64 {
     }
     n as f64 / (1.0 + 2.0 * sum)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::pose_sample::PoseSample;
+    use super::*;
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::{Point3, UnitQuaternion};
+
+    fn residuals(offsets: impl IntoIterator<Item = f64>) -> Vec<Residual> {
+        let residual = |x| Residual { q: 0.0, position: Vector3::x() * x, orientation: None };
+        offsets.into_iter().map(residual).collect()
+    }
+
+    fn count(offsets: impl IntoIterator<Item = f64>) -> f64 {
+        let residuals = residuals(offsets);
+        effective_count(&residuals, &vec![true; residuals.len()])
+    }
+
+    /// 1, 1, -1, 1, ... without any period.
+    fn sign(i: usize) -> f64 {
+        if (i * i * 7 + i * 3).is_multiple_of(5) || i.is_multiple_of(7) { 1.0 } else { -1.0 }
+    }
+
+    #[test]
+    fn residuals_that_alternate_are_as_many_observations_as_they_are() {
+        assert_eq!(count((0..100).map(|i| if i % 2 == 0 { 1e-3 } else { -1e-3 })), 100.0);
+    }
+
+    #[test]
+    fn residuals_that_keep_their_value_for_ten_samples_are_ten_times_fewer() {
+        let found = count((0..600).map(|i| 1e-3 * sign(i / 10)));
+        assert!((30.0..120.0).contains(&found), "{found}");
+    }
+
+    #[test]
+    fn residuals_that_vanish_are_all_observations_and_none_are_none() {
+        assert_eq!(count([0.0; 20]), 20.0);
+        assert_eq!(count([]), 0.0);
+    }
+
+    #[test]
+    fn how_far_an_outlier_lies_does_not_matter() {
+        let with_outlier = |far: f64| {
+            let residuals = residuals((0..60).map(|i| if i == 30 { far } else { 1e-3 * sign(i) }));
+            let inlier: Vec<bool> = (0..60).map(|i| i != 30).collect();
+            effective_count(&residuals, &inlier)
+        };
+        assert!((with_outlier(1.0) - with_outlier(100.0)).abs() < 1e-6);
+    }
+
+    /// A hinge along z at the origin, fitted to a part this far from it.
+    fn hinge(radius: f64) -> FittedJoint {
+        FittedJoint {
+            geometry: JointGeometry::hinge(Vector3::z_axis(), Point3::origin()),
+            rest_position: Point3::new(radius, 0.0, 0.0),
+            rest_orientation: UnitQuaternion::identity(),
+            configuration: Vec::new(),
+            log_likelihood: 0.0,
+            bic: 0.0,
+            position_rmse: 0.0,
+            orientation_rmse: 0.0,
+            outlier_ratio: 0.0,
+            inlier: vec![true; 40],
+            effective_observations: 40.0,
+            covariance: DMatrix::zeros(6, 6),
+        }
+    }
+
+    /// What the hinge's part is seen to do; all orientations are told, or none.
+    fn samples(radius: f64, has_orientation: bool) -> Vec<PoseSample> {
+        let joint = hinge(radius);
+        let sample = |i| {
+            let motion = joint.geometry.motion(0.03 * f64::from(i));
+            let orientation = has_orientation.then_some(motion.rotation);
+            PoseSample { t: f64::from(i), position: motion * joint.rest_position, orientation }
+        };
+        (0..40).map(sample).collect()
+    }
+
+    #[test]
+    fn a_hinge_is_penalised_only_where_it_is_farther_than_hinges_are_built() {
+        let samples = samples(0.3, true);
+        let problem = Problem::new(&samples);
+        assert_eq!(problem.hinge_penalty(&hinge(0.1)), 0.0);
+        assert_eq!(problem.hinge_penalty(&hinge(HINGE_RADIUS_M)), 0.0);
+        let far = HINGE_RADIUS_M * HINGE_RADIUS_LOG_SIGMA.exp();
+        assert!((problem.hinge_penalty(&hinge(far)) - 1.0).abs() < 1e-9);
+        let slide = JointGeometry::slide(Vector3::z_axis(), Point3::origin());
+        assert_eq!(problem.hinge_penalty(&FittedJoint { geometry: slide, ..hinge(5.0) }), 0.0);
+    }
+
+    #[test]
+    fn without_orientations_each_type_has_three_parameters_fewer() {
+        let (full, places) = (samples(0.3, true), samples(0.3, false));
+        let kinds = [JointKind::Fixed, JointKind::Prismatic, JointKind::Revolute];
+        let of = |samples: &[PoseSample]| {
+            let problem = Problem::new(samples);
+            kinds.map(|kind| problem.parameter_count(kind))
+        };
+        assert_eq!(of(&full), [6.0, 8.0, 9.0]);
+        assert_eq!(of(&places), [3.0, 5.0, 6.0]);
+    }
+
+    #[test]
+    fn a_line_is_known_the_better_the_more_observations_tell_it_and_not_along_itself() {
+        let samples = samples(0.4, true);
+        let problem = Problem::new(&samples);
+        let covariance = |effective_observations| {
+            problem.covariance(&FittedJoint { effective_observations, ..hinge(0.4) })
+        };
+        let (few, many) = (covariance(10.0), covariance(40.0));
+        for k in [0, 1, 3, 4] {
+            let ratio = few[(k, k)] / many[(k, k)];
+            assert!((ratio - 4.0).abs() < 0.1, "{k}: {ratio}");
+        }
+        assert!(many[(2, 2)].abs() < 1e-15 && many[(5, 5)].abs() < 1e-15);
+        let nothing = FittedJoint { inlier: vec![false; 40], ..hinge(0.4) };
+        assert!(problem.covariance(&nothing).iter().all(|x| x.is_finite()));
+    }
+
+    #[test]
+    fn what_does_not_move_has_no_line_to_be_unsure_of() {
+        let samples = samples(0.4, true);
+        let mut geometry = hinge(0.4).geometry;
+        geometry.kind = JointKind::Fixed;
+        let rigid = FittedJoint { geometry, ..hinge(0.4) };
+        assert_eq!(Problem::new(&samples).covariance(&rigid), DMatrix::zeros(6, 6));
+    }
+}

@@ -191,3 +191,114 @@ fn mixture(log_inlier: &[f64], log_outlier: f64) -> (Vec<f64>, f64) {
     let likelihood = log_inlier.iter().zip(&odds).map(of_one).sum();
     (weights, likelihood)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::UnitQuaternion;
+
+    /// A part half a metre from a hinge, or on it.
+    fn state(arm: f64) -> State {
+        let geometry = JointGeometry::hinge(Vector3::z_axis(), Point3::new(0.2, 0.1, 0.0));
+        State {
+            geometry,
+            rest_position: geometry.origin + Vector3::x() * arm,
+            rest_orientation: UnitQuaternion::from_euler_angles(0.3, -0.2, 0.1),
+        }
+    }
+
+    /// The part's pose, its place at one angle and its orientation at another.
+    fn seen(state: &State, place: f64, turn: f64) -> PoseSample {
+        PoseSample {
+            t: 0.0,
+            position: state.geometry.motion(place) * state.rest_position,
+            orientation: Some(state.geometry.motion(turn).rotation * state.rest_orientation),
+        }
+    }
+
+    fn angle_of(state: &State, sample: PoseSample) -> f64 {
+        Problem::new(&[sample]).residual(state, &sample).q
+    }
+
+    #[test]
+    fn a_pose_that_the_hinge_made_leaves_no_residual_at_its_angle() {
+        let state = state(0.5);
+        for q in [-3.1, -1.0, 0.0, 0.4, 3.1] {
+            let sample = seen(&state, q, q);
+            let residual = Problem::new(&[sample]).residual(&state, &sample);
+            assert!((residual.q - q).abs() < 1e-9);
+            assert!(residual.position.norm() < 1e-9);
+            assert!(residual.orientation.unwrap().norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn both_quaternions_of_an_orientation_give_one_angle() {
+        let state = state(0.0);
+        let sample = seen(&state, 0.0, 0.7);
+        let other = sample.orientation.map(|o| UnitQuaternion::new_unchecked(-o.into_inner()));
+        for orientation in [sample.orientation, other] {
+            assert!((angle_of(&state, PoseSample { orientation, ..sample }) - 0.7).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_place_tells_the_angle_far_from_the_hinge_and_the_orientation_on_it() {
+        // They contradict each other: a marker whose orientation has flipped.
+        let far = state(0.5);
+        assert!((angle_of(&far, seen(&far, 0.3, -1.2)) - 0.3).abs() < 1e-9);
+        let on_it = state(0.0);
+        assert!((angle_of(&on_it, seen(&on_it, 0.0, -1.2)) + 1.2).abs() < 1e-9);
+        // Where they differ by little the angle lies between both.
+        let between = angle_of(&far, seen(&far, 0.30, 0.31));
+        assert!((0.30..0.31).contains(&between), "{between}");
+    }
+
+    #[test]
+    fn a_slide_has_the_way_along_its_axis_and_the_rest_is_residual() {
+        let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let slide = State { geometry, ..state(0.5) };
+        let place = slide.rest_position + Vector3::new(0.3, 0.0, 0.02);
+        let sample = PoseSample { t: 0.0, position: place, orientation: None };
+        let residual = Problem::new(&[sample]).residual(&slide, &sample);
+        assert!((residual.q - 0.3).abs() < 1e-12 && residual.orientation.is_none());
+        assert!((residual.position - Vector3::new(0.0, 0.0, 0.02)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_flipped_marker_loses_its_orientation_and_keeps_its_place() {
+        let state = state(0.5);
+        let mut samples: Vec<PoseSample> =
+            (0..20).map(|i| 0.05 * f64::from(i)).map(|q| seen(&state, q, q)).collect();
+        samples[4] = seen(&state, 0.2, 0.2 + 2.5);
+        samples[9].position += Vector3::new(0.0, 0.0, 0.3);
+        let problem = Problem::new(&samples);
+        let (places, turns) = problem.weights(&problem.residuals(&state), 1.0);
+        assert!(places[4] > 0.9 && turns[4] < 0.1, "{} {}", places[4], turns[4]);
+        assert!(places[9] < 0.1, "{}", places[9]);
+        assert!((0..20).filter(|i| ![4, 9].contains(i)).all(|i| places[i] > 0.9 && turns[i] > 0.9));
+    }
+
+    #[test]
+    fn without_orientations_none_has_less_weight_than_another() {
+        let state = state(0.5);
+        let samples: Vec<PoseSample> =
+            (0..8).map(|_| PoseSample { orientation: None, ..seen(&state, 0.1, 0.1) }).collect();
+        let problem = Problem::new(&samples);
+        assert!(!problem.has_orientation);
+        assert_eq!(problem.weights(&problem.residuals(&state), 1.0).1, [1.0; 8]);
+    }
+
+    #[test]
+    fn the_farther_the_residuals_the_less_likely_and_never_beyond_what_is_finite() {
+        let at = |distance: f64| -> f64 {
+            let far = Residual { q: 0.0, position: Vector3::x() * distance, orientation: None };
+            Problem::new(&[]).log_likelihood_of(&[far; 5], 1.0)
+        };
+        let likelihoods = [at(0.0), at(0.01), at(0.03), at(0.1), at(1e6)];
+        assert!(likelihoods.is_sorted_by(|a, b| a >= b), "{likelihoods:?}");
+        assert!(likelihoods[4].is_finite());
+        assert_eq!(mixture(&[], 0.0), (Vec::new(), 0.0));
+    }
+}

@@ -257,3 +257,129 @@ impl Refiner<'_> {
         state
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::kinematics::ChainJoint;
+    use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
+    use crate::test_data::seen;
+    use nalgebra::{Point3, Vector3};
+
+    /// A board that slides in x before a plate.
+    fn slider() -> Articulated {
+        let slide = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        Articulated { parts: 2, joints: vec![ChainJoint::new(slide, [0, 1], [0.0, 0.4])] }
+    }
+
+    /// The board slid by so much, and the wall behind both.
+    fn scene(slid: f64) -> Scene {
+        let shift = slid / BOARD_M;
+        let frame = seen(0, |x, y| match (on_board(x - shift, y), on_plate(x, y)) {
+            (true, _) => BOARD_M,
+            (false, true) => PLATE_M,
+            (false, false) => 2.5,
+        });
+        Scene::plain(&frame).unwrap()
+    }
+
+    fn state(q: f64) -> State {
+        State { camera_from_object: Pose::identity(), q: vec![q] }
+    }
+
+    /// Looks at a refiner of the slider in a scene where it is slid by so much.
+    fn with_refiner<T>(slid: f64, config: &RecogniseConfig, look: impl FnOnce(&Refiner) -> T) -> T {
+        let (scene, articulated) = (scene(slid), slider());
+        let cloud = slider_surface(|_| 50.0);
+        let refiner = Refiner {
+            scene: &scene,
+            articulated: &articulated,
+            cloud: &cloud,
+            coarse: &cloud,
+            matches: &[],
+            min_inliers: 0,
+            config,
+        };
+        look(&refiner)
+    }
+
+    #[test]
+    fn the_state_that_is_seen_fits_better_than_those_beside_it() {
+        with_refiner(0.15, &RecogniseConfig::default(), |refiner| {
+            let fit = |q| refiner.fit(refiner.cloud, &state(q));
+            assert!(fit(0.15) > fit(0.05) && fit(0.15) > fit(0.25));
+            let states = [0.05, 0.15, 0.25].map(state);
+            let best = refiner.best_of(states.to_vec().into_par_iter()).unwrap();
+            assert_eq!(best.q, [0.15]);
+            assert!(refiner.best_of(Vec::new().into_par_iter()).is_none());
+        });
+    }
+
+    #[test]
+    fn a_scan_finds_the_configuration_while_the_plate_stays_where_it_is() {
+        with_refiner(0.2, &RecogniseConfig::default(), |refiner| {
+            let found = refiner.scan(0, &state(0.0), &[0], COARSE_STEPS, FOLLOWED);
+            assert!((found[0].q[0] - 0.2).abs() < 0.02, "{:?}", found[0].q);
+            assert_eq!(found[0].camera_from_object, Pose::identity());
+            assert!(found.len() <= FOLLOWED && !found.is_empty());
+            for (i, a) in found.iter().enumerate() {
+                assert!(found[..i].iter().all(|b| (a.q[0] - b.q[0]).abs() > 0.04), "apart");
+            }
+        });
+    }
+
+    #[test]
+    fn without_joints_to_scan_the_state_stays_as_it_is() {
+        with_refiner(0.2, &RecogniseConfig::default(), |refiner| {
+            let kept = refiner.scan(0, &state(0.1), &[], COARSE_STEPS, FOLLOWED);
+            assert_eq!((kept.len(), kept[0].q[0]), (1, 0.1));
+        });
+    }
+
+    #[test]
+    fn joints_without_matches_on_both_sides_are_weak() {
+        with_refiner(0.2, &RecogniseConfig::default(), |refiner| {
+            assert_eq!(refiner.weak_joints(&state(0.2)), [0]);
+        });
+    }
+
+    #[test]
+    fn alignment_draws_an_object_to_the_surface_that_is_seen() {
+        with_refiner(0.2, &RecogniseConfig::default(), |refiner| {
+            let mut near = state(0.2);
+            near.camera_from_object = Pose::translation(0.0, 0.0, 0.02);
+            let aligned = refiner.align(near);
+            assert!(aligned.camera_from_object.translation.z.abs() < 1e-3);
+        });
+    }
+
+    #[test]
+    fn an_alignment_that_is_switched_off_or_has_no_surface_moves_nothing() {
+        let off = RecogniseConfig { align_surface: false, ..RecogniseConfig::default() };
+        let mut beside = state(0.2);
+        beside.camera_from_object = Pose::translation(0.0, 0.0, 0.02);
+        with_refiner(0.2, &off, |refiner| {
+            assert_eq!(refiner.align(beside.clone()).camera_from_object, beside.camera_from_object);
+        });
+        let mut away = state(0.2);
+        away.camera_from_object = Pose::translation(0.0, 0.0, -0.5);
+        with_refiner(0.2, &RecogniseConfig::default(), |refiner| {
+            assert_eq!(refiner.align(away.clone()).camera_from_object, away.camera_from_object);
+            assert_eq!(
+                refiner.fit_features(away.clone()).camera_from_object,
+                away.camera_from_object
+            );
+        });
+    }
+
+    #[test]
+    fn what_is_hidden_makes_a_state_explain_less_and_nothing_explains_nothing() {
+        let nothing = Verdict::default();
+        assert_eq!(explained(&nothing, 0), 0.0);
+        let hidden = Verdict { hidden: 80, ..Verdict::default() };
+        assert!((explained(&nothing, 10) - 10.0 * FEATURE_WORTH).abs() < 1e-9);
+        assert!((explained(&hidden, 10) - 5.0 * FEATURE_WORTH).abs() < 1e-9);
+    }
+}

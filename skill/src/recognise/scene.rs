@@ -91,3 +91,44 @@ impl Scene {
         self.surface(u, v).map_or_else(Vector3::zeros, |s| s.normal)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{board, seen};
+
+    #[test]
+    fn a_wall_faces_the_camera_wherever_it_has_depth() {
+        let scene = Scene::plain(&seen(0, |x, _| if x < 0.2 { 1.5 } else { f64::NAN })).unwrap();
+        let patch = scene.surface(100, 100).unwrap();
+        assert!((patch.z - 1.5).abs() < 1e-6);
+        assert!((scene.normal(100, 100) + Vector3::z()).norm() < 1e-6);
+        assert!(scene.surface(300, 100).is_none());
+        assert_eq!(scene.normal(300, 100), Vector3::zeros());
+        assert!(scene.features.is_empty());
+    }
+
+    #[test]
+    fn what_lies_outside_the_picture_has_no_surface() {
+        let scene = Scene::plain(&seen(0, |_, _| 1.5)).unwrap();
+        for (u, v) in [(320, 0), (0, 240), (usize::MAX, usize::MAX)] {
+            assert!(scene.surface(u, v).is_none(), "{u}, {v}");
+        }
+    }
+
+    #[test]
+    fn a_camera_that_is_covered_has_no_depth() {
+        let with_depth = |share: f64| {
+            let limit = 240.0 * share;
+            let rows = move |y: f64| 260.0 * y + 120.0 < limit;
+            Scene::plain(&seen(0, |_, y| if rows(y) { 1.0 } else { f64::NAN })).unwrap().has_depth()
+        };
+        assert!(with_depth(1.0) && with_depth(0.2));
+        assert!(!with_depth(0.0) && !with_depth(0.02));
+    }
+
+    #[test]
+    fn a_picture_without_texture_has_no_features() {
+        assert!(Scene::new(&seen(0, board(0.3, 1.0, 2.0))).unwrap().features.is_empty());
+    }
+}

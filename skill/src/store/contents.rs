@@ -125,3 +125,34 @@ pub fn insert(
     let (object, words) = (object.to_owned(), Some(words.to_vec()));
     update(connection, &Entry { number, object, words, content })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row() -> Entry {
+        Entry { number: 3, object: "door".into(), words: Some(vec![1, 2, 3]), content: 77 }
+    }
+
+    #[test]
+    fn a_checksum_tells_every_change_of_a_row() {
+        let sum = row().checksum();
+        let changed = [
+            Entry { number: 4, ..row() },
+            Entry { object: "doot".into(), ..row() },
+            Entry { words: Some(vec![1, 2, 4]), ..row() },
+            Entry { words: None, ..row() },
+            Entry { content: 78, ..row() },
+        ];
+        assert!(changed.iter().all(|entry| entry.checksum() != sum));
+        assert_eq!(row().checksum(), sum);
+    }
+
+    #[test]
+    fn bytes_that_go_from_one_field_to_the_next_change_the_checksum() {
+        let of = |object: &str, words: &[u8]| {
+            Entry { object: object.into(), words: Some(words.to_vec()), ..row() }.checksum()
+        };
+        assert_ne!(of("ab", b"c"), of("a", b"bc"));
+    }
+}

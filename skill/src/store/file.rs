@@ -203,3 +203,102 @@ fn up_to_date(path: &Path, connection: Connection) -> Result<Connection, StoreEr
     schema::prepare(path, &copy)?;
     Ok(copy)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::ffi::OsStringExt;
+
+    fn refused(path: impl AsRef<Path>, absent: Absent) -> String {
+        open(path.as_ref(), absent).err().expect("it is refused").to_string()
+    }
+
+    #[test]
+    fn names_that_the_library_would_take_for_something_else_are_refused() {
+        for absent in [Absent::Refuse, Absent::Create] {
+            assert!(refused("", absent).contains("it is empty"));
+            assert!(refused(":memory:", absent).contains("lies in memory"));
+            assert!(refused("file:s.linkage?mode=ro", absent).contains("it is a URI"));
+        }
+    }
+
+    #[test]
+    fn folders_devices_and_files_below_no_folder_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(refused(dir.path(), Absent::Create).contains("it is a folder"));
+        assert!(refused("/dev/null", Absent::Create).contains("it is a device or a pipe"));
+        let nowhere = dir.path().join("no/such/s.linkage");
+        assert!(matches!(open(&nowhere, Absent::Create), Err(StoreError::Unreachable { .. })));
+    }
+
+    #[test]
+    fn a_store_is_made_only_where_that_is_asked_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        assert!(matches!(open(&path, Absent::Refuse), Err(StoreError::Missing { .. })));
+        assert!(!path.exists(), "asking for it makes none");
+        assert!(!open(&path, Absent::Create).unwrap().is_read_only);
+        assert!(open(&path, Absent::Refuse).is_ok());
+    }
+
+    #[test]
+    fn an_empty_file_is_no_store_until_one_is_made_of_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        fs::write(&path, "").unwrap();
+        assert!(matches!(open(&path, Absent::Refuse), Err(StoreError::NotAStore { .. })));
+        assert!(open(&path, Absent::Create).is_ok());
+        assert!(open(&path, Absent::Refuse).is_ok());
+    }
+
+    #[test]
+    fn a_file_that_is_no_store_is_refused_and_left_as_it_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("notes.txt");
+        let text = "hello, this is no database. ".repeat(100);
+        fs::write(&path, &text).unwrap();
+        for absent in [Absent::Refuse, Absent::Create] {
+            assert!(matches!(open(&path, absent), Err(StoreError::NotAStore { .. })));
+        }
+        assert_eq!(fs::read_to_string(&path).unwrap(), text);
+    }
+
+    #[test]
+    fn the_folder_of_a_bare_name_is_the_one_where_one_is() {
+        assert_eq!(folder_of(Path::new("s.linkage")), Path::new("."));
+        assert_eq!(folder_of(Path::new("a/s.linkage")), Path::new("a"));
+    }
+
+    #[test]
+    fn a_uri_has_no_sign_of_its_own_in_a_name() {
+        let odd = PathBuf::from(OsString::from_vec(b"/no/a b?c#d%e\xff.linkage".to_vec()));
+        assert_eq!(immutable(&odd), "file:/no/a%20b%3fc%23d%25e%ff.linkage?immutable=1");
+    }
+
+    #[test]
+    fn the_journal_lies_beside_the_file_that_a_link_leads_to() {
+        let dir = tempfile::tempdir().unwrap();
+        let (target, link) = (dir.path().join("s.linkage"), dir.path().join("link"));
+        fs::write(&target, "").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        let beside = journal_of(&fs::canonicalize(&target).unwrap());
+        assert_eq!(journal_of(&link), beside);
+        assert!(beside.to_string_lossy().ends_with("s.linkage-wal"));
+    }
+
+    #[test]
+    fn only_what_cannot_be_written_is_opened_to_read() {
+        let code = |code| {
+            let sqlite = rusqlite::ffi::Error { code, extended_code: 0 };
+            explain(Path::new("s.linkage"), rusqlite::Error::SqliteFailure(sqlite, None))
+        };
+        for cannot in [ErrorCode::CannotOpen, ErrorCode::ReadOnly, ErrorCode::PermissionDenied] {
+            assert!(needs_no_writing(&code(cannot)), "{cannot:?}");
+        }
+        for other in [ErrorCode::DatabaseCorrupt, ErrorCode::NotADatabase, ErrorCode::DatabaseBusy]
+        {
+            assert!(!needs_no_writing(&code(other)), "{other:?}");
+        }
+        assert!(!needs_no_writing(&StoreError::Missing { path: String::new() }));
+    }
+}

@@ -8,6 +8,8 @@
 
 mod contents;
 #[cfg(test)]
+mod contents_tests;
+#[cfg(test)]
 mod damage;
 mod database;
 mod error;

@@ -88,3 +88,68 @@ fn alike(a: &ModelFeature, b: &ModelFeature) -> bool {
     let distance_sq = 2.0 - 2.0 * similarity(product(&a.descriptor, &b.descriptor));
     a.kind == b.kind && f64::from(apart.norm()) < MERGE_M && size < 0.3 && distance_sq < 0.2
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::features::DESCRIPTOR_LENGTH;
+
+    /// A feature of a part, that looks like no other number's.
+    fn feature(part: u16, x: f32, number: usize) -> ModelFeature {
+        let mut descriptor = [0.0; DESCRIPTOR_LENGTH];
+        (0..4).for_each(|i| descriptor[4 * number + i] = 0.5);
+        ModelFeature {
+            part,
+            kind: FeatureKind::Picture,
+            point: [x, 0.01, 1.01],
+            normal: [0.0, 0.0, -1.0],
+            size_m: 0.01,
+            descriptor: quantise(&descriptor).to_vec(),
+        }
+    }
+
+    /// The features that are left, by part and place.
+    fn kept(features: &[ModelFeature], per_part: usize) -> Vec<(u16, f32)> {
+        let seen = features.iter().cloned().enumerate().map(|(i, f)| (f, i)).collect();
+        merged(seen, per_part).iter().map(|f| (f.part, f.point[0])).collect()
+    }
+
+    #[test]
+    fn views_of_one_point_become_one_feature() {
+        let views = [feature(0, 0.010, 1), feature(0, 0.012, 1), feature(0, 0.011, 1)];
+        assert_eq!(kept(&views, 100).len(), 1);
+    }
+
+    #[test]
+    fn what_differs_in_look_place_part_kind_or_size_stays_apart() {
+        let one = feature(0, 0.01, 1);
+        let others = [
+            feature(0, 0.01, 2),
+            feature(0, 0.20, 1),
+            feature(1, 0.01, 1),
+            ModelFeature { kind: FeatureKind::Rectified, ..one.clone() },
+            ModelFeature { size_m: 0.02, ..one.clone() },
+        ];
+        for other in others {
+            assert_eq!(kept(&[one.clone(), other], 100).len(), 2);
+        }
+    }
+
+    #[test]
+    fn the_points_that_are_seen_most_often_are_kept_first() {
+        let seen = |x: f32, times: usize, number| vec![feature(0, x, number); times];
+        let all = [seen(0.1, 1, 1), seen(0.3, 3, 2), seen(0.5, 2, 3)].concat();
+        // Half of the places are for features of one kind.
+        assert_eq!(kept(&all, 4), [(0, 0.3), (0, 0.5)]);
+        assert_eq!(kept(&all, 2), [(0, 0.3)]);
+        assert!(kept(&all, 0).is_empty());
+    }
+
+    #[test]
+    fn they_come_part_by_part_and_each_part_has_its_own_number() {
+        let all = [feature(1, 0.1, 1), feature(0, 0.3, 2), feature(1, 0.5, 3), feature(0, 0.7, 4)];
+        assert_eq!(kept(&all, 2), [(0, 0.3), (1, 0.1)]);
+        assert_eq!(kept(&all, 4).iter().map(|(part, _)| *part).collect::<Vec<_>>(), [0, 0, 1, 1]);
+        assert!(kept(&[], 10).is_empty());
+    }
+}

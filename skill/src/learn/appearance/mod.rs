@@ -14,6 +14,8 @@ mod part_labels;
 mod region;
 mod room_planes;
 mod surfels;
+#[cfg(test)]
+mod test_data;
 
 use super::demonstration::Demonstration;
 use crate::object::appearance::{Appearance, ModelFeature, Surfel};
@@ -150,5 +152,51 @@ impl SeenObject {
             features: seen_features(posed, grid, region, &normals)?,
             surface: seen_surface(posed, grid, region, &normals)?,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::test_data::{FRAMES, demonstration, front, pulled_out};
+    use super::*;
+
+    #[test]
+    fn the_front_of_a_drawer_is_learned_where_it_was_at_first() {
+        let appearance = build(&pulled_out()).unwrap();
+        let of_front: Vec<&Surfel> = appearance.surfels.iter().filter(|s| s.part == 1).collect();
+        assert!(of_front.len() > 100, "{} surfels", of_front.len());
+        for surfel in &of_front {
+            let [x, y, z] = surfel.point;
+            assert!((z - 1.5).abs() < 0.005 && x.abs() < 0.21 && y.abs() < 0.21);
+            assert!(surfel.normal[2] < -0.99);
+        }
+        assert!(appearance.features.is_empty(), "it is plain");
+        // It ends where the wall beside it is seen once it stands out.
+        let of_front = appearance.edges.iter().filter(|edge| edge.part == 1);
+        let ends: Vec<f32> =
+            of_front.map(|edge| edge.beyond[0].abs().max(edge.beyond[1].abs())).collect();
+        assert!(!ends.is_empty() && ends.iter().all(|end| (0.2..0.3).contains(end)), "{ends:?}");
+    }
+
+    #[test]
+    fn an_object_without_joints_looks_like_nothing() {
+        assert_eq!(build(&demonstration(&front())).unwrap(), Appearance::default());
+    }
+
+    #[test]
+    fn the_same_demonstration_gives_the_same_appearance() {
+        assert_eq!(build(&pulled_out()).unwrap(), build(&pulled_out()).unwrap());
+    }
+
+    #[test]
+    fn keyframes_are_taken_evenly_and_no_more_than_wanted() {
+        let whole = pulled_out();
+        let numbers = |wanted: usize| {
+            posed_frames(&whole, wanted).iter().map(|posed| posed.number).collect::<Vec<_>>()
+        };
+        assert_eq!(numbers(5), [0, 4, 8, 12]);
+        assert_eq!(numbers(1000), (0..FRAMES).collect::<Vec<_>>());
+        assert_eq!(numbers(0), [0]);
+        assert!(posed_frames(&demonstration(&[]), 5).is_empty());
     }
 }

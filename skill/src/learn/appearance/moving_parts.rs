@@ -74,3 +74,75 @@ pub fn swept_volume(demonstration: &Demonstration, tracked: &[Vec<Point3<f64>>])
     }
     Occupancy::new(points.into_iter())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{FRAMES, demonstration, front, part_poses, picture};
+    use super::*;
+    use linkage_frames::RgbdFrame;
+
+    fn tracked(demonstration: &Demonstration) -> Vec<Point3<f64>> {
+        let frames: Vec<RgbdFrame> = (0..FRAMES).map(picture).collect();
+        let poses = part_poses();
+        let posed: Vec<PosedFrame> = frames
+            .iter()
+            .enumerate()
+            .map(|(f, frame)| PosedFrame {
+                frame,
+                number: f,
+                camera_from_part: vec![poses[0][f], poses[1][f]],
+            })
+            .collect();
+        tracked_points(demonstration, &posed, 1)
+    }
+
+    #[test]
+    fn the_points_of_a_part_are_those_of_its_tracks_at_rest() {
+        let mut places = front();
+        places.push((Point3::new(0.1, 0.1, 1.5), None));
+        places.push((Point3::new(0.1, 0.05, 1.5), Some(0)));
+        let points = tracked(&demonstration(&places));
+        assert_eq!(points.len(), 12, "neither the base's nor nobody's");
+        assert!(points.iter().all(|p| (p.z - 1.5).abs() < 1e-9));
+    }
+
+    #[test]
+    fn the_hand_that_pulls_it_and_what_is_far_from_all_others_are_none_of_it() {
+        let mut places = front();
+        // The pictures show no surface where the hand would be, and a lone point on the front.
+        places.push((Point3::new(0.05, 0.05, 1.3), Some(1)));
+        places.push((Point3::new(-0.19, -0.19, 1.5), Some(1)));
+        assert_eq!(tracked(&demonstration(&places)).len(), 12);
+    }
+
+    #[test]
+    fn a_plain_part_has_the_points_of_its_plane() {
+        let mut plain = demonstration(&[]);
+        plain.plain_surface[1] = front().iter().map(|(p, _)| *p).collect();
+        assert_eq!(tracked(&plain).len(), 12);
+        assert!((object_distance(&plain) - 1.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_object_is_as_far_as_the_middle_one_of_its_parts_points_when_first_seen() {
+        let mut places = front();
+        places.push((Point3::new(0.0, 0.0, 9.0), Some(0)));
+        places.push((Point3::new(0.0, 0.0, 9.0), None));
+        assert!((object_distance(&demonstration(&places)) - 1.5).abs() < 1e-9);
+        assert_eq!(object_distance(&demonstration(&[])), 1.0, "of nothing");
+    }
+
+    #[test]
+    fn a_drawer_sweeps_what_lies_on_its_way_and_nothing_else() {
+        let points: Vec<Point3<f64>> = front().iter().map(|(p, _)| *p).collect();
+        let swept = swept_volume(&demonstration(&[]), &[vec![Point3::new(9.0, 0.0, 0.0)], points]);
+        for way in [0.0, 0.08, 0.24] {
+            assert!(swept.holds(&Point3::new(0.03, 0.03, 1.5 - way)), "{way} m on its way");
+        }
+        assert!(
+            !swept.holds(&Point3::new(0.03, 0.03, 1.0))
+                && !swept.holds(&Point3::new(0.4, 0.0, 1.5))
+        );
+        assert!(!swept.holds(&Point3::new(9.0, 0.0, 0.0)), "the base does not move");
+    }
+}

@@ -87,3 +87,77 @@ fn resting_surface(
     };
     (cells(&|[rests, _]| *rests >= often), cells(&|[rests, dynamic]| dynamic > rests))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::dynamic_features::FrameFeatures;
+    use super::super::part_labels::label;
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::test_data::{board, seen};
+    use linkage_frames::RgbdFrame;
+
+    const FRONT_M: f64 = 1.5;
+    const WALL_M: f64 = 3.0;
+
+    /// What moved: a strip in the middle of the front, just before it.
+    fn swept() -> Occupancy {
+        let side = || (-3..=3).map(|i| 0.03 * f64::from(i));
+        Occupancy::new(side().flat_map(|x| side().map(move |y| Point3::new(x, y, FRONT_M - 0.05))))
+    }
+
+    /// The region of a cupboard 60 cm wide before a wall; features that move are seen at some places.
+    fn region(dynamic: &[Point3<f64>]) -> Region {
+        let frames: Vec<RgbdFrame> =
+            (0..8).map(|i| seen(i + 1, board(0.3, FRONT_M, WALL_M))).collect();
+        let posed: Vec<PosedFrame> = frames
+            .iter()
+            .map(|frame| PosedFrame {
+                frame,
+                number: 0,
+                camera_from_part: vec![Some(Pose::identity())],
+            })
+            .collect();
+        let features = FrameFeatures { dynamic: dynamic.to_vec(), resting: Vec::new() };
+        let labelled: Vec<(usize, LabelGrid)> =
+            (0..8).map(|i| (i, label(&posed, i, &|_, _| false, &features))).collect();
+        Region::new(&swept(), &posed, &labelled)
+    }
+
+    #[test]
+    fn the_front_around_what_moved_is_the_bases_and_the_wall_is_the_rooms() {
+        let region = region(&[]);
+        let front = Point3::new(0.2, 0.1, FRONT_M);
+        assert!(region.is_own_base(&region.surface, &front, FRONT_M));
+        assert!(region.is_own_base(&region.features, &front, FRONT_M));
+        let wall = Point3::new(0.2, 0.1, WALL_M);
+        assert!(!region.is_own_base(&region.surface, &wall, WALL_M));
+        assert!(is_room(&region.room, &wall, WALL_M));
+    }
+
+    #[test]
+    fn features_reach_a_little_farther_than_surface() {
+        let region = region(&[]);
+        // Cells are 4 cm wide: each margin is rounded to these.
+        let beside = Point3::new(0.09 + 0.27, 0.0, FRONT_M - 0.05);
+        assert!(region.features.holds(&beside) && !region.surface.holds(&beside));
+    }
+
+    #[test]
+    fn where_somebody_stands_before_the_front_it_is_not_the_bases() {
+        let hand = Point3::new(0.16, 0.0, FRONT_M);
+        let near = |i: i32| hand + nalgebra::Vector3::new(0.01 * f64::from(i), 0.0, 0.0);
+        let region = region(&(0..4).map(near).collect::<Vec<_>>());
+        assert!(!region.is_own_base(&region.surface, &hand, FRONT_M));
+        let elsewhere = Point3::new(-0.16, 0.0, FRONT_M);
+        assert!(region.is_own_base(&region.surface, &elsewhere, FRONT_M));
+    }
+
+    #[test]
+    fn without_keyframes_the_region_is_what_is_near_to_what_moved() {
+        let region = Region::new(&swept(), &[], &[]);
+        assert!(region.surface.holds(&Point3::new(0.2, 0.0, FRONT_M - 0.05)));
+        assert!(!region.surface.holds(&Point3::new(0.6, 0.0, FRONT_M - 0.05)));
+        assert!(region.dynamic.0.is_empty() && region.room.is_empty());
+    }
+}

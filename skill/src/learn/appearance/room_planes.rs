@@ -130,3 +130,68 @@ fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
     let facing = normal.dot(&plane.normal).signum();
     Plane { normal: normal * facing, through, ..*plane }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::test_data::{board, seen};
+    use linkage_frames::RgbdFrame;
+
+    /// What moved, 10 cm around this depth in the middle of the picture.
+    fn moved_at(z: f64) -> Occupancy {
+        let side = || (-2..=2).map(|i| 0.05 * f64::from(i));
+        Occupancy::new(side().flat_map(move |x| side().map(move |y| Point3::new(x, y, z))))
+    }
+
+    fn planes(frame: &RgbdFrame, pose: Option<Pose>, swept: &Occupancy) -> Vec<Plane> {
+        let posed = PosedFrame { frame, number: 0, camera_from_part: vec![pose] };
+        room_planes(Some(&posed), swept)
+    }
+
+    #[test]
+    fn a_wall_that_leaves_the_picture_is_the_rooms_however_near_what_moved_is() {
+        let wall = seen(0, |_, _| 2.0);
+        for near in [1.0, 1.9] {
+            let room = planes(&wall, Some(Pose::identity()), &moved_at(near));
+            assert_eq!(room.len(), 1);
+            assert!(is_room(&room, &Point3::new(0.5, -0.3, 2.0), 2.0));
+            assert!(!is_room(&room, &Point3::new(0.5, -0.3, 1.8), 1.8));
+        }
+    }
+
+    #[test]
+    fn a_plate_near_what_moved_is_the_objects() {
+        let plate = seen(0, board(0.2, 1.0, 4.0));
+        assert!(planes(&plate, Some(Pose::identity()), &moved_at(0.98)).is_empty());
+    }
+
+    #[test]
+    fn the_planes_of_a_corner_are_told_apart() {
+        // A wall 2 m away, and a floor 0.6 m below the camera.
+        let corner = seen(0, |_, y| if y > 0.3 { 0.6 / y } else { 2.0 });
+        let room = planes(&corner, Some(Pose::identity()), &moved_at(1.0));
+        assert_eq!(room.len(), 2);
+        assert!(is_room(&room, &Point3::new(0.2, 0.6, 1.5), 1.5), "floor");
+        assert!(is_room(&room, &Point3::new(0.2, 0.1, 2.0), 2.0), "wall");
+        assert!(!is_room(&room, &Point3::new(0.2, 0.3, 1.5), 1.5), "between");
+    }
+
+    #[test]
+    fn planes_are_in_the_object_frame() {
+        let camera_from_object = Pose::translation(0.0, 0.0, 0.5);
+        let wall = seen(0, |_, _| 2.0);
+        let room = planes(&wall, Some(camera_from_object), &moved_at(0.5));
+        assert!(is_room(&room, &Point3::new(0.0, 0.0, 1.5), 2.0));
+        assert!(!is_room(&room, &Point3::new(0.0, 0.0, 2.0), 2.0));
+    }
+
+    #[test]
+    fn without_a_keyframe_a_pose_or_a_reading_there_is_no_room() {
+        let swept = moved_at(1.0);
+        assert!(room_planes(None, &swept).is_empty());
+        assert!(planes(&seen(0, |_, _| 2.0), None, &swept).is_empty());
+        assert!(planes(&seen(0, |_, _| f64::NAN), Some(Pose::identity()), &swept).is_empty());
+        assert!(!is_room(&[], &Point3::origin(), 1.0));
+    }
+}

@@ -137,3 +137,109 @@ pub fn thinned(surfels: &[Surfel], per_part: usize) -> Vec<Surfel> {
     kept.sort_by_key(|s| s.part);
     kept
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VOXEL_M: f64 = 0.02;
+
+    /// Surface at a place.
+    type Place = fn() -> SeenSurfel;
+
+    /// A grey place in the middle of a voxel of a part, looking along `normal`.
+    fn place(part: u16, column: i32, normal: Vector3<f64>) -> SeenSurfel {
+        let x = VOXEL_M * (f64::from(column) + 0.5);
+        SeenSurfel { part, point: Point3::new(x, 0.01, 1.01), normal, lab: [50.0, 1.0, 2.0] }
+    }
+
+    fn towards_camera() -> Vector3<f64> {
+        -Vector3::z()
+    }
+
+    /// The surfels of what some keyframes show, each place twice.
+    fn surfels_of(keyframes: &[(usize, Vec<Place>)]) -> Vec<Surfel> {
+        let mut grid = VoxelGrid::new(VOXEL_M);
+        for (keyframe, places) in keyframes {
+            grid.add(*keyframe, places.iter().flat_map(|p| [p(), p()]).collect());
+        }
+        grid.into_surfels()
+    }
+
+    #[test]
+    fn a_surfel_lies_where_its_places_lie_on_average() {
+        let mut grid = VoxelGrid::new(VOXEL_M);
+        let at = |x: f64, tilt: f64| SeenSurfel {
+            point: Point3::new(x, 0.01, 1.01),
+            normal: Vector3::new(tilt, 0.0, -1.0).normalize(),
+            ..place(1, 0, towards_camera())
+        };
+        grid.add(0, vec![at(0.002, 0.1), at(0.008, -0.1)]);
+        grid.add(1, vec![at(0.002, -0.1), at(0.008, 0.1)]);
+        let [surfel] = grid.into_surfels()[..] else { panic!("one voxel, one surfel") };
+        assert_eq!(surfel.part, 1);
+        assert!((surfel.point[0] - 0.005).abs() < 1e-6 && (surfel.point[2] - 1.01).abs() < 1e-6);
+        assert!((surfel.normal[2] + 1.0).abs() < 1e-6 && surfel.normal[0].abs() < 1e-6);
+        assert!((surfel.lab[0] - 50.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn what_one_keyframe_alone_shows_is_no_surfel() {
+        let here: Place = || place(0, 0, towards_camera());
+        assert!(surfels_of(&[(0, vec![here, here, here])]).is_empty());
+        assert_eq!(surfels_of(&[(0, vec![here]), (1, vec![here])]).len(), 1);
+        assert!(surfels_of(&[]).is_empty());
+    }
+
+    #[test]
+    fn both_sides_of_a_board_and_two_parts_in_one_place_are_kept_apart() {
+        let places: [Place; 3] = [
+            || place(0, 0, towards_camera()),
+            || place(0, 0, -towards_camera()),
+            || place(1, 0, towards_camera()),
+        ];
+        let found = surfels_of(&[(0, places.to_vec()), (1, places.to_vec())]);
+        let mut sides: Vec<(u16, bool)> =
+            found.iter().map(|s| (s.part, s.normal[2] > 0.0)).collect();
+        sides.sort_unstable();
+        assert_eq!(sides, [(0, false), (0, true), (1, false)]);
+    }
+
+    #[test]
+    fn where_the_normals_disagree_there_is_no_surfel() {
+        let leaning: [Place; 2] = [
+            || place(0, 0, Vector3::new(0.7, 0.0, -0.72).normalize()),
+            || place(0, 0, Vector3::new(-0.7, 0.0, -0.72).normalize()),
+        ];
+        assert!(surfels_of(&[(0, leaning.to_vec()), (1, leaning.to_vec())]).is_empty());
+    }
+
+    #[test]
+    fn the_order_in_which_keyframes_come_does_not_matter() {
+        let places: [Place; 4] = [
+            || place(0, 0, towards_camera()),
+            || place(0, 1, towards_camera()),
+            || place(1, 5, towards_camera()),
+            || place(0, -3, towards_camera()),
+        ];
+        let mut reversed = places.to_vec();
+        reversed.reverse();
+        let forth = surfels_of(&[(0, places.to_vec()), (1, places.to_vec())]);
+        assert_eq!(forth, surfels_of(&[(0, reversed.clone()), (1, reversed)]));
+        assert_eq!(forth.len(), 4);
+    }
+
+    #[test]
+    fn the_first_surfels_of_each_part_are_kept_part_by_part() {
+        let surfel = |part, x| Surfel {
+            part,
+            point: [x, 0.0, 1.0],
+            normal: [0.0, 0.0, -1.0],
+            lab: [50.0, 0.0, 0.0],
+        };
+        let all = [surfel(1, 0.0), surfel(0, 1.0), surfel(1, 2.0), surfel(1, 3.0), surfel(0, 4.0)];
+        let kept: Vec<(u16, f32)> = thinned(&all, 2).iter().map(|s| (s.part, s.point[0])).collect();
+        assert_eq!(kept, [(0, 1.0), (0, 4.0), (1, 0.0), (1, 2.0)]);
+        assert!(thinned(&all, 0).is_empty() && thinned(&[], 5).is_empty());
+    }
+}

@@ -115,3 +115,97 @@ pub fn add_joint(search: &mut SearchState, joint: JointEstimate, unexplained: &[
     search.renew_views(search.joints.len() - 1);
     search.joints.len() - 1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::config::JointSearchConfig;
+    use crate::learn::joint_search::test_data::{
+        FRAMES, ON_FRONT, drawer, drawer_recording, front, with_search,
+    };
+    use crate::learn::joint_search::warm_start::WarmStart;
+
+    fn looking<T>(merge: bool, look: impl FnOnce(&mut SearchState) -> T) -> T {
+        let config = JointSearchConfig { merge, ..JointSearchConfig::default() };
+        with_search(&drawer_recording(front), &config, &WarmStart::default(), look)
+    }
+
+    /// The opening of the drawer in two segments of time, each seen by half of its tracks and some more.
+    fn segments(search: &SearchState) -> [JointEstimate; 2] {
+        let half = |early: bool| {
+            let mut joint = drawer(&search.base_view, |f| (f < FRAMES / 2) == early);
+            joint.members = if early { (0..36).collect() } else { (24..ON_FRONT).collect() };
+            joint.gain = 400.0;
+            joint
+        };
+        [half(true), half(false)]
+    }
+
+    #[test]
+    fn two_segments_of_one_drawer_become_one_joint() {
+        let all: Vec<usize> = (0..ON_FRONT).collect();
+        looking(true, |search| {
+            let [early, late] = segments(search);
+            let others = [late];
+            let whole = with_its_segments(search, early.clone(), &others, &all);
+            assert_eq!(whole.known_frames().len(), FRAMES);
+            assert_eq!(whole.members.len(), ON_FRONT);
+            assert!((whole.span() - 0.3).abs() < 0.01, "{}", whole.span());
+            let alone = with_its_segments(search, early.clone(), &[], &all);
+            assert_eq!(alone.known, early.known);
+        });
+    }
+
+    #[test]
+    fn nothing_is_merged_where_that_is_not_wanted() {
+        let all: Vec<usize> = (0..ON_FRONT).collect();
+        looking(false, |search| {
+            let [early, late] = segments(search);
+            let kept = with_its_segments(search, early.clone(), &[late], &all);
+            assert_eq!(kept.known, early.known);
+        });
+    }
+
+    #[test]
+    fn an_adopted_joint_takes_its_tracks_and_the_candidates_of_these_with_it() {
+        let mut unexplained: Vec<usize> = (0..ON_FRONT).collect();
+        looking(true, |search| {
+            let joint = drawer(&search.base_view, |_| true);
+            let same = joint.clone();
+            let mut hanging = drawer(&search.base_view, |_| true);
+            (hanging.parent, hanging.members) = (Some(0), Vec::new());
+            let mut apart = drawer(&search.base_view, |_| true);
+            apart.members = Vec::new();
+            let left = adopt(search, joint, vec![same, hanging, apart], &mut unexplained);
+            assert_eq!(search.joints.len(), 1);
+            assert!(unexplained.is_empty(), "{unexplained:?}");
+            assert_eq!(left.len(), 1);
+            assert_eq!((left[0].parent, left[0].members.len()), (None, 0));
+        });
+    }
+
+    #[test]
+    fn a_joint_on_the_line_of_another_is_no_joint_beside_it() {
+        let all: Vec<usize> = (0..ON_FRONT).collect();
+        looking(true, |search| {
+            let joint = drawer(&search.base_view, |_| true);
+            assert_eq!(add_joint(search, joint.clone(), &all), 0);
+            assert_eq!(add_joint(search, joint.clone(), &all), 0);
+            assert_eq!(search.joints.len(), 1);
+            // Another line is another joint.
+            let mut across = joint;
+            across.dof.axis = nalgebra::Vector3::x();
+            assert_eq!(add_joint(search, across, &all), 1);
+        });
+    }
+
+    #[test]
+    fn a_candidate_is_apart_while_few_of_its_tracks_are_explained() {
+        looking(true, |search| {
+            let joint = drawer(&search.base_view, |_| true);
+            assert!(is_apart(&joint, &[]));
+            assert!(is_apart(&joint, &(0..17).collect::<Vec<_>>()), "17 of 60");
+            assert!(!is_apart(&joint, &(0..18).collect::<Vec<_>>()), "18 of 60");
+        });
+    }
+}

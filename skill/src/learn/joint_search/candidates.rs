@@ -242,3 +242,119 @@ fn is_found_again(joint: &JointEstimate, grown: &[JointEstimate]) -> bool {
 fn same_tracks(a: &JointEstimate, b: &JointEstimate) -> bool {
     overlap(&a.members, &b.members) > SAME && overlap(&b.members, &a.members) > SAME
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::test_data::{
+        FRAMES, ON_FRONT, drawer, drawer_recording, front, with_search,
+    };
+    use crate::learn::joint_search::warm_start::WarmStart;
+    use crate::math::rigid::Pose;
+
+    fn looking<T>(look: impl FnOnce(&mut SearchState) -> T) -> T {
+        let config = JointSearchConfig::default();
+        with_search(&drawer_recording(front), &config, &WarmStart::default(), look)
+    }
+
+    fn all_tracks() -> Vec<usize> {
+        (0..ON_FRONT).collect()
+    }
+
+    #[test]
+    fn a_drawer_that_nothing_explains_yet_is_among_the_candidates() {
+        looking(|search| {
+            let found = grow_candidates(search, Vec::new(), &all_tracks(), 0);
+            let is_drawer = |j: &&JointEstimate| {
+                !j.dof.hinge
+                    && j.dof.axis.z.abs() > 0.999
+                    && j.members.len() == ON_FRONT
+                    && (j.span() - 0.3).abs() < 0.01
+            };
+            let drawer = found.iter().find(is_drawer).expect("a drawer");
+            assert!(accepts(drawer, search.config()) && drawer.parent.is_none());
+            assert!(search.best_rank > 0.0);
+        });
+    }
+
+    #[test]
+    fn what_is_known_stays_a_candidate_and_is_not_grown_again() {
+        looking(|search| {
+            let known = drawer(&search.base_view, |_| true);
+            let found = grow_candidates(search, vec![known], &all_tracks(), 0);
+            assert_eq!(found.len(), 1);
+        });
+    }
+
+    #[test]
+    fn where_too_little_moves_nothing_is_sought_and_nothing_is_kept() {
+        looking(|search| {
+            let few: Vec<usize> = (0..MIN_MOVING - 1).collect();
+            let known = drawer(&search.base_view, |_| true);
+            assert!(grow_candidates(search, vec![known], &few, 0).is_empty());
+        });
+    }
+
+    #[test]
+    fn what_an_adopted_joint_does_is_nothing_new() {
+        looking(|search| {
+            let joint = drawer(&search.base_view, |_| true);
+            let view = search.view_from(None);
+            let q = |f: usize| joint.q[f];
+            let motion = Pose::translation(0.0, 0.0, q(20) - q(30));
+            let h = Hypothesis { from: 20, to: 30, motion, tracks: (0..20).collect(), rank: 1.0 };
+            assert!(is_new(search, &h, None, &view, &[]));
+            search.joints.push(joint);
+            assert!(!is_new(search, &h, None, &view, &[]));
+        });
+    }
+
+    #[test]
+    fn a_hypothesis_in_the_frame_of_a_part_counts_while_the_part_moves() {
+        looking(|search| {
+            search.joints.push(drawer(&search.base_view, |_| true));
+            search.renew_views(0);
+            let (base, part) = (search.view_from(None), search.view_from(Some(0)));
+            let h = Hypothesis {
+                from: 20,
+                to: 30,
+                motion: Pose::identity(),
+                tracks: (0..20).collect(),
+                rank: 1.0,
+            };
+            assert!(says_something(search, &h, None, &base), "of the base");
+            assert!(says_something(search, &h, Some(0), &part));
+            search.joints[0].filled = vec![0.0; FRAMES];
+            assert!(!says_something(search, &h, Some(0), &part), "the part rests");
+        });
+    }
+
+    #[test]
+    fn two_candidates_of_the_same_tracks_are_the_same() {
+        looking(|search| {
+            let joint = drawer(&search.base_view, |_| true);
+            let mut part = joint.clone();
+            part.members.truncate(30);
+            assert!(same_tracks(&joint, &joint.clone()));
+            assert!(!same_tracks(&joint, &part) && !same_tracks(&part, &joint));
+            let all = [joint.clone(), part, joint];
+            assert!(is_found_again(&all[0], &all) && is_found_again(&all[2], &all));
+            assert!(!is_found_again(&all[1], &all) && !is_found_again(&all[0], &all[..1]));
+        });
+    }
+
+    #[test]
+    fn a_scan_of_windows_that_were_searched_before_grows_few_of_them() {
+        let config = JointSearchConfig::default();
+        let recording = drawer_recording(front);
+        let found = looking(|search| {
+            assert_eq!(most_grown(search, &config), config.max_hypotheses);
+            search.to_warm_start()
+        });
+        with_search(&recording, &config, &found, |search| {
+            assert_eq!(most_grown(search, &config), config.max_hypotheses);
+            rescan(search, Vec::new(), &all_tracks(), 0);
+            assert_eq!(most_grown(search, &config), RESCANNED_AT_END);
+        });
+    }
+}

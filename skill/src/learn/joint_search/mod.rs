@@ -122,38 +122,10 @@ fn find_joints(search: &mut SearchState) {
 
 #[cfg(test)]
 mod tests {
-    use super::test_data::seen_along;
+    use super::test_data::{FRAMES, drawer_recording as recording, front};
     use super::*;
     use crate::learn::joint_search::config::JointSearchConfig;
-    use crate::learn::keyframes::Keyframes;
-    use crate::learn::tracking::{Track, TrackId, TrackSet};
     use crate::object::joint_geometry::JointKind;
-    use crate::test_data::{board, seen};
-    use nalgebra::Point3;
-
-    const FRAMES: usize = 60;
-
-    /// Depth of a drawer's front, which rests, comes by 30 cm in 30 frames, and rests.
-    fn front(f: usize) -> f64 {
-        1.5 - 0.01 * (f.clamp(15, 45) - 15) as f64
-    }
-
-    /// Tracks on the front, and pictures of a board at some depth before a wall.
-    fn recording(board_at: impl Fn(usize) -> f64) -> Recording {
-        let path = |i: usize| -> Vec<Point3<f64>> {
-            let (x, y) = (0.03 * (i % 10) as f64 - 0.135, 0.03 * (i / 10) as f64 - 0.075);
-            (0..FRAMES).map(|f| Point3::new(x, y, front(f))).collect()
-        };
-        let paths: Vec<_> = (0..60).map(path).collect();
-        let mut keyframes = Keyframes::new(FRAMES);
-        for f in (0..FRAMES).step_by(3) {
-            keyframes.offer(f, &seen(f as i64, board(0.2, board_at(f), 2.5)));
-        }
-        let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
-        let tracks = (0..paths.len()).map(track).collect();
-        let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
-        Recording { tracks, ego_motion: seen_along(&paths), keyframes }
-    }
 
     fn learned(recording: &Recording, earlier: &WarmStart) -> LearnedJoints {
         let joints = JointSearchConfig::default();

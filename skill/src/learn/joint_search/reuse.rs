@@ -100,3 +100,85 @@ fn goes_on(search: &SearchState, joint: &JointEstimate) -> bool {
     };
     10 * followed >= 9 * new.len() && (accepts(joint, config) || is_tolerable())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::candidates::grow_candidates;
+    use crate::learn::joint_search::config::JointSearchConfig;
+    use crate::learn::joint_search::selection::best_of;
+    use crate::learn::joint_search::test_data::{
+        ON_FRONT, drawer, drawer_recording, front, with_search,
+    };
+    use crate::learn::joint_search::warm_start::WarmStart;
+    use crate::learn::recording::Recording;
+
+    fn all_tracks() -> Vec<usize> {
+        (0..ON_FRONT).collect()
+    }
+
+    /// What a search of the drawer's recording finds.
+    fn searched(recording: &Recording) -> WarmStart {
+        let config = JointSearchConfig::default();
+        with_search(recording, &config, &WarmStart::default(), |search| {
+            let candidates = grow_candidates(search, Vec::new(), &all_tracks(), 0);
+            let best = best_of(search, &candidates).expect("the drawer");
+            add_joint(search, best, &all_tracks());
+            search.to_warm_start()
+        })
+    }
+
+    #[test]
+    fn a_joint_that_goes_on_as_before_is_adopted_and_its_tracks_are_not_searched() {
+        let recording = drawer_recording(front);
+        let earlier = searched(&recording);
+        let mut unexplained = all_tracks();
+        with_search(&recording, &JointSearchConfig::default(), &earlier, |search| {
+            let doubtful = reuse_joints(search, &mut unexplained);
+            assert_eq!((search.joints.len(), doubtful.len()), (1, 0));
+            assert!(search.joints[0].dof.axis.z.abs() > 0.999);
+            assert!(unexplained.is_empty(), "{unexplained:?}");
+            assert!(search.invalidated.is_empty());
+        });
+    }
+
+    #[test]
+    fn a_joint_that_the_pictures_now_contradict_competes_with_others() {
+        let earlier = searched(&drawer_recording(front));
+        let mut unexplained = all_tracks();
+        let through = drawer_recording(|_| 2.4);
+        with_search(&through, &JointSearchConfig::default(), &earlier, |search| {
+            let doubtful = reuse_joints(search, &mut unexplained);
+            assert_eq!((search.joints.len(), doubtful.len()), (0, 1));
+            assert_eq!(unexplained.len(), ON_FRONT);
+            assert_eq!(search.invalidated, [None], "hypotheses of the base are grown anew");
+        });
+    }
+
+    #[test]
+    fn without_an_earlier_search_there_is_nothing_to_reuse() {
+        let recording = drawer_recording(front);
+        let config = JointSearchConfig::default();
+        with_search(&recording, &config, &WarmStart::default(), |search| {
+            assert!(reuse_joints(search, &mut all_tracks()).is_empty());
+            assert!(search.joints.is_empty() && search.invalidated.is_empty());
+        });
+    }
+
+    #[test]
+    fn a_joint_goes_on_where_it_is_known_in_nearly_all_new_frames() {
+        let recording = drawer_recording(front);
+        let config = JointSearchConfig::default();
+        let mut earlier = searched(&recording);
+        earlier.frames = 40;
+        with_search(&recording, &config, &earlier, |search| {
+            let known_to = |last: usize| {
+                let joint = drawer(&search.base_view, |f| f < last);
+                let view = search.view_from(None);
+                verify(search, &view, joint, &all_tracks(), "in a test")
+            };
+            assert!(goes_on(search, &known_to(60)));
+            assert!(!goes_on(search, &known_to(50)));
+        });
+    }
+}

@@ -186,3 +186,115 @@ impl<'s> SearchState<'s> {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::test_data::{
+        FRAMES, ON_FRONT, drawer, drawer_recording, front, front_paths, recording_of, with_search,
+    };
+    use nalgebra::Point3;
+
+    /// The drawer's tracks, and five that rest beside it.
+    fn with_resting() -> Recording {
+        let rest = |i: usize| vec![Point3::new(0.4 + 0.02 * i as f64, 0.0, 1.4); FRAMES];
+        recording_of(front_paths().into_iter().chain((0..5).map(rest)).collect(), front)
+    }
+
+    fn looking<T>(recording: &Recording, look: impl FnOnce(&mut SearchState) -> T) -> T {
+        with_search(recording, &JointSearchConfig::default(), &WarmStart::default(), look)
+    }
+
+    #[test]
+    fn what_is_on_a_part_rests_as_seen_from_it_and_what_rests_moves() {
+        let all: Vec<usize> = (0..ON_FRONT + 5).collect();
+        looking(&with_resting(), |search| {
+            search.joints.push(drawer(&search.base_view, |_| true));
+            search.renew_views(0);
+            let view = search.view_from(Some(0));
+            let moving = search.moving_tracks(Some(0), &view, &all);
+            assert_eq!(moving, (ON_FRONT..ON_FRONT + 5).collect::<Vec<_>>());
+            let base = search.view_from(None);
+            assert_eq!(
+                search.moving_tracks(None, &base, &all),
+                all,
+                "nothing is left out on the base"
+            );
+        });
+    }
+
+    #[test]
+    fn a_joint_explains_the_tracks_that_go_with_it() {
+        let all: Vec<usize> = (0..ON_FRONT + 5).collect();
+        looking(&with_resting(), |search| {
+            let mut of_some = drawer(&search.base_view, |_| true);
+            of_some.members.truncate(10);
+            let explained = search.explained_tracks(&of_some, &all);
+            assert_eq!(explained, (0..ON_FRONT).collect::<Vec<_>>());
+            let unknown = drawer(&search.base_view, |_| false);
+            assert!(search.explained_tracks(&unknown, &all).is_empty());
+        });
+    }
+
+    #[test]
+    fn joints_are_told_by_their_parents() {
+        looking(&drawer_recording(front), |search| {
+            let of = |parent| JointEstimate { parent, ..drawer(&search.base_view, |_| true) };
+            let joints = vec![of(None), of(Some(0)), of(None)];
+            search.joints = joints;
+            assert_eq!(search.joints_with(|parent| parent.is_none()), [0, 2]);
+            assert_eq!(search.joints_with(|parent| parent == Some(0)), [1]);
+            assert_eq!(search.parent_correlation(&search.joints[0], None), 0.0);
+            let mirrored = search.parent_correlation(&search.joints[1], Some(0));
+            assert!((mirrored - 1.0).abs() < 1e-6, "{mirrored}");
+        });
+    }
+
+    #[test]
+    fn a_refined_joint_renews_the_view_from_its_part_where_others_hang_on_it() {
+        looking(&drawer_recording(front), |search| {
+            let joint = drawer(&search.base_view, |_| true);
+            let child = JointEstimate { parent: Some(0), ..joint.clone() };
+            search.joints = vec![joint.clone(), child];
+            search.renew_views(0);
+            let before = search.view_from(Some(0));
+            search.replace_refined(1, search.joints[1].clone());
+            assert!(Arc::ptr_eq(&before, &search.view_from(Some(0))), "nothing hangs on the child");
+            let stopped = JointEstimate { filled: vec![0.0; FRAMES], ..joint };
+            search.replace_refined(0, stopped);
+            assert!(search.view_from(Some(0)).moves(0, MIN_EXTENT_M, MIN_EXTENT_SIGMAS));
+        });
+    }
+
+    #[test]
+    fn the_last_search_is_not_cancelled_and_one_ahead_is_as_soon_as_it_is_told() {
+        let recording = drawer_recording(front);
+        looking(&recording, |search| assert!(search.is_the_end() && !search.is_cancelled()));
+        let (joints, nothing) = (JointSearchConfig::default(), WarmStart::default());
+        let settings = SearchSettings { joints: &joints, seed: 1 };
+        let view = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+        let stop = AtomicBool::new(false);
+        let ahead = SearchState::new(&recording, settings, &view, &nothing, Some(&stop));
+        assert!(!ahead.is_the_end() && !ahead.is_cancelled());
+        stop.store(true, Ordering::Relaxed);
+        assert!(ahead.is_cancelled());
+    }
+
+    #[test]
+    fn without_an_earlier_search_all_windows_are_new_and_no_part_was_known() {
+        let recording = drawer_recording(front);
+        let found = looking(&recording, |search| {
+            assert!(search.rescans && !search.is_rescan_due());
+            assert_eq!(search.previous_id(None), None);
+            search.joints.push(drawer(&search.base_view, |_| true));
+            search.renew_views(0);
+            search.to_warm_start()
+        });
+        with_search(&recording, &JointSearchConfig::default(), &found, |search| {
+            assert!(!search.rescans && search.is_rescan_due());
+            assert_eq!(search.previous_id(None), Some(None));
+            search.joints.push(drawer(&search.base_view, |_| true));
+            assert_eq!(search.previous_id(Some(0)), Some(Some(0)));
+        });
+    }
+}

@@ -1,8 +1,16 @@
-//! Test data: a part of few points, seen to move with 2 mm of noise.
+//! Test data: a part of few points, seen to move with 2 mm of noise; a drawer that is opened.
 
+use super::config::{JointSearchConfig, SearchSettings};
+use super::estimate::JointEstimate;
 use super::screw_joint::ScrewJoint;
+use super::search_state::SearchState;
 use super::tracks_in_part_frame::TracksInFrame;
+use super::warm_start::WarmStart;
 use crate::learn::ego_motion::{BaseObservation, EgoMotion, Information, TrackInBase};
+use crate::learn::keyframes::Keyframes;
+use crate::learn::recording::Recording;
+use crate::learn::tracking::{Track, TrackId, TrackSet};
+use crate::test_data::{board, seen};
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
@@ -33,4 +41,66 @@ pub fn seen_along(paths: &[Vec<Point3<f64>>]) -> EgoMotion {
         .collect();
     let camera_from_base = vec![Default::default(); paths.first().map_or(0, Vec::len)];
     EgoMotion { camera_from_base, tracks, static_count: 0 }
+}
+
+/// Frames of the drawer's recording.
+pub const FRAMES: usize = 60;
+/// Tracks on its front.
+pub const ON_FRONT: usize = 60;
+
+/// Depth of a drawer's front, which rests, comes by 30 cm in 30 frames, and rests.
+pub fn front(f: usize) -> f64 {
+    1.5 - 0.01 * (f.clamp(15, 45) - 15) as f64
+}
+
+/// Tracks on the front, and pictures of a board at some depth before a wall.
+pub fn drawer_recording(board_at: impl Fn(usize) -> f64) -> Recording {
+    recording_of(front_paths(), board_at)
+}
+
+/// Paths of the places on the front.
+pub fn front_paths() -> Vec<Vec<Point3<f64>>> {
+    let path = |i: usize| -> Vec<Point3<f64>> {
+        let (x, y) = (0.03 * (i % 10) as f64 - 0.135, 0.03 * (i / 10) as f64 - 0.075);
+        (0..FRAMES).map(|f| Point3::new(x, y, front(f))).collect()
+    };
+    (0..ON_FRONT).map(path).collect()
+}
+
+/// A track for each path, and pictures of a board at some depth before a wall.
+pub fn recording_of(paths: Vec<Vec<Point3<f64>>>, board_at: impl Fn(usize) -> f64) -> Recording {
+    let mut keyframes = Keyframes::new(FRAMES);
+    for f in (0..FRAMES).step_by(3) {
+        keyframes.offer(f, &seen(f as i64, board(0.2, board_at(f), 2.5)));
+    }
+    let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
+    let tracks = (0..paths.len()).map(track).collect();
+    let tracks = TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks };
+    Recording { tracks, ego_motion: seen_along(&paths), keyframes }
+}
+
+/// Looks at a search of a recording that has found nothing yet, after the last frame.
+pub fn with_search<T>(
+    recording: &Recording,
+    config: &JointSearchConfig,
+    earlier: &WarmStart,
+    look: impl FnOnce(&mut SearchState) -> T,
+) -> T {
+    let settings = SearchSettings { joints: config, seed: 1 };
+    let moving = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+    look(&mut SearchState::new(recording, settings, &moving, earlier, None))
+}
+
+/// The drawer as a joint of its front's tracks, known in some frames.
+pub fn drawer(view: &TracksInFrame, known: impl Fn(usize) -> bool) -> JointEstimate {
+    let mut joint = JointEstimate::new(ScrewJoint::slide(-Vector3::z(), Point3::origin()), view, 0);
+    joint.q = (0..FRAMES).map(|f| 1.5 - front(f)).collect();
+    joint.known = (0..FRAMES).map(known).collect();
+    joint.points = (0..view.len())
+        .map(|t| view.at(t, 0).map_or_else(Point3::origin, |seen| seen.point))
+        .collect();
+    joint.members = (0..ON_FRONT).collect();
+    (joint.gain, joint.cost) = (5000.0, 1.0);
+    joint.summarise();
+    joint
 }

@@ -155,3 +155,199 @@ fn parents_first(joints: &[JointEstimate]) -> Vec<usize> {
     order.sort_by_key(|&i| depth(i));
     order
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::config::{JointSearchConfig, SearchSettings};
+    use crate::learn::joint_search::screw_joint::ScrewJoint;
+    use crate::learn::joint_search::test_data::seen_along;
+    use crate::learn::joint_search::warm_start::WarmStart;
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::recording::Recording;
+    use crate::learn::tracking::{Track, TrackId, TrackSet};
+    use crate::math::rigid::line_angle;
+    use crate::object::joint_geometry::JointKind;
+    use std::sync::Arc;
+
+    const FRAMES: usize = 40;
+    /// Points of each part.
+    const POINTS: usize = 12;
+
+    /// A door that turns, with a bolt on it that slides down later.
+    fn door() -> ScrewJoint {
+        ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5))
+    }
+
+    fn bolt() -> ScrewJoint {
+        ScrewJoint::slide(Vector3::x(), Point3::new(0.4, 0.0, 1.5))
+    }
+
+    fn turn(f: usize) -> f64 {
+        0.2 - 0.05 * f.min(20) as f64
+    }
+
+    fn slid(f: usize) -> f64 {
+        0.01 * f.saturating_sub(20) as f64
+    }
+
+    fn places() -> Vec<Point3<f64>> {
+        let at = |i: usize, y: f64| {
+            Point3::new(0.1 + 0.04 * (i % 12) as f64, y + 0.03 * (i % 5) as f64, 1.5)
+        };
+        (0..POINTS).map(|i| at(i, -0.3)).chain((0..POINTS).map(|i| at(i, 0.2))).collect()
+    }
+
+    fn recording() -> Recording {
+        let path = |(i, place): (usize, &Point3<f64>)| -> Vec<Point3<f64>> {
+            let at = |f: usize| {
+                let on_door = if i < POINTS { *place } else { bolt().move_point(slid(f), place) };
+                door().move_point(turn(f), &on_door)
+            };
+            (0..FRAMES).map(at).collect()
+        };
+        let paths: Vec<_> = places().iter().enumerate().map(path).collect();
+        let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
+        let frame_utimes = (0..FRAMES as i64).map(|f| 100_000 * f).collect();
+        let tracks = TrackSet { frame_utimes, tracks: (0..2 * POINTS).map(track).collect() };
+        Recording { tracks, ego_motion: seen_along(&paths), keyframes: Keyframes::new(FRAMES) }
+    }
+
+    fn estimate(
+        view: &TracksInFrame,
+        dof: ScrewJoint,
+        q: fn(usize) -> f64,
+        members: std::ops::Range<usize>,
+        parent: Option<usize>,
+    ) -> JointEstimate {
+        let mut joint = JointEstimate::new(dof, view, 0);
+        joint.q = (0..FRAMES).map(q).collect();
+        joint.known = (0..FRAMES).map(|f| f != 5).collect();
+        joint.points = places();
+        joint.members = members.collect();
+        joint.parent = parent;
+        joint.gain = 50.0;
+        joint.summarise();
+        joint
+    }
+
+    /// The door and the bolt, the door found first or last.
+    fn learned(door_first: bool) -> Vec<LearnedJoint> {
+        let recording = recording();
+        let joints = JointSearchConfig::default();
+        let settings = SearchSettings { joints: &joints, seed: 1 };
+        let nothing = WarmStart::default();
+        let view = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+        let mut search = SearchState::new(&recording, settings, &view, &nothing, None);
+        search.joints = vec![estimate(&view, door(), turn, 0..POINTS, None)];
+        search.renew_views(0);
+        let on_door = Some(0);
+        search.joints.push(estimate(&view, bolt(), slid, POINTS..2 * POINTS, on_door));
+        search.renew_views(0);
+        if !door_first {
+            // Numbers of joints say nothing of who carries whom.
+            let other = ScrewJoint::slide(Vector3::z(), Point3::new(0.0, 0.5, 1.5));
+            search.joints.push(estimate(&view, other, slid, 0..POINTS, None));
+            search.renew_views(0);
+        }
+        learned_joints(&search)
+    }
+
+    #[test]
+    fn parents_come_before_children_and_each_joint_has_a_part_of_its_own() {
+        let joints = learned(false);
+        let all: Vec<(&str, usize, usize)> =
+            joints.iter().map(|j| (j.joint.name.as_str(), j.joint.parent, j.joint.child)).collect();
+        assert_eq!(all, [("joint1", 0, 1), ("joint2", 0, 2), ("joint3", 1, 3)]);
+        assert_eq!(joints[2].joint.kind, JointKind::Prismatic);
+        assert_eq!(joints[2].tracks, (POINTS..2 * POINTS).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn configurations_begin_at_zero_and_grow_with_the_first_motion() {
+        let door_joint = &learned(true)[0].joint;
+        // It was estimated from 0.2 rad downwards: the axis is turned round.
+        assert!(line_angle(&door_joint.axis.into(), &Vector3::y()) < 1e-9);
+        assert!(door_joint.axis[1] < 0.0);
+        assert_eq!(door_joint.configuration[0], [0.0, 0.0]);
+        let [time, q] = *door_joint.configuration.last().unwrap();
+        assert!((time - 3.9).abs() < 1e-9 && (q - 1.0).abs() < 1e-9);
+        assert_eq!(door_joint.observations, FRAMES - 1, "one frame is not known");
+        assert!(door_joint.range[0].abs() < 1e-9 && (door_joint.range[1] - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_joint_on_a_moving_part_lies_where_the_part_is_in_the_first_frame() {
+        let bolt_joint = &learned(true)[1].joint;
+        let at_first = door().geometry().motion(turn(0));
+        let axis = at_first * Vector3::x();
+        assert!((Vector3::from(bolt_joint.axis) - axis).norm() < 1e-9);
+        let middle: Vector3<f64> =
+            places()[POINTS..].iter().map(|p| p.coords).sum::<Vector3<f64>>() / POINTS as f64;
+        let origin = at_first * Point3::from(middle);
+        assert!(
+            (Point3::from(bolt_joint.origin) - origin).norm() < 1e-9,
+            "the middle of its points"
+        );
+    }
+
+    #[test]
+    fn the_poses_of_a_part_take_its_points_from_the_first_frame_to_the_others() {
+        let joints = learned(true);
+        assert_eq!(joints[0].base_from_part[5], None);
+        for f in [0, 12, 39] {
+            let place = places()[POINTS];
+            let at = |f: usize| door().move_point(turn(f), &bolt().move_point(slid(f), &place));
+            let carried = joints[1].base_from_part[f].unwrap() * at(0);
+            assert!((carried - at(f)).norm() < 1e-9, "frame {f}");
+        }
+    }
+
+    #[test]
+    fn residuals_are_the_noise_of_the_tracks() {
+        // Each coordinate is up to 2 mm off, evenly spread.
+        for joint in learned(true) {
+            let expected = 0.002;
+            let rmse = joint.joint.position_rmse;
+            assert!((rmse - expected).abs() < 0.5 * expected, "{rmse}");
+        }
+    }
+
+    #[test]
+    fn a_covariance_turns_with_its_frame_and_an_axis_that_is_reversed_keeps_its_spread() {
+        let mut covariance = DMatrix::zeros(6, 6);
+        (covariance[(0, 0)], covariance[(3, 3)], covariance[(0, 3)]) = (4.0, 9.0, 1.0);
+        covariance[(3, 0)] = 1.0;
+        let quarter =
+            Pose::new(Vector3::new(5.0, 6.0, 7.0), Vector3::z() * std::f64::consts::FRAC_PI_2);
+        let turned = carried(&covariance, &quarter, false);
+        assert!((turned[(1, 1)] - 4.0).abs() < 1e-9 && (turned[(4, 4)] - 9.0).abs() < 1e-9);
+        assert!((turned[(1, 4)] - 1.0).abs() < 1e-9 && turned[(0, 0)].abs() < 1e-9);
+        let reversed = carried(&covariance, &quarter, true);
+        assert!((reversed[(1, 1)] - 4.0).abs() < 1e-9 && (reversed[(1, 4)] + 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn errors_that_all_readings_share_widen_a_hinge_in_place_and_a_slide_in_direction_alone() {
+        let recording = recording();
+        let view = TracksInFrame::moving(&recording.ego_motion);
+        let of = |dof| systematic(&estimate(&view, dof, slid, 0..POINTS, None));
+        let (hinge, slide) = (of(door()), of(bolt()));
+        assert!((hinge[(0, 0)] - SYSTEMATIC_RAD.powi(2)).abs() < 1e-15);
+        assert!((hinge[(3, 3)] - SYSTEMATIC_M.powi(2)).abs() < 1e-15);
+        assert_eq!([hinge[(1, 1)], hinge[(4, 4)]], [0.0, 0.0], "along the axis");
+        assert!((slide[(1, 1)] - SYSTEMATIC_RAD.powi(2)).abs() < 1e-15);
+        assert!((3..6).all(|k| slide[(k, k)] == 0.0), "a slide has no place");
+    }
+
+    #[test]
+    fn nothing_found_is_nothing_learned() {
+        let recording = recording();
+        let joints = JointSearchConfig::default();
+        let settings = SearchSettings { joints: &joints, seed: 1 };
+        let nothing = WarmStart::default();
+        let view = Arc::new(TracksInFrame::moving(&recording.ego_motion));
+        let search = SearchState::new(&recording, settings, &view, &nothing, None);
+        assert!(learned_joints(&search).is_empty());
+    }
+}

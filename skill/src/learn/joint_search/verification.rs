@@ -155,3 +155,111 @@ fn trace(search: &SearchState, how: &str, joint: &JointEstimate) {
         "joint"
     );
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::config::JointSearchConfig;
+    use crate::learn::joint_search::test_data::{
+        FRAMES, ON_FRONT, drawer, drawer_recording, front, with_search,
+    };
+    use crate::learn::joint_search::warm_start::WarmStart;
+
+    /// The evidence for a drawer whose pictures show a board at some depth.
+    fn evidence(board_at: fn(usize) -> f64, known: fn(usize) -> bool) -> Evidence {
+        let recording = drawer_recording(board_at);
+        let config = JointSearchConfig::default();
+        with_search(&recording, &config, &WarmStart::default(), |search| {
+            let joint = drawer(&search.base_view, known);
+            evaluate(search, &search.base_view, &joint)
+        })
+    }
+
+    fn always(_: usize) -> bool {
+        true
+    }
+
+    /// What verification makes of the drawer, changed before.
+    fn verified_as(
+        board_at: impl Fn(usize) -> f64,
+        change: fn(&mut JointEstimate),
+    ) -> (JointEstimate, JointEstimate) {
+        let recording = drawer_recording(board_at);
+        let config = JointSearchConfig::default();
+        with_search(&recording, &config, &WarmStart::default(), |search| {
+            let mut joint = drawer(&search.base_view, always);
+            change(&mut joint);
+            let all: Vec<usize> = (0..ON_FRONT).collect();
+            (joint.clone(), verify(search, &search.base_view, joint, &all, "in a test"))
+        })
+    }
+
+    #[test]
+    fn pictures_that_show_a_part_where_it_goes_speak_for_it() {
+        let seen = evidence(front, always);
+        assert!(seen.free_space_violation < 0.05, "{}", seen.free_space_violation);
+        assert!(seen.discriminability > 0.3, "{}", seen.discriminability);
+        assert_eq!((seen.uncovered_ratio, seen.parent_correlation), (0.0, 0.0));
+        assert!(seen.contradicted_frames.is_empty());
+        assert!(seen.is_found_everywhere());
+    }
+
+    #[test]
+    fn a_part_that_pictures_see_through_is_contradicted() {
+        assert!(evidence(|_| 2.4, always).free_space_violation > 0.9);
+    }
+
+    #[test]
+    fn where_tracks_give_no_configuration_the_pictures_do() {
+        let seen = evidence(front, |f| f < 40);
+        assert!((seen.uncovered_ratio - 1.0 / 3.0).abs() < 1e-9);
+        let q = seen.configuration_from_depth[54];
+        assert!((q - (1.5 - front(54))).abs() < 0.02, "{q}");
+        assert!(seen.configuration_from_depth[55].is_nan(), "no keyframe");
+    }
+
+    #[test]
+    fn a_true_joint_comes_out_as_it_went_in_with_its_evidence() {
+        let (before, after) = verified_as(front, |_| {});
+        assert_eq!(after.members, before.members);
+        assert_eq!(after.known, before.known);
+        assert!(after.evidence.is_found_everywhere());
+    }
+
+    /// For some frames the front is away: what the tracks followed is not it.
+    fn away(f: usize) -> f64 {
+        if (24..30).contains(&f) { 2.4 } else { front(f) }
+    }
+
+    #[test]
+    fn frames_around_pictures_that_see_through_it_are_contradicted() {
+        let contradicted = evidence(away, always).contradicted_frames;
+        assert_eq!((contradicted.iter().min(), contradicted.iter().max()), (Some(&22), Some(&29)));
+    }
+
+    #[test]
+    fn a_joint_is_not_known_where_the_pictures_contradict_it() {
+        let (before, after) = verified_as(away, |_| {});
+        assert!(before.known[24] && before.known[27]);
+        assert!(!after.known[24] && !after.known[27]);
+        assert!(after.known_frames().len() > FRAMES / 2);
+    }
+
+    #[test]
+    fn a_joint_of_few_tracks_is_not_compared_with_pictures() {
+        let (_, after) = verified_as(|_| 2.4, |joint| joint.members.truncate(2));
+        assert_eq!(after.evidence.free_space_violation, 0.0);
+        assert!(after.evidence.configuration_from_depth.iter().all(|q| q.is_nan()));
+    }
+
+    #[test]
+    fn tracks_stay_where_outliers_are_not_to_be_taken_out() {
+        let config = JointSearchConfig { dismiss_strangers: false, ..Default::default() };
+        let recording = drawer_recording(|_| 2.4);
+        with_search(&recording, &config, &WarmStart::default(), |search| {
+            let joint = drawer(&search.base_view, always);
+            let kept = without_outliers(search, &search.base_view, joint);
+            assert_eq!(kept.members.len(), ON_FRONT);
+        });
+    }
+}

@@ -111,3 +111,91 @@ fn joined_in_time(a: &Candidate, b: &Candidate) -> Option<Candidate> {
     motion.tracks.dedup();
     fit_to_base(motion)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::pose_optimisation::PartMotion;
+    use super::*;
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::{Point3, Vector3};
+    use std::ops::Range;
+
+    const FRAMES: usize = 80;
+
+    fn hinge() -> JointGeometry {
+        JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.2, 0.0, 1.5))
+    }
+
+    fn slide() -> JointGeometry {
+        JointGeometry::slide(Vector3::x_axis(), Point3::new(0.0, 0.0, 1.0))
+    }
+
+    /// A part of a joint that is opened all the time, seen in some frames by one track.
+    fn seen(joint: &JointGeometry, frames: Range<usize>, track: usize) -> Candidate {
+        let rest = Pose::translation(0.6, 0.1 * track as f64, 1.5);
+        let pose = |f: usize| frames.contains(&f).then(|| joint.motion(0.015 * f as f64) * rest);
+        let motion =
+            PartMotion { base_from_part: (0..FRAMES).map(pose).collect(), tracks: vec![track] };
+        fit_to_base(motion).unwrap()
+    }
+
+    /// The candidates that are left of some segments of time.
+    fn merged(mut parts: Vec<Candidate>) -> Vec<Candidate> {
+        merge_segments(&mut parts);
+        parts
+    }
+
+    #[test]
+    fn two_segments_of_one_hinge_become_one_joint_in_all_their_frames() {
+        for early_first in [true, false] {
+            let mut parts = vec![seen(&hinge(), 0..38, 1), seen(&hinge(), 42..FRAMES, 2)];
+            if !early_first {
+                parts.reverse();
+            }
+            let [whole] = &merged(parts)[..] else { panic!("one joint") };
+            assert_eq!(whole.motion.tracks, [1, 2]);
+            assert_eq!(whole.frames.len(), 76);
+            assert_eq!(whole.fit.geometry.kind, JointKind::Revolute);
+            let line = &whole.fit.geometry;
+            assert!(distance_to_line(&hinge().origin, &line.axis, &line.origin) < 0.01);
+        }
+    }
+
+    #[test]
+    fn the_later_segment_goes_on_where_the_earlier_one_ended() {
+        // What happened in the frames between is not known: no motion is taken for it.
+        let whole = &merged(vec![seen(&slide(), 0..40, 1), seen(&slide(), 60..FRAMES, 2)])[0];
+        let q = &whole.fit.configuration;
+        assert_eq!(whole.frames[39..41], [39, 60]);
+        assert!((q[40] - q[39]).abs() < 1e-3, "{} then {}", q[39], q[40]);
+    }
+
+    #[test]
+    fn joints_that_are_seen_together_are_two() {
+        let together = vec![seen(&hinge(), 0..60, 1), seen(&hinge(), 20..FRAMES, 2)];
+        assert_eq!(merged(together).len(), 2);
+    }
+
+    #[test]
+    fn joints_of_other_types_or_on_other_lines_are_two() {
+        let (early, late) = (0..38, 42..FRAMES);
+        let mut beside = hinge();
+        beside.origin.x += 0.12;
+        let tilted = JointGeometry::hinge(Vector3::x_axis(), hinge().origin);
+        for other in [slide(), beside, tilted] {
+            let parts = vec![seen(&hinge(), early.clone(), 1), seen(&other, late.clone(), 2)];
+            assert_eq!(merged(parts).len(), 2, "{other:?}");
+        }
+    }
+
+    #[test]
+    fn what_rests_is_no_joint_to_merge_and_nothing_stays_nothing() {
+        let still = |frames: Range<usize>, track| {
+            let pose = |f: usize| frames.contains(&f).then(|| Pose::translation(0.0, 0.0, 1.0));
+            let base_from_part = (0..FRAMES).map(pose).collect();
+            fit_to_base(PartMotion { base_from_part, tracks: vec![track] }).unwrap()
+        };
+        assert_eq!(merged(vec![still(0..38, 1), still(42..FRAMES, 2)]).len(), 2);
+        assert!(merged(Vec::new()).is_empty());
+    }
+}

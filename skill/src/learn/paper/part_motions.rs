@@ -86,3 +86,87 @@ fn uncontradicted(recording: &Recording, motion: &PartMotion, tracks: &[usize]) 
     };
     tracks.iter().copied().filter(|&id| stands(id)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::ego_motion::{BaseObservation, EgoMotion, Information, TrackInBase};
+    use crate::learn::keyframes::Keyframes;
+    use crate::learn::tracking::TrackSet;
+    use crate::math::rigid::Pose;
+    use crate::test_data::seen;
+    use nalgebra::Vector3;
+    use std::sync::Arc;
+
+    const FRAMES: usize = 40;
+    /// Tracks of each thing.
+    const TRACKS: usize = 12;
+
+    /// A drawer comes by a centimetre a frame; what is beside it goes to the left.
+    fn place(track: usize, frame: usize) -> Point3<f64> {
+        let i = track % TRACKS;
+        let at = Vector3::new(0.06 * (i % 4) as f64, 0.06 * (i / 4) as f64, 1.5);
+        let moved = 0.01 * frame as f64;
+        let beside = Vector3::new(-moved - 0.4, 0.0, 0.0);
+        Point3::from(at + if track < TRACKS { Vector3::new(0.0, 0.0, -moved) } else { beside })
+    }
+
+    /// Both, before pictures of a wall at this depth; without pictures for none.
+    fn recording(wall: Option<f64>) -> Recording {
+        let precision = Information::new(&Vector3::z(), 0.001, 0.001);
+        let track = |track| {
+            let seen = |f| Some(BaseObservation::new(place(track, f), precision, 0.001));
+            let points = (0..FRAMES).map(seen).collect();
+            Arc::new(TrackInBase { points, moves: true, ..TrackInBase::default() })
+        };
+        let mut keyframes = Keyframes::new(FRAMES);
+        for f in (0..FRAMES).filter(|_| wall.is_some()) {
+            keyframes.offer(f, &seen(f as i64, |_, _| wall.unwrap_or(0.0)));
+        }
+        Recording {
+            tracks: TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks: Vec::new() },
+            ego_motion: EgoMotion {
+                camera_from_base: vec![Pose::identity(); FRAMES],
+                tracks: (0..2 * TRACKS).map(track).collect(),
+                static_count: 0,
+            },
+            keyframes,
+        }
+    }
+
+    fn motions(tracks: std::ops::Range<usize>) -> Vec<PartMotion> {
+        motions_of(&recording(None), &Cluster { tracks: tracks.collect() }, 1)
+    }
+
+    #[test]
+    fn tracks_that_move_as_one_have_one_motion_and_it_is_theirs() {
+        let [drawer] = &motions(0..TRACKS)[..] else { panic!("one motion") };
+        assert_eq!(drawer.tracks, (0..TRACKS).collect::<Vec<_>>());
+        let [first, last] = [0, FRAMES - 1].map(|f| drawer.base_from_part[f].unwrap());
+        let moved = last.translation.vector - first.translation.vector;
+        assert!((moved - Vector3::new(0.0, 0.0, -0.39)).norm() < 0.005, "{moved}");
+        assert!((last.rotation * first.rotation.inverse()).angle() < 0.01);
+    }
+
+    #[test]
+    fn two_things_in_one_cluster_are_told_apart() {
+        let found = motions(0..TRACKS + 7);
+        assert_eq!(found.len(), 2);
+        assert_eq!(found[0].tracks, (0..TRACKS).collect::<Vec<_>>(), "the clearest first");
+        assert_eq!(found[1].tracks, (TRACKS..TRACKS + 7).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn few_tracks_and_none_have_no_motion() {
+        assert!(motions(0..3).is_empty());
+        assert!(motions(0..0).is_empty());
+    }
+
+    #[test]
+    fn tracks_that_the_pictures_see_through_are_contradicted() {
+        let drawer = &motions(0..TRACKS)[0];
+        let left = |wall| uncontradicted(&recording(wall), drawer, &drawer.tracks).len();
+        assert_eq!(left(None), TRACKS, "nothing speaks against them");
+        assert_eq!(left(Some(3.0)), 0);
+    }
+}

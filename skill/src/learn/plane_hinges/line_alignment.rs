@@ -166,3 +166,76 @@ pub fn largest_place_sigma(covariance: &Matrix6<f64>) -> f64 {
     let place = covariance.fixed_view::<3, 3>(3, 3).into_owned();
     place.symmetric_eigenvalues().max().max(0.0).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::depth_following::{Search, follow};
+    use super::super::face_edge::FaceEdges;
+    use super::super::hinge::candidates;
+    use super::super::plane_segments::{Sampling, moving_patches};
+    use super::super::test_data::{HINGE_M, WIDTH_M, door_recording, turn};
+    use super::*;
+    use crate::math::rigid::distance_to_line;
+    use nalgebra::Vector6;
+
+    /// The hinge that the planes of a door give, and the line aligned to its pictures; `share` of the
+    /// whole opening is shown.
+    fn aligned(share: f64) -> (Hinge, AlignedLine) {
+        let recording = door_recording(24, |f| share * turn(f));
+        let patches = moving_patches(&recording, Sampling::Coarse, None);
+        let best = &candidates(&patches, 1)[0];
+        let planes = best.hinge(&patches, &best.support, &FaceEdges::default()).unwrap();
+        let surface = closed_door();
+        let range = [planes.range()[0] - 0.1, planes.range()[1] + 0.1];
+        let search = Search { range, max_steps: &[] };
+        let following = follow(&surface, &planes.geometry(), planes.reach(), &search, &recording);
+        let line = align_line(&surface, &planes, &following, &recording);
+        (planes, line)
+    }
+
+    fn closed_door() -> Surface {
+        let [x, z] = HINGE_M;
+        let at = |i: i32| {
+            let (out, up) = (f64::from(i % 12) + 0.5, f64::from(i / 12) - 5.5);
+            Point3::new(x + WIDTH_M / 12.0 * out, 0.08 * up, z)
+        };
+        Surface { points: (0..144).map(at).collect(), normal: -Vector3::z() }
+    }
+
+    fn distance(line: &JointGeometry) -> f64 {
+        distance_to_line(&Point3::new(HINGE_M[0], 0.0, HINGE_M[1]), &line.axis, &line.origin)
+    }
+
+    #[test]
+    fn a_line_that_its_planes_give_well_is_kept() {
+        let (planes, line) = aligned(1.0);
+        assert!(planes.is_well_known());
+        assert_eq!((line.geometry, line.rmse), (planes.geometry(), planes.rmse));
+    }
+
+    #[test]
+    fn a_line_that_they_do_not_give_well_is_drawn_to_the_true_one() {
+        let (planes, line) = aligned(0.3);
+        assert!(!planes.is_well_known());
+        assert!(line.rmse < 0.004, "{}", line.rmse);
+        let (before, after) = (distance(&planes.geometry()), distance(&line.geometry));
+        assert!(after < before.max(0.01), "{before} m off, then {after} m");
+    }
+
+    #[test]
+    fn no_line_is_known_better_than_its_noise_allows_nor_along_itself() {
+        let (_, line) = aligned(1.0);
+        let place = largest_place_sigma(&line.covariance);
+        assert!(place > 1e-5 && place < PRIOR_M, "{place}");
+        let along = line.geometry.axis.into_inner();
+        let block = line.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+        assert!((block * along).norm() < 1e-12);
+    }
+
+    #[test]
+    fn the_largest_deviation_of_a_place_is_that_of_its_worst_direction() {
+        let covariance = Matrix6::from_diagonal(&Vector6::new(9.0, 9.0, 9.0, 1e-4, 4e-4, 0.0));
+        assert!((largest_place_sigma(&covariance) - 0.02).abs() < 1e-12);
+        assert_eq!(largest_place_sigma(&Matrix6::zeros()), 0.0);
+    }
+}

@@ -213,3 +213,132 @@ fn interpolated(values: &[(usize, f64)], frame: usize) -> f64 {
         (None, None) => 0.0,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::plane_segments::PlanePatch;
+    use super::super::planes_about_axis::plane_observations;
+    use super::*;
+    use crate::object::joint_geometry::JointGeometry;
+    use nalgebra::Point3;
+
+    const FRAMES: usize = 24;
+
+    /// A line, upright at the origin.
+    fn line() -> JointGeometry {
+        JointGeometry::hinge(Vector3::y_axis(), Point3::origin())
+    }
+
+    /// A door as wide as this, turned about the line, as one keyframe shows it.
+    fn door(frame: usize, turn: f64, width: f64) -> PlanePatch {
+        let motion = line().motion(turn);
+        let places = (0..100).map(|i| {
+            let (out, up) = (f64::from(i % 10) / 9.0, f64::from(i / 10) / 9.0);
+            motion * Point3::new(0.02 + out * (width - 0.02), 0.8 * up - 0.4, 0.0)
+        });
+        PlanePatch::through(places.collect(), frame, &(motion * -Vector3::z()))
+    }
+
+    fn opening(frame: usize) -> f64 {
+        0.05 * frame as f64
+    }
+
+    fn observed(frames: impl Iterator<Item = usize>) -> Vec<PlaneObservation> {
+        let patches: Vec<PlanePatch> = frames.map(|f| door(f, opening(f), 0.6)).collect();
+        plane_observations(&line(), &patches)
+    }
+
+    /// The configuration that tracks tell in each frame.
+    fn known(by: impl Fn(usize) -> Option<f64>) -> Vec<Option<f64>> {
+        (0..FRAMES).map(by).collect()
+    }
+
+    fn unlinked(_: usize, _: usize) -> usize {
+        0
+    }
+
+    #[test]
+    fn the_plane_that_turns_as_tracks_say_is_the_parts() {
+        let turning = (0..FRAMES).map(|f| door(f, opening(f), 0.6));
+        let resting = (0..FRAMES).map(|f| door(f, 0.4, 1.1));
+        let mut patches: Vec<PlanePatch> = turning.chain(resting).collect();
+        patches.sort_by_key(|p| p.frame);
+        let all = plane_observations(&line(), &patches);
+        assert_eq!(all.len(), 2 * FRAMES);
+        let tracks = known(|f| Some(opening(f)));
+        let plane = PartPlane::of(&all, &tracks, unlinked).unwrap();
+        assert_eq!(plane.plane_observations.len(), FRAMES, "one a keyframe");
+        for (frame, normal) in plane.normals().iter().enumerate() {
+            let expected = line().motion(opening(frame)) * -Vector3::z();
+            assert!((normal - expected).norm() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn there_is_none_where_tracks_and_planes_hardly_meet() {
+        let all = observed(0..FRAMES);
+        let at = |shown: usize| {
+            PartPlane::of(&all, &known(|f| (f < shown).then(|| opening(f))), unlinked)
+        };
+        assert!(at(0).is_none() && at(1).is_none());
+        assert!(at(2).is_some());
+        assert!(PartPlane::of(&[], &known(|f| Some(opening(f))), unlinked).is_none());
+    }
+
+    #[test]
+    fn tracks_that_slipped_are_mended_by_the_plane() {
+        let all = observed(0..FRAMES);
+        let slipped = known(|f| Some(opening(f) + if f < 12 { 0.0 } else { 0.08 }));
+        let plane = PartPlane::of(&all, &slipped, unlinked).unwrap();
+        let (zero, mended) = plane.mended(&slipped);
+        for (frame, q) in mended.iter().enumerate() {
+            assert!((q.unwrap() - opening(frame)).abs() < 1e-6, "{frame}: {q:?}");
+            let turn = plane.plane_observations[frame].turn;
+            assert!(wrapped(turn - zero - opening(frame)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn tracks_that_did_not_slip_stay_as_they_are() {
+        let tracks = known(|f| Some(opening(f)));
+        let all = observed(0..FRAMES);
+        assert_eq!(PartPlane::of(&all, &tracks, unlinked).unwrap().mended(&tracks).1, tracks);
+        // Few planes mend nothing, whatever they say.
+        let slipped = known(|f| Some(opening(f) + if f < 3 { 0.0 } else { 0.08 }));
+        let few = observed(0..MIN_SHOWN - 1);
+        assert_eq!(PartPlane::of(&few, &slipped, unlinked).unwrap().mended(&slipped).1, slipped);
+    }
+
+    #[test]
+    fn where_tracks_are_lost_the_plane_tells_the_configuration() {
+        let all = observed(0..FRAMES);
+        let tracks = known(|f| (!(8..14).contains(&f)).then(|| opening(f)));
+        let plane = PartPlane::of(&all, &tracks, unlinked).unwrap();
+        let keyframes: Vec<usize> = (0..FRAMES).filter(|f| f % 2 == 0).collect();
+        let found = plane.alone(&[], &tracks, plane.zero, &keyframes);
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [8, 10, 12]);
+        assert!(found.iter().all(|(f, q)| (q - opening(*f)).abs() < 1e-6), "{found:?}");
+        assert!(plane.alone(&[], &tracks, plane.zero, &[]).is_empty());
+    }
+
+    #[test]
+    fn a_plane_that_leaps_is_not_believed() {
+        // It leaps by 1.2 rad in the keyframe after the tracks are lost.
+        let turn = |f: usize| if f < 10 { 0.0 } else { 1.2 };
+        let patches: Vec<PlanePatch> = (0..12).map(|f| door(f, turn(f), 0.6)).collect();
+        let all = plane_observations(&line(), &patches);
+        let tracks = known(|f| (f < 10).then_some(0.0));
+        let plane = PartPlane::of(&all, &tracks, unlinked).unwrap();
+        let found = plane.alone(&[], &tracks, plane.zero, &[10, 11]);
+        // With the second keyframe there was time for it.
+        assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [11]);
+    }
+
+    #[test]
+    fn a_value_between_frames_is_interpolated_and_beyond_them_it_is_the_last() {
+        let values = [(10, 1.0), (20, 3.0)];
+        let at = |frame| interpolated(&values, frame);
+        assert_eq!([at(0), at(10), at(15), at(20), at(99)], [1.0, 1.0, 2.0, 3.0, 3.0]);
+        assert_eq!(interpolated(&[], 5), 0.0);
+    }
+}

@@ -440,3 +440,117 @@ impl PlainPart {
         surface.into_learned(recording)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::hinge::candidates;
+    use super::super::plane_segments::{Sampling, moving_patches};
+    use super::super::test_data::{HINGE_M, door_recording, turn};
+    use super::*;
+    use crate::math::rigid::{distance_to_line, line_angle};
+    use nalgebra::Vector3;
+
+    /// What is found about the line that most planes of a recording turn about.
+    fn found(recording: &Recording) -> Followed {
+        let patches = moving_patches(recording, Sampling::Coarse, None);
+        let best = candidates(&patches, 1);
+        best.first().map_or(Followed::Nothing, |best| follow_candidate(best, &patches, recording))
+    }
+
+    fn part(recording: &Recording) -> PlainPart {
+        match found(recording) {
+            Followed::Part(part) => part,
+            Followed::LineUnknown(_) => panic!("its line is not known"),
+            Followed::Nothing => panic!("nothing is found"),
+        }
+    }
+
+    /// A door that is opened this far, of the whole way, and rests before and after.
+    fn opened(share: f64) -> Recording {
+        door_recording(24, |f| share * turn(f))
+    }
+
+    #[test]
+    fn a_plain_door_is_a_part_that_turns_about_its_hinge_as_far_as_it_was_opened() {
+        let part = part(&opened(1.0));
+        let line = &part.line.geometry;
+        assert!(line_angle(&line.axis, &Vector3::y()) < 0.02);
+        let hinge = Point3::new(HINGE_M[0], 0.0, HINGE_M[1]);
+        let apart = distance_to_line(&hinge, &line.axis, &line.origin);
+        assert!(apart < 0.02, "{apart} m off");
+        let [low, high] = part.followed.range();
+        assert!((high - low - turn(23)).abs() < 0.08, "{low} to {high}");
+        assert!(!part.jumps() && part.doubt().is_none());
+    }
+
+    #[test]
+    fn its_configuration_is_told_in_the_keyframes_that_show_it() {
+        let part = part(&opened(1.0));
+        let q = part.configuration();
+        let sense = (q[&23] - q[&6]).signum();
+        for frame in [7, 10, 14, 20, 23] {
+            let turned = sense * (q[&frame] - q[&6]);
+            assert!((turned - turn(frame)).abs() < 0.05, "frame {frame}: {turned}");
+        }
+    }
+
+    #[test]
+    fn no_line_is_told_more_exactly_than_ledges_and_thickness_allow() {
+        let recording = opened(1.0);
+        let learned = part(&recording).to_learned(&recording);
+        assert_eq!(learned.joint.kind, JointKind::Revolute);
+        assert!(!learned.plain_surface.is_empty() && learned.tracks.is_empty());
+        let variance = |k: usize| learned.joint.covariance[k][k];
+        assert!((3..6).map(variance).fold(0.0, f64::max).sqrt() >= SYSTEMATIC_M);
+        assert!((0..3).map(variance).fold(0.0, f64::max).sqrt() >= SYSTEMATIC_RAD);
+    }
+
+    #[test]
+    fn a_door_that_is_hardly_opened_is_no_part_with_a_hinge() {
+        assert!(!matches!(found(&opened(0.1)), Followed::Part(_)));
+        assert!(matches!(found(&opened(0.0)), Followed::Nothing));
+    }
+
+    #[test]
+    fn a_door_that_never_rests_is_no_part() {
+        let swings = door_recording(24, |f| 0.65 - 0.65 * (0.9 * f as f64).cos());
+        assert!(!matches!(found(&swings), Followed::Part(_)));
+    }
+
+    #[test]
+    fn what_needs_more_is_told_with_how_far_it_turned_and_what_to_do() {
+        let told = part(&opened(1.0)).unknown_line();
+        assert!(told.needs_more && told.kind == JointKind::Revolute);
+        let [degrees] =
+            told.reason.split(' ').filter_map(|w| w.parse::<f64>().ok()).collect::<Vec<_>>()[..]
+        else {
+            panic!("one number: {}", told.reason)
+        };
+        assert!((degrees - turn(23).to_degrees()).abs() < 5.0, "{}", told.reason);
+        assert!(told.reason.contains("open it further"));
+    }
+
+    #[test]
+    fn of_two_followings_a_part_is_better_than_an_unknown_line_and_that_than_nothing() {
+        let recording = opened(1.0);
+        let known = || Followed::Part(part(&recording));
+        let unknown = || Followed::LineUnknown(part(&recording));
+        assert!(matches!(known().better(unknown()), Followed::Part(_)));
+        assert!(matches!(unknown().better(known()), Followed::Part(_)));
+        assert!(matches!(Followed::Nothing.better(unknown()), Followed::LineUnknown(_)));
+        assert!(matches!(Followed::Nothing.better(Followed::Nothing), Followed::Nothing));
+    }
+
+    #[test]
+    fn a_following_agrees_better_with_more_planes_and_as_many_by_a_line_that_is_known_better() {
+        let recording = opened(1.0);
+        let (whole, mut less) = (part(&recording), part(&recording));
+        assert!(!whole.agrees_better_than(&less), "they are alike");
+        less.support.truncate(MIN_KEYFRAMES);
+        assert!(whole.agrees_better_than(&less) && !less.agrees_better_than(&whole));
+        assert!(whole.has_no_fewer_planes(&less) && !less.has_no_fewer_planes(&whole));
+        let mut unsure = part(&recording);
+        unsure.line.covariance *= 4.0;
+        assert!(whole.agrees_better_than(&unsure) && !unsure.agrees_better_than(&whole));
+    }
+}

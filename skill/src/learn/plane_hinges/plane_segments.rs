@@ -233,3 +233,123 @@ impl PlanePatch {
         Self { frame, normal, offset: normal.dot(&mean.coords), points }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{HINGE_M, door_recording, turn};
+    use super::*;
+
+    /// Samples of a square piece of surface of so many to a side, 2 cm apart.
+    fn square(side: usize, centre: Point3<f64>, normal: Vector3<f64>) -> Vec<Sample> {
+        let (u, v) = crate::math::rigid::orthonormal_basis(&normal);
+        let off = |i: usize| 0.02 * (i as f64 - 0.5 * (side as f64 - 1.0));
+        let at =
+            |i: usize| Sample { point: centre + u * off(i % side) + v * off(i / side), normal };
+        (0..side * side).map(at).collect()
+    }
+
+    fn patches_of(samples: Vec<Sample>) -> Vec<PlanePatch> {
+        patches(samples, 3, DepthSensor::default())
+    }
+
+    #[test]
+    fn a_box_gives_a_plane_for_each_of_its_faces_the_largest_first() {
+        let (front, side) = (-Vector3::z(), Vector3::x());
+        let mut samples = square(8, Point3::new(0.5, 0.0, 2.2), side);
+        samples.extend(square(14, Point3::new(0.0, 0.0, 2.0), front));
+        let found = patches_of(samples);
+        assert_eq!(found.iter().map(|p| p.points.len()).collect::<Vec<_>>(), [196, 64]);
+        assert!((found[0].normal - front).norm() < 1e-6 && (found[0].offset + 2.0).abs() < 1e-6);
+        assert!((found[1].normal - side).norm() < 1e-6 && (found[1].offset - 0.5).abs() < 1e-6);
+        assert!(found.iter().all(|p| p.frame == 3));
+    }
+
+    #[test]
+    fn faces_that_are_parallel_at_two_depths_are_two_planes() {
+        let at = |z| square(8, Point3::new(0.0, 0.0, z), -Vector3::z());
+        assert_eq!(patches_of(at(1.0).into_iter().chain(at(1.3)).collect()).len(), 2);
+    }
+
+    #[test]
+    fn what_has_few_samples_is_no_plane() {
+        let few = square(6, Point3::new(0.0, 0.0, 2.0), -Vector3::z());
+        assert!(few.len() < MIN_SAMPLES && patches_of(few).is_empty());
+        assert!(patches_of(Vec::new()).is_empty());
+    }
+
+    #[test]
+    fn a_plane_faces_the_side_that_it_is_told() {
+        let points = || {
+            square(5, Point3::new(0.0, 0.0, 2.0), Vector3::z()).iter().map(|s| s.point).collect()
+        };
+        for side in [1.0, -1.0] {
+            let plane = PlanePatch::through(points(), 0, &Vector3::new(0.2, 0.0, side));
+            assert!((plane.normal - Vector3::z() * side).norm() < 1e-9);
+            assert!((plane.offset - 2.0 * side).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_planes_of_a_door_that_opens_are_found_with_its_turn() {
+        let found = moving_patches(&door_recording(24, turn), Sampling::Coarse, None);
+        let of_door = |frame: usize| {
+            let normal = Vector3::new(-turn(frame).sin(), 0.0, -turn(frame).cos());
+            let hinge = Vector3::new(HINGE_M[0], 0.0, HINGE_M[1]);
+            found.iter().any(|p| {
+                p.frame == frame
+                    && p.normal.dot(&normal) > 0.998
+                    && (p.offset - normal.dot(&hinge)).abs() < 0.02
+            })
+        };
+        // Beyond, the door is seen from its edge.
+        let frames: Vec<usize> = (0..24).filter(|f| (0.3..1.0).contains(&turn(*f))).collect();
+        let missed: Vec<&usize> = frames.iter().filter(|f| !of_door(**f)).collect();
+        assert!(frames.len() > 4 && missed.is_empty(), "{missed:?}");
+    }
+
+    #[test]
+    fn nothing_is_found_of_a_door_that_stands_still() {
+        let still = door_recording(24, |_| 0.7);
+        assert!(moving_patches(&still, Sampling::Coarse, None).is_empty());
+    }
+
+    #[test]
+    fn about_a_line_only_what_is_near_it_and_could_turn_about_it_counts() {
+        let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(1.0, 0.0, 2.0));
+        let cylinder = Cylinder { line, radius: 0.3 };
+        assert!(cylinder.holds(&Point3::new(1.2, 5.0, 2.0)), "however far along the line");
+        assert!(!cylinder.holds(&Point3::new(1.2, 0.0, 2.3)));
+        assert!(cylinder.may_turn(&Vector3::x()) && !cylinder.may_turn(&Vector3::y()));
+        let far = Cylinder { line, radius: 0.01 };
+        let door = door_recording(24, turn);
+        assert!(moving_patches(&door, Sampling::Coarse, Some(&far)).is_empty());
+    }
+
+    #[test]
+    fn a_cell_has_as_many_neighbours_as_are_set_around_it() {
+        let all = [true; 9];
+        assert_eq!(
+            [neighbours(&all, 3, 4), neighbours(&all, 3, 0), neighbours(&all, 3, 5)],
+            [8, 3, 5]
+        );
+        assert_eq!(neighbours(&[true], 1, 0), 0);
+        let mut alone = [false; 9];
+        alone[4] = true;
+        assert_eq!([neighbours(&alone, 3, 4), neighbours(&alone, 3, 0)], [0, 1]);
+    }
+
+    #[test]
+    fn some_are_taken_evenly_and_never_more_than_asked_for() {
+        let all = square(10, Point3::origin(), Vector3::z());
+        for most in [1, 7, 40, 1000] {
+            let taken = some_of(&all, most).count();
+            assert!(taken <= most && taken > 0 && taken >= most.min(100) / 2);
+        }
+        assert_eq!(some_of(&[], 5).count(), 0);
+    }
+
+    #[test]
+    fn a_place_that_no_other_keyframe_shows_does_not_move() {
+        assert!(!moves(&Point3::new(0.0, 0.0, 1.0), &[]));
+    }
+}

@@ -85,3 +85,67 @@ fn describe_sift(gray: &Gray, points: &[Point2<f32>]) -> opencv::Result<Descript
     }
     Ok(Descriptors { length: LENGTH, values })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Paint in light of so much strength.
+    fn painted(gain: f32) -> Gray {
+        let grey = |i: usize| {
+            let (u, v) = ((i % 128) as f32, (i / 128) as f32);
+            gain * (90.0 + 50.0 * (0.31 * u + 0.12 * v).sin() + 30.0 * (0.37 * v - 0.17 * u).sin())
+        };
+        let bytes: Vec<u8> = (0..128 * 128).map(|i| grey(i) as u8).collect();
+        Gray::new(128, 128, &bytes).unwrap()
+    }
+
+    fn kinds() -> Vec<DescriptorKind> {
+        #[cfg(feature = "paper")]
+        return vec![DescriptorKind::Sift, DescriptorKind::Surf];
+        #[cfg(not(feature = "paper"))]
+        vec![DescriptorKind::Sift]
+    }
+
+    const PLACES: [Point2<f32>; 3] =
+        [Point2::new(40.0, 50.0), Point2::new(70.5, 64.25), Point2::new(90.0, 33.0)];
+
+    #[test]
+    fn a_description_is_a_unit_vector_and_belongs_to_its_place() {
+        for kind in kinds() {
+            let forth = describe(kind, &painted(1.0), &PLACES).unwrap();
+            let mut reversed = PLACES;
+            reversed.reverse();
+            let back = describe(kind, &painted(1.0), &reversed).unwrap();
+            for i in 0..3 {
+                let length: f32 = forth.get(i).iter().map(|x| x * x).sum();
+                assert!((length - 1.0).abs() < 1e-3, "{kind:?}: {length}");
+                assert!(distance(forth.get(i), back.get(2 - i)) < 1e-6, "{kind:?}");
+            }
+            assert!(distance(forth.get(0), forth.get(1)) > 0.3, "{kind:?}: places differ");
+        }
+    }
+
+    #[test]
+    fn other_light_hardly_changes_a_description() {
+        for kind in kinds() {
+            let [bright, dim] =
+                [1.0, 0.6].map(|gain| describe(kind, &painted(gain), &PLACES[..1]).unwrap());
+            assert!(distance(bright.get(0), dim.get(0)) < 0.1, "{kind:?}");
+        }
+    }
+
+    #[test]
+    fn without_a_descriptor_all_places_are_alike() {
+        let nothing = describe(DescriptorKind::None, &painted(1.0), &PLACES).unwrap();
+        assert!((0..3).all(|i| nothing.get(i).is_empty()));
+        assert_eq!(distance(nothing.get(0), nothing.get(2)), 0.0);
+    }
+
+    #[test]
+    fn no_places_have_no_descriptions() {
+        for kind in kinds() {
+            assert!(describe(kind, &painted(1.0), &[]).unwrap().values.is_empty());
+        }
+    }
+}

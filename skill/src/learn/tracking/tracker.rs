@@ -244,3 +244,128 @@ impl PixelGrid {
             .map(|(_, corner)| corner)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::descriptor::DescriptorKind;
+    use super::*;
+    use linkage_frames::{ColorImage, DepthImage, PinholeCamera};
+    use std::sync::Arc;
+
+    const SIDE: [usize; 2] = [320, 240];
+
+    /// Smooth paint at 1.5 m, moved by so many pixels to the right.
+    fn painted(shift: f64) -> RgbdFrame {
+        painted_by(|u, v| {
+            let waves = [(0.31, 0.12, 0.4), (-0.17, 0.37, 1.9), (0.12, -0.41, 2.7)];
+            waves.iter().map(|(a, b, c)| (a * (u - shift) + b * v + c).sin()).sum()
+        })
+    }
+
+    fn painted_by(paint: impl Fn(f64, f64) -> f64) -> RgbdFrame {
+        let [width, height] = SIDE;
+        let camera =
+            PinholeCamera { width, height, cx: 160.0, cy: 120.0, ..PinholeCamera::kinect() };
+        let grey = |i: usize| (127.5 + 40.0 * paint((i % width) as f64, (i / width) as f64)) as u8;
+        let bytes = (0..width * height).flat_map(|i| [grey(i); 3]).collect();
+        let color = ColorImage::new(width, height, bytes).unwrap();
+        let depth = DepthImage::from_metres(width, height, vec![1.5; width * height]).unwrap();
+        RgbdFrame::new(0, Arc::new(camera), color, depth).unwrap()
+    }
+
+    fn tracked(frames: &[RgbdFrame], config: TrackConfig) -> Tracker {
+        let mut tracker = Tracker::new(config);
+        frames.iter().for_each(|frame| tracker.push(frame).unwrap());
+        tracker
+    }
+
+    fn moving(frames: usize) -> Vec<RgbdFrame> {
+        (0..frames).map(|f| painted(2.0 * f as f64)).collect()
+    }
+
+    #[test]
+    fn features_go_where_the_paint_goes() {
+        let tracker = tracked(&moving(8), TrackConfig::default());
+        let whole: Vec<&Track> =
+            tracker.seen().tracks.iter().filter(|t| t.observations.len() == 8).collect();
+        assert!(whole.len() > 100, "{}", whole.len());
+        for track in whole {
+            let [first, last] = [0, 7].map(|f| track.observations[f].pixel);
+            let missed = (last - first - nalgebra::Vector2::new(14.0, 0.0)).norm();
+            assert!(missed < 0.5, "{first} is followed to {last}");
+            assert!((track.observations[7].point_in_camera.unwrap().z - 1.5).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn there_are_never_more_features_than_configured_and_each_has_its_own_track() {
+        let config = TrackConfig { max_features: 60, ..TrackConfig::default() };
+        let tracker = tracked(&moving(6), config);
+        assert!((10..=60).contains(&tracker.live_count()), "{}", tracker.live_count());
+        let mut numbers: Vec<usize> = tracker.live().map(|(number, _)| number).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        assert_eq!(numbers.len(), tracker.live_count());
+        let ids: Vec<TrackId> = tracker.seen().tracks.iter().map(|t| t.id).collect();
+        assert!(ids.is_sorted_by(|a, b| a < b));
+        let none = TrackConfig { max_features: 0, ..TrackConfig::default() };
+        assert_eq!(tracked(&moving(2), none).seen().tracks.len(), 0);
+    }
+
+    #[test]
+    fn no_feature_is_followed_into_another_picture() {
+        let other = || painted_by(|u, v| (0.23 * u).sin() * (0.29 * v + 1.0).cos() * 2.0);
+        for descriptor in [DescriptorKind::None, DescriptorKind::Sift] {
+            let config = TrackConfig { descriptor, ..TrackConfig::default() };
+            let tracker = tracked(&[painted(0.0), painted(0.0), other()], config);
+            let born_first = tracker.seen().tracks.iter().filter(|t| t.first_frame == 0);
+            let (mut all, mut followed) = (0, 0);
+            for track in born_first {
+                all += 1;
+                followed += usize::from(track.end_frame() == 3);
+            }
+            assert!(all > 100 && 10 * followed < all, "{followed} of {all} with {descriptor:?}");
+        }
+    }
+
+    #[test]
+    fn what_was_seen_for_a_moment_is_not_learned_from() {
+        assert!(
+            tracked(&moving(MIN_LENGTH - 1), TrackConfig::default()).finish().tracks.is_empty()
+        );
+        let tracker = tracked(&moving(MIN_LENGTH), TrackConfig::default());
+        let so_far = tracker.snapshot();
+        let all = tracker.finish();
+        assert!(!all.tracks.is_empty() && all.tracks.iter().all(|t| t.is_long(MIN_LENGTH)));
+        assert_eq!(so_far.tracks.len(), all.tracks.len());
+        assert_eq!(Tracker::new(TrackConfig::default()).finish().frames(), 0);
+    }
+
+    #[test]
+    fn frames_are_forgotten_and_the_features_live_on_in_their_tracks() {
+        let frames = moving(10);
+        let mut tracker = tracked(&frames[..8], TrackConfig::default());
+        let before: HashSet<TrackId> =
+            tracker.live().map(|(number, _)| tracker.seen().tracks[number].id).collect();
+        let numbers = tracker.keep_frames(&[true, false, true, false, true, false, false, true]);
+        assert_eq!(tracker.frames(), 4);
+        assert_eq!(numbers.iter().flatten().max(), Some(&(tracker.seen().tracks.len() - 1)));
+        let after: HashSet<TrackId> =
+            tracker.live().map(|(number, _)| tracker.seen().tracks[number].id).collect();
+        assert_eq!(before, after);
+        frames[8..].iter().for_each(|frame| tracker.push(frame).unwrap());
+        let followed = tracker.seen().tracks.iter().filter(|t| t.end_frame() == 6);
+        assert!(followed.filter(|t| before.contains(&t.id)).count() > 50);
+    }
+
+    #[test]
+    fn the_nearest_corner_is_found_across_the_borders_of_cells_and_not_beyond_the_radius() {
+        let grid = PixelGrid::new(&[Point2::new(3.9, 4.1), Point2::new(20.0, 20.0)]);
+        assert_eq!(grid.nearest(&Point2::new(4.2, 3.8), 1.0), Some(Point2::new(3.9, 4.1)));
+        assert_eq!(grid.nearest(&Point2::new(4.2, 3.8), 0.1), None);
+        // A radius is no larger than a cell: what is farther would be found in some places only.
+        assert_eq!(grid.nearest(&Point2::new(20.0, 25.0), 100.0), None);
+        assert_eq!(grid.nearest(&Point2::new(f32::NAN, 0.0), 4.0), None);
+        assert_eq!(PixelGrid::new(&[]).nearest(&Point2::new(1.0, 1.0), 4.0), None);
+    }
+}

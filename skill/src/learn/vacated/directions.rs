@@ -105,3 +105,89 @@ fn principal_axes(points: &[Point3<f64>]) -> Vec<Vector3<f64>> {
     let eigen = spread.symmetric_eigen();
     eigen.eigenvectors.column_iter().map(|axis| axis.into_owned()).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::rest_surface::{End, vacated_surfaces};
+    use super::super::test_data::{lever, turn};
+    use super::*;
+
+    /// So many normals to each side, each turned away from it by less than three degrees.
+    fn normals(of: &[(Vector3<f64>, usize)]) -> Vec<Vector3<f64>> {
+        let about = |&(n, count): &(Vector3<f64>, usize)| {
+            (0..count).map(move |i| {
+                let angle = f64::from(i as u32 % 7) - 3.0;
+                let beside = if n.x.abs() < 0.5 { Vector3::x() } else { Vector3::y() };
+                let sense = if i % 2 == 0 { 1.0 } else { -1.0 };
+                sense * (n + n.cross(&beside) * 0.015 * angle).normalize()
+            })
+        };
+        of.iter().flat_map(about).collect()
+    }
+
+    fn is_along(a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
+        line_angle(a, b) < 0.05
+    }
+
+    #[test]
+    fn the_main_normals_are_the_frequent_ones_most_frequent_first() {
+        let found = main_normals(normals(&[
+            (Vector3::x(), 30),
+            (Vector3::z(), 50),
+            (Vector3::new(0.0, 1.0, 1.0).normalize(), 2),
+        ]));
+        assert_eq!(found.len(), 2, "two of 82 are none");
+        assert!(is_along(&found[0], &Vector3::z()) && is_along(&found[1], &Vector3::x()));
+    }
+
+    #[test]
+    fn there_are_no_more_main_normals_than_may_be() {
+        let turned = |i: u32| {
+            (Vector3::new((0.5 * f64::from(i)).cos(), (0.5 * f64::from(i)).sin(), 0.0), 20)
+        };
+        let all: Vec<_> = (0..6).map(turned).collect();
+        assert_eq!(main_normals(normals(&all)).len(), MAX_NORMALS);
+        assert!(main_normals(Vec::new()).is_empty());
+    }
+
+    #[test]
+    fn a_long_flat_cloud_has_its_sides_as_axes() {
+        let points: Vec<Point3<f64>> = (0..60)
+            .map(|i| {
+                let (along, across) = (f64::from(i % 20) * 0.02, f64::from(i / 20) * 0.01);
+                Point3::new(across + 1.0, 2.0, along)
+            })
+            .collect();
+        let axes = principal_axes(&points);
+        for side in [Vector3::x(), Vector3::y(), Vector3::z()] {
+            assert!(axes.iter().any(|axis| is_along(axis, &side)), "{axes:?}");
+        }
+    }
+
+    #[test]
+    fn a_lever_before_a_wall_may_turn_square_to_the_wall_or_along_itself() {
+        let recording = lever(turn);
+        let views = View::all(&recording);
+        let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
+        let known = Vector3::new(1.0, 1.0, 0.0);
+        let found = axis_directions(surface, &views[0], std::iter::once(known));
+        assert!(is_along(&found[0], &known), "known axes come first");
+        for side in [Vector3::z(), Vector3::x(), Vector3::y()] {
+            assert!(found.iter().any(|d| is_along(d, &side)), "{side:?} is not among {found:?}");
+        }
+        for (i, a) in found.iter().enumerate() {
+            assert!((a.norm() - 1.0).abs() < 1e-9);
+            assert!(found[..i].iter().all(|b| line_angle(a, b) > SAME_DIRECTION_RAD));
+        }
+    }
+
+    #[test]
+    fn a_patch_across_an_edge_or_without_readings_has_no_normal() {
+        let recording = lever(turn);
+        let view = &View::all(&recording)[0];
+        // The bar's end lies at x = 0.2 m, that is 203 pixels from the left; its side is 11 below the middle.
+        let on_wall = normal_of_patch(view, 60, 60).unwrap();
+        assert!(is_along(&on_wall, &Vector3::z()));
+        assert!(normal_of_patch(view, 203, 131).is_none());
+    }
+}

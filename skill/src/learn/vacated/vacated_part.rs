@@ -307,3 +307,101 @@ fn what_is_seen(
     distances.sort_by(f64::total_cmp);
     (seen, distances.get(distances.len() / 2).copied().unwrap_or(f64::INFINITY))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::hypotheses::best_hypotheses;
+    use super::super::rest_surface::{End, vacated_surfaces};
+    use super::super::test_data::{FRAMES, PIVOT_M, hinge, lever, recording, turn};
+    use super::super::view::View;
+    use super::*;
+    use crate::math::rigid::{distance_to_line, line_angle};
+
+    /// Looks at the part of a lever's surface at rest, followed along a line.
+    fn followed<T>(
+        recording: &Recording,
+        geometry: &JointGeometry,
+        look: impl FnOnce(&VacatedPart, &RestSurface, &[MovingPoints]) -> T,
+    ) -> T {
+        let views = View::all(recording);
+        let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
+        let moving = MovingPoints::near(&surface.centre(), 0.8, &views, &|_| Vec::new());
+        let mut hypothesis =
+            best_hypotheses(surface, &[Vector3::z()], &[], &moving, [1, 0]).remove(0);
+        hypothesis.geometry = *geometry;
+        let part = VacatedPart::follow(surface, &hypothesis, 0.035, &moving, recording);
+        look(&part, surface, &moving)
+    }
+
+    #[test]
+    fn a_lever_is_followed_about_its_pivot_and_comes_to_every_configuration() {
+        followed(&lever(turn), &hinge(), |part, _, _| {
+            let line = part.geometry();
+            assert!(line_angle(&line.axis, &Vector3::z()) < 0.03);
+            assert!(distance_to_line(&line.origin, &line.axis, &Point3::from(PIVOT_M)) < 0.015);
+            let sense = part.aligned.q[FRAMES - 1].signum();
+            for (frame, q) in part.shown() {
+                assert!((sense * q - turn(frame)).abs() < 0.06, "frame {frame}: {q}");
+            }
+            assert!(part.shown().count() as f64 > LEAST_KEYFRAMES * FRAMES as f64);
+            assert!(part.is_there_throughout() && part.median_m < MAX_MEDIAN_M);
+        });
+    }
+
+    #[test]
+    fn a_lever_becomes_a_hinge_whose_line_is_not_known_without_error() {
+        let recording = lever(turn);
+        followed(&recording, &hinge(), |part, surface, _| {
+            let learned = part.to_learned(surface, &recording);
+            assert_eq!(learned.joint.kind, JointKind::Revolute);
+            let [low, high] = learned.joint.range;
+            assert!((high - low - turn(FRAMES - 1)).abs() < 0.08, "{low} to {high}");
+            let covariance = part.covariance();
+            let across = covariance.fixed_view::<3, 3>(3, 3).into_owned().symmetric_eigenvalues();
+            assert!(across.max().sqrt() >= SYSTEMATIC_M);
+        });
+    }
+
+    #[test]
+    fn about_a_line_far_from_the_pivot_it_is_no_part() {
+        let mut off = hinge();
+        off.origin.y += 0.25;
+        followed(&lever(turn), &off, |part, _, _| assert!(part.doubt().is_some()));
+    }
+
+    #[test]
+    fn what_slides_and_what_hardly_turns_is_refused_with_the_reason() {
+        let slide = JointGeometry::slide(Vector3::x_axis(), Point3::from(PIVOT_M));
+        followed(&lever(turn), &slide, |part, _, _| assert!(part.doubt().is_some()));
+        followed(&lever(|f| 0.25 * turn(f)), &hinge(), |part, _, _| {
+            assert_eq!(part.doubt(), Some("it hardly turns"));
+        });
+    }
+
+    #[test]
+    fn it_rests_in_the_keyframe_in_which_it_was_found() {
+        let recording = lever(turn);
+        followed(&recording, &hinge(), |_, surface, moving| {
+            let q = path(surface, &hinge(), moving, &recording);
+            assert_eq!(q.len(), moving.len());
+            let (_, step) = configurations(&hinge(), &surface.points, STEP_M);
+            assert!(q[surface.keyframe].abs() <= step);
+        });
+    }
+
+    #[test]
+    fn a_lever_without_anybody_is_alone_and_one_beside_a_block_is_not() {
+        followed(&lever(turn), &hinge(), |part, _, _| assert!(part.is_alone));
+        // A block passes below the bar all the time.
+        let passing = recording(turn, |f| Some([-0.35 + 0.025 * f as f64, -0.2]));
+        followed(&passing, &hinge(), |part, _, _| assert!(!part.is_alone));
+    }
+
+    #[test]
+    fn a_hand_that_comes_before_the_lever_moves_leads_it() {
+        let coming = recording(turn, |f| (f < 12).then_some([0.35 - 0.02 * f as f64, 0.2]));
+        let lead = followed(&coming, &hinge(), |part, _, _| part.lead_s);
+        assert!(lead >= MIN_LEAD_S, "{lead}");
+        assert_eq!(followed(&lever(turn), &hinge(), |part, _, _| part.lead_s), 0.0);
+    }
+}

@@ -1,0 +1,266 @@
+//! What commands do to the state: they begin and end demonstrations, look for objects, ask for
+//! predictions, cancel.
+//!
+//! In: a command, checked and authorised, with the time until which it may begin (microseconds of the
+//! host's clock). Out: the next state, and an answer or an acknowledgement to who sent it.
+
+use super::perceiver::Perception;
+use super::state::{Demonstrating, Pending, State, Watching};
+use super::waiting::stale;
+use crate::service::command::{Action, Command};
+use crate::service::losses::Losses;
+use crate::service::publisher::Note;
+use linkage_driver::live::host_utime;
+use linkage_realtime::Reason;
+use linkage_skill::Learner;
+use std::time::Instant;
+
+impl Perception<'_> {
+    pub fn handle_command(&mut self, Command { utime, valid_until, action }: Command) {
+        // A command that expired while this thread was busy is not executed.
+        if host_utime() > valid_until {
+            let reason = "it came too late to be begun: send it again".to_owned();
+            return self.answer(utime, Err(reason));
+        }
+        let begun = match action {
+            Action::StartDemonstration { object } => {
+                return self.answer_with(utime, |it| it.start_demonstration(object));
+            }
+            Action::Recognise { object } => {
+                return self.answer_with(utime, |it| it.watch(object, None));
+            }
+            Action::Cancel => return self.answer_with(utime, |it| Ok(it.cancel())),
+            Action::FinishDemonstration => self.finish_demonstration(Some(utime)),
+            Action::Predict { object, joint, target, grasp } => {
+                let since = Instant::now();
+                let pending = Pending { command: utime, joint, target, grasp, since };
+                self.predict(object, pending)
+            }
+        };
+        match begun {
+            Ok(text) => {
+                self.publish_status();
+                self.acknowledge(utime, text);
+                self.execute_pending();
+            }
+            Err(reason) => self.answer(utime, Err(reason)),
+        }
+    }
+
+    fn answer_with(
+        &mut self,
+        command: i64,
+        work: impl FnOnce(&mut Self) -> Result<String, String>,
+    ) {
+        let result = work(self);
+        // The state is published first, so that a reader of the answer finds it.
+        self.publish_status();
+        self.answer(command, result);
+    }
+
+    /// Refuses what must not interrupt a demonstration.
+    fn interruptible(&self) -> Result<(), String> {
+        match &self.state {
+            State::Demonstrating(d) => {
+                Err(format!("{} is being demonstrated; finish or cancel first", d.object))
+            }
+            State::Learning { learning, .. } => {
+                Err(format!("{} is being learned; wait, or cancel", learning.object))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn start_demonstration(&mut self, object: String) -> Result<String, String> {
+        self.interruptible()?;
+        self.become_idle(Reason::Replaced);
+        let learner = Learner::live(&self.config.skill);
+        let current_estimate = learner.current_estimate(&object);
+        let answer = format!("watching how {object} is moved");
+        let losses = Losses::begin(&self.inbox.lost, 0);
+        let demonstrating =
+            Demonstrating { object, learner, current_estimate, told: Instant::now(), losses };
+        self.state = State::Demonstrating(Box::new(demonstrating));
+        Ok(answer)
+    }
+
+    fn finish_demonstration(&mut self, command: Option<i64>) -> Result<String, String> {
+        match std::mem::replace(&mut self.state, State::Resting) {
+            State::Demonstrating(d) => {
+                let Demonstrating { object, learner, losses, .. } = *d;
+                let frames = learner.tracker().frames();
+                let lost = losses.many(&self.inbox.lost, frames as u64);
+                if let Some(lost) = &lost {
+                    self.out.note(Note::Error(lost.clone()));
+                }
+                let learning = self
+                    .learning_worker
+                    .learn(learner, object.clone(), lost)
+                    .map_err(|e| e.to_string())?;
+                self.state = State::Learning { learning, command };
+                Ok(format!("learning {object} from {frames} frames"))
+            }
+            other => {
+                self.state = other;
+                Err("no demonstration runs; start one first".to_owned())
+            }
+        }
+    }
+
+    fn watch(
+        &mut self,
+        object: Option<String>,
+        pending: Option<Pending>,
+    ) -> Result<String, String> {
+        self.interruptible()?;
+        if self.library.is_empty() {
+            return Err("nothing is known yet; demonstrate something first".to_owned());
+        }
+        if let Some(name) = &object
+            && self.library.number(name).is_none()
+        {
+            return Err(format!("no object \"{name}\" is known"));
+        }
+        self.become_idle(Reason::Replaced);
+        let answer = match &object {
+            Some(name) => format!("looking for {name}"),
+            None => "looking for anything known".to_owned(),
+        };
+        self.state = State::Watching(Watching::new(object, pending));
+        Ok(answer)
+    }
+
+    fn predict(&mut self, object: Option<String>, pending: Pending) -> Result<String, String> {
+        if let State::Tracking(t) = &mut self.state {
+            let name = &t.object.model.object;
+            if object.as_ref().is_none_or(|wanted| wanted == name) {
+                let answer = format!("predicting {name}");
+                if t.arrived.elapsed().as_secs_f64() > self.config.rig.safety.frame_age {
+                    return Err(stale(t.arrived.elapsed()));
+                }
+                t.pending = Some(pending);
+                return Ok(answer);
+            }
+        }
+        self.watch(object, Some(pending))
+    }
+
+    fn cancel(&mut self) -> String {
+        if let State::Learning { learning, command } = &self.state {
+            learning.cancel();
+            if let Some(command) = *command {
+                self.answer(command, Err("cancelled".to_owned()));
+            }
+        }
+        self.become_idle(Reason::Cancelled);
+        "cancelled".to_owned()
+    }
+
+    /// Nothing is looked for, what moves is braked.
+    fn become_idle(&mut self, why: Reason) {
+        let pending = match &mut self.state {
+            State::Watching(w) => w.pending.take(),
+            State::Tracking(t) => t.pending.take(),
+            _ => None,
+        };
+        if let Some(pending) = pending {
+            let reason = "another command came before it was planned".to_owned();
+            self.answer(pending.command, Err(reason));
+        }
+        self.brake(why);
+        self.state = State::Resting;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{answers, asked_for, perception};
+    use super::*;
+    use linkage_skill::predict::Target;
+
+    /// A command that may begin for a second still.
+    fn command(utime: i64, action: Action) -> Command {
+        Command { utime, valid_until: host_utime() + 1_000_000, action }
+    }
+
+    fn start(object: &str) -> Action {
+        Action::StartDemonstration { object: object.to_owned() }
+    }
+
+    fn recognise() -> Action {
+        Action::Recognise { object: None }
+    }
+
+    /// What is answered to the last of some commands: whether it was accepted, and the text.
+    fn answer_to_last(actions: &[Action]) -> (bool, String) {
+        let (mut perception, noted) = perception();
+        for (utime, action) in (1..).zip(actions) {
+            perception.handle_command(command(utime, action.clone()));
+        }
+        let answers = answers(&noted);
+        assert_eq!(answers.len(), actions.len(), "one answer each");
+        let last = answers.last().expect("there is a command");
+        assert_eq!((last.utime, last.done), (actions.len() as i64, true));
+        (last.accepted, last.text.clone())
+    }
+
+    #[test]
+    fn a_command_that_comes_too_late_is_not_begun() {
+        let (mut perception, noted) = perception();
+        let late = Command { valid_until: host_utime() - 1, ..command(3, start("door")) };
+        perception.handle_command(late);
+        let answers = answers(&noted);
+        assert!(!answers[0].accepted && answers[0].text.contains("too late"));
+        assert!(matches!(perception.state, State::Resting));
+    }
+
+    #[test]
+    fn nothing_is_looked_for_or_predicted_where_nothing_is_known() {
+        let (object, joint, grasp) = (None, None, None);
+        let predict = Action::Predict { object, joint, target: Target::Open, grasp };
+        for action in [recognise(), predict] {
+            let (accepted, text) = answer_to_last(&[action]);
+            assert!(!accepted && text.contains("nothing is known yet"), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_demonstration_is_interrupted_by_no_other_command_than_cancel() {
+        for action in [recognise(), start("drawer")] {
+            let (accepted, text) = answer_to_last(&[start("door"), action]);
+            assert!(!accepted && text.contains("door is being demonstrated"), "{text}");
+        }
+        assert!(answer_to_last(&[start("door"), Action::Cancel]).0);
+        assert!(answer_to_last(&[start("door"), Action::Cancel, start("drawer")]).0);
+    }
+
+    #[test]
+    fn what_was_not_begun_cannot_be_finished() {
+        let (accepted, text) = answer_to_last(&[Action::FinishDemonstration]);
+        assert!(!accepted && text.contains("no demonstration runs"), "{text}");
+    }
+
+    #[test]
+    fn a_demonstration_that_is_finished_is_learned_from() {
+        let (mut perception, noted) = perception();
+        perception.handle_command(command(1, start("door")));
+        perception.handle_command(command(2, Action::FinishDemonstration));
+        assert!(matches!(perception.state, State::Learning { command: Some(2), .. }));
+        let last = answers(&noted).pop().expect("an answer");
+        assert!(last.accepted && !last.done, "it is acknowledged, and answered once it is learned");
+    }
+
+    #[test]
+    fn a_prediction_that_waits_is_refused_when_another_command_comes() {
+        let (mut perception, noted) = perception();
+        perception.state = State::Watching(Watching::new(None, Some(asked_for(0))));
+        perception.handle_command(command(8, Action::Cancel));
+        let answers = answers(&noted);
+        assert_eq!(
+            answers.iter().map(|a| (a.utime, a.accepted)).collect::<Vec<_>>(),
+            [(7, false), (8, true)]
+        );
+        assert!(answers[0].text.contains("another command came"));
+        assert!(matches!(perception.state, State::Resting));
+    }
+}

@@ -1,0 +1,224 @@
+//! What is made of a frame: by the state, it is learned from, searched, or followed in.
+//!
+//! In: the frames that wait, with when they arrived. Out: the next state, messages with what was
+//! learned or recognised (camera frame, metres), orders about what is seen.
+
+use super::perceiver::Perception;
+use super::state::{State, Tracking, Watching};
+use super::status::{RATE_FRAMES, TELL_EVERY};
+use crate::channel;
+use crate::messages;
+use crate::service::capture::Arrived;
+use crate::service::observer::EventKind;
+use crate::service::publisher::Note;
+use crate::service::reacquire::Reacquisition;
+use linkage_driver::RgbdFrame;
+use linkage_realtime::Reason;
+use linkage_skill::SkillConfig;
+use linkage_skill::recognise::{Follower, KnownObject, Recognition, Scene};
+use linkage_skill::store::Library;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+impl Perception<'_> {
+    pub fn look(&mut self, Arrived { frame, at }: Arrived) {
+        self.looked_at += 1;
+        if self.arrivals.len() == RATE_FRAMES {
+            self.arrivals.pop_front();
+        }
+        self.arrivals.push_back(at);
+        match &mut self.state {
+            State::Resting | State::Learning { .. } => self.out.observer.frame(frame),
+            State::Demonstrating(_) => {
+                self.demonstrate(&frame);
+                self.out.observer.frame(frame);
+            }
+            State::Watching(_) => {
+                let newest = self.newest(Arrived { frame, at });
+                self.search(&newest);
+                self.out.observer.frame(newest.frame);
+            }
+            State::Tracking(_) => {
+                let newest = self.newest(Arrived { frame, at });
+                self.follow(&newest);
+                self.out.observer.frame(newest.frame);
+            }
+        }
+    }
+
+    /// The newest frame that waits; older ones are skipped.
+    fn newest(&mut self, oldest: Arrived) -> Arrived {
+        let mut newest = oldest;
+        while let Ok(newer) = self.inbox.frames.pop(Duration::ZERO) {
+            self.looked_at += 1;
+            newest = newer;
+        }
+        newest
+    }
+
+    fn demonstrate(&mut self, frame: &RgbdFrame) {
+        let State::Demonstrating(d) = &mut self.state else { return };
+        match d.learner.push(frame) {
+            Ok(()) => {}
+            Err(e) => self.out.note(Note::Error(format!("{}: {e}", d.object))),
+        }
+        let tracked = || d.learner.tracker().lifted().into_iter().map(|(_, p)| p).collect();
+        self.out.observer.event(frame.utime, || EventKind::Tracked(tracked()));
+        if d.told.elapsed() >= TELL_EVERY {
+            d.told = Instant::now();
+            d.current_estimate = d.learner.current_estimate(&d.object);
+            self.out.send(channel::MODEL, &messages::model(&d.current_estimate, frame.utime));
+            if let Some(camera_from_object) = d.learner.camera_from_object() {
+                let model = || d.current_estimate.clone();
+                let estimated = || EventKind::Estimated { model: model(), camera_from_object };
+                self.out.observer.event(frame.utime, estimated);
+            }
+        }
+    }
+
+    /// Looks for objects in a frame.
+    fn search(&mut self, Arrived { frame, at }: &Arrived) {
+        let State::Watching(w) = &mut self.state else { return };
+        let skill = &self.config.skill;
+        let believed = match search(&self.library, frame, w, skill) {
+            Ok(found) => found,
+            Err(reason) => return self.out.note(Note::Error(reason)),
+        };
+        w.searched += 1;
+        w.best_refused = w.best_refused.max(believed.best_refused);
+        let numbers = believed.matches.iter().filter_map(|m| self.library.number(&m.object));
+        let known: Vec<Arc<KnownObject>> =
+            numbers.filter_map(|n| self.library.object(n).ok()).collect();
+        let model_of = |name: &str| known.iter().map(|k| &k.model).find(|m| m.object == name);
+        let message = messages::recognition(&believed, model_of, frame.utime);
+        self.out.send(channel::RECOGNITION, &message);
+        self.out.observer.event(frame.utime, || EventKind::Recognised(believed.clone()));
+        let Some(best) = believed.matches.into_iter().next() else { return };
+        let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
+        if let Some(follower) = Follower::new(Arc::clone(object), &best) {
+            if let Some(orders) = &mut self.orders {
+                orders.frame_seen(&best, frame.utime, *at);
+            }
+            let pending = w.pending.take();
+            self.state = State::Tracking(Box::new(Tracking {
+                object: Arc::clone(object),
+                follower,
+                recognised: best,
+                seen: true,
+                utime: frame.utime,
+                arrived: *at,
+                pending,
+                reacquisition: Reacquisition::begun_now(),
+            }));
+            self.execute_pending();
+        }
+    }
+
+    /// Follows the object that was found.
+    fn follow(&mut self, Arrived { frame, at }: &Arrived) {
+        let State::Tracking(t) = &mut self.state else { return };
+        t.reacquisition.answer(&mut t.follower);
+        match t.follower.follow(frame) {
+            Ok(followed) => {
+                (t.seen, t.utime, t.arrived) = (followed.seen, frame.utime, *at);
+                if followed.seen {
+                    t.recognised = followed.recognised;
+                    let now = Recognition::new(vec![t.recognised.clone()]);
+                    let model = &t.object.model;
+                    let message = messages::recognition(&now, |_| Some(model), frame.utime);
+                    self.out.send(channel::RECOGNITION, &message);
+                    self.out.observer.event(frame.utime, || EventKind::Recognised(now));
+                }
+                let Tracking { reacquisition, follower, object, recognised, .. } = &mut **t;
+                let skill = &self.config.skill;
+                if let Err(e) = reacquisition.ask(follower, object, recognised, frame, skill) {
+                    self.out.note(Note::Error(format!("recognition cannot be asked again: {e}")));
+                }
+                match &mut self.orders {
+                    Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.utime, t.arrived),
+                    Some(orders) => orders.frame_missed_it(),
+                    None => {}
+                }
+                self.execute_pending();
+            }
+            Err(lost) => {
+                self.out.note(Note::Error(lost.to_string()));
+                // Its configuration may be any by now: it is looked for again.
+                let object = Some(t.object.model.object.clone());
+                let pending = t.pending.take();
+                self.state = State::Watching(Watching::new(object, pending));
+                self.brake(Reason::ObjectLost);
+            }
+        }
+    }
+}
+
+/// Looks for what is watched for; for anything known, in one shortlist a frame.
+fn search(
+    library: &Library,
+    frame: &RgbdFrame,
+    watching: &Watching,
+    skill: &SkillConfig,
+) -> Result<Recognition, String> {
+    let scene = Scene::new(frame).map_err(|e| e.to_string())?;
+    let config = &skill.recognise;
+    let listed = watching.object.as_deref().and_then(|name| library.number(name));
+    let found = match listed {
+        Some(number) => library.recognise_listed(&scene, &[number], config, skill.seed),
+        None => library.recognise_in_turn(&scene, config, skill.seed, watching.searched),
+    };
+    found.map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::{
+        answers, asked_for, frame, notes, perception, perception_with_frames,
+    };
+    use super::*;
+    use crate::service::command::{Action, Command};
+    use linkage_driver::live::host_utime;
+
+    fn searched(state: &State) -> usize {
+        if let State::Watching(watching) = state { watching.searched } else { 0 }
+    }
+
+    #[test]
+    fn every_frame_of_a_demonstration_is_learned_from() {
+        let (mut perception, noted) = perception();
+        let action = Action::StartDemonstration { object: "door".to_owned() };
+        let valid_until = host_utime() + 1_000_000;
+        perception.handle_command(Command { utime: 1, valid_until, action });
+        (1..=3).for_each(|utime| perception.look(frame(40_000 * utime)));
+        let State::Demonstrating(d) = &perception.state else { panic!("it is demonstrated") };
+        assert_eq!(d.learner.tracker().frames(), 3);
+        assert!(!notes(&noted).iter().any(|note| matches!(note, Note::Error(_))));
+    }
+
+    #[test]
+    fn while_something_is_looked_for_frames_that_wait_are_skipped_and_counted() {
+        let (mut perception, _noted, frames) = perception_with_frames();
+        perception.state = State::Watching(Watching::new(None, None));
+        (2..=4).for_each(|utime| frames.push(frame(utime)));
+        perception.look(frame(1));
+        assert_eq!((perception.looked_at, searched(&perception.state)), (4, 1));
+        assert_eq!(perception.newest(frame(9)).frame.utime, 9, "none waits");
+    }
+
+    #[test]
+    fn what_is_not_found_is_looked_for_in_the_next_frame_again() {
+        let (mut perception, noted) = perception();
+        perception.state = State::Watching(Watching::new(None, Some(asked_for(0))));
+        (1..=2).for_each(|utime| perception.look(frame(utime)));
+        assert_eq!(searched(&perception.state), 2);
+        assert!(answers(&noted).is_empty(), "the prediction still waits");
+    }
+
+    #[test]
+    fn arrivals_are_kept_as_far_as_the_rate_needs_them() {
+        let (mut perception, _noted) = perception();
+        (0..2 * RATE_FRAMES as i64).for_each(|utime| perception.look(frame(utime)));
+        assert_eq!(perception.arrivals.len(), RATE_FRAMES);
+        assert_eq!(perception.looked_at, 2 * RATE_FRAMES as u64);
+    }
+}

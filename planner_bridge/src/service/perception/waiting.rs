@@ -1,0 +1,166 @@
+//! Predictions that wait for their object: planned once a fresh frame shows it, refused where none
+//! does in time.
+//!
+//! In: the prediction that waits, and where its object is (camera frame, metres). Out: the prediction
+//! and the plan as messages, the motion for the stream, the command's answer.
+
+use super::perceiver::Perception;
+use super::state::State;
+use crate::channel;
+use crate::messages::{self, Stamps};
+use crate::plan::{PlanError, Request, predict};
+use crate::service::observer::EventKind;
+use crate::service::stream::Orders;
+use linkage_driver::live::host_utime;
+use linkage_skill::predict::PredictError;
+use std::time::{Duration, Instant};
+
+/// A prediction whose object is not found for this long is refused.
+const TIMEOUT: Duration = Duration::from_secs(5);
+/// A prediction whose joint is not known for this long is refused: recognition is asked meanwhile.
+const JOINT_TIMEOUT: Duration = Duration::from_secs(2);
+
+impl Perception<'_> {
+    /// Plans what was asked for, if the newest frame is fresh and shows the object.
+    pub fn execute_pending(&mut self) {
+        let State::Tracking(t) = &mut self.state else { return };
+        let fresh = t.arrived.elapsed().as_secs_f64() <= self.config.rig.safety.frame_age;
+        if !(t.seen && fresh) {
+            return;
+        }
+        if t.pending.is_none() {
+            return;
+        }
+        // What moves is braked first, or just about to arrive.
+        let commanded = self.orders.as_ref().map_or(Ok(None), Orders::commanded);
+        let Ok(commanded) = commanded else { return };
+        let Some(pending) = t.pending.take() else { return };
+        let request = Request {
+            joint: pending.joint.as_deref(),
+            target: pending.target,
+            grasp: pending.grasp,
+            moving: commanded.as_ref(),
+        };
+        let model = &t.object.model;
+        let stamps = Stamps { captured: t.utime, made: host_utime() };
+        let planned = predict(model, &t.recognised, &request, &self.config.rig);
+        let is_unclear = matches!(
+            &planned,
+            Err(PlanError::Predict(PredictError::Unseen { .. }) | PlanError::Unclear { .. })
+        );
+        if is_unclear && pending.since.elapsed() < JOINT_TIMEOUT {
+            t.pending = Some(pending);
+            return;
+        }
+        let planned = planned.map_err(|e: PlanError| e.to_string()).and_then(|plan| {
+            let robot_plan = messages::robot_plan(&plan, stamps).map_err(|e| e.to_string())?;
+            Ok((plan, robot_plan))
+        });
+        let (plan, robot_plan) = match planned {
+            Ok(planned) => planned,
+            Err(reason) => return self.answer(pending.command, Err(reason)),
+        };
+        let message = messages::prediction(&plan.prediction, model, stamps);
+        self.out.send(channel::PREDICTION, &message);
+        self.out.send(channel::PLAN, &robot_plan);
+        self.out.observer.event(t.utime, || EventKind::Predicted(plan.prediction.clone()));
+        let knots = robot_plan.plan.len();
+        let streamed = self.orders.as_mut().map(|orders| match plan.motion() {
+            Err(_) => "; not streamed: too many joints",
+            Ok(motion) => match orders.run(&motion, plan.start_us) {
+                Ok(()) => ", which are streamed",
+                Err(_) => "; not streamed: orders come too fast",
+            },
+        });
+        let text = format!("planned {} in {knots} knots{}", model.object, streamed.unwrap_or(""));
+        self.answer(pending.command, Ok(text));
+    }
+
+    /// Refuses a prediction that has waited too long.
+    pub fn time_out_pending(&mut self) {
+        let threshold = self.config.skill.recognise.min_score;
+        let since = self.arrivals.back().map(Instant::elapsed);
+        let (pending, reason) = match &mut self.state {
+            State::Watching(w) => {
+                let what = w.object.as_deref().unwrap_or("anything known");
+                let reason = match since {
+                    Some(since) if since < TIMEOUT => format!(
+                        "{what} is not recognised: the best score is {:.2}, {threshold:.2} is needed",
+                        w.best_refused
+                    ),
+                    Some(since) => stale(since),
+                    None => "no frame has come yet".to_owned(),
+                };
+                (&mut w.pending, reason)
+            }
+            State::Tracking(t) => {
+                let reason = match t.seen {
+                    true => stale(t.arrived.elapsed()),
+                    false => format!("{} is not seen now", t.object.model.object),
+                };
+                (&mut t.pending, reason)
+            }
+            _ => return,
+        };
+        if pending.as_ref().is_some_and(|p| p.since.elapsed() > TIMEOUT)
+            && let Some(refused) = pending.take()
+        {
+            self.answer(refused.command, Err(reason));
+        }
+    }
+}
+
+/// Why a frame that is this old is not planned from.
+pub fn stale(age: Duration) -> String {
+    format!("the newest frame is {:.1} s old: is the camera still there?", age.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::state::Watching;
+    use super::super::test_data::{answers, asked_for, perception};
+    use super::*;
+
+    /// What is answered to a prediction that has waited for so long while this object is looked for.
+    fn answer(object: Option<&str>, waited_s: u64, has_frame: bool) -> Option<String> {
+        let (mut perception, noted) = perception();
+        perception.arrivals.extend(has_frame.then(Instant::now));
+        let pending = Some(asked_for(waited_s));
+        perception.state = State::Watching(Watching::new(object.map(str::to_owned), pending));
+        perception.time_out_pending();
+        let answer = answers(&noted).pop()?;
+        assert_eq!((answer.utime, answer.accepted, answer.done), (7, false, true));
+        perception.time_out_pending();
+        assert!(answers(&noted).is_empty(), "it is refused once");
+        Some(answer.text)
+    }
+
+    #[test]
+    fn a_prediction_waits_for_some_seconds_before_it_is_refused() {
+        assert_eq!(answer(None, TIMEOUT.as_secs() - 1, true), None);
+        assert!(answer(None, TIMEOUT.as_secs() + 1, true).is_some());
+    }
+
+    #[test]
+    fn the_refusal_says_whether_frames_or_the_object_are_missing() {
+        let late = TIMEOUT.as_secs() + 1;
+        assert_eq!(answer(None, late, false).unwrap(), "no frame has come yet");
+        let unseen = answer(Some("door"), late, true).unwrap();
+        assert_eq!(unseen, "door is not recognised: the best score is 0.00, 0.50 is needed");
+        assert!(answer(None, late, true).unwrap().starts_with("anything known is not recognised"));
+    }
+
+    #[test]
+    fn nothing_is_planned_while_the_object_is_still_looked_for() {
+        let (mut perception, noted) = perception();
+        perception.state = State::Watching(Watching::new(None, Some(asked_for(0))));
+        perception.execute_pending();
+        assert!(answers(&noted).is_empty());
+        assert!(matches!(&perception.state, State::Watching(w) if w.pending.is_some()));
+    }
+
+    #[test]
+    fn an_old_frame_is_told_with_its_age() {
+        assert!(stale(Duration::from_millis(2_340)).contains("2.3 s old"));
+    }
+}
