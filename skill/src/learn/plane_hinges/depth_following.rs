@@ -34,6 +34,9 @@ const MIN_END: usize = 3;
 const ALIGNMENTS: usize = 3;
 /// Alignment may lengthen the largest step of a path by this factor.
 const ALIGNED: f64 = 1.1;
+/// Share of the largest step from which a step is as large as the bound lets it be: the grid of configurations
+/// and the alignment make it a little smaller.
+const AT_BOUND: f64 = 0.9;
 /// Largest residual of the surface itself, metres: what is farther away is another surface.
 const MAX_RESIDUAL_M: f64 = 0.04;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points. A part
@@ -148,6 +151,21 @@ impl Following {
             let between = max_steps.get(w[0].0..w[1].0).unwrap_or_default();
             (w[1].1 - w[0].1).abs() <= ALIGNED * between.iter().sum::<f64>()
         })
+    }
+
+    /// Most steps on end in one direction that are as large as `max_steps` allow. A path that was bounded takes such
+    /// steps where it cannot jump.
+    pub fn longest_run_at(&self, max_steps: &[f64]) -> usize {
+        let (mut longest, mut run, mut direction) = (0, 0, 0.0);
+        for (w, max) in self.placements.windows(2).zip(max_steps) {
+            let step = w[1].q - w[0].q;
+            let is_at_bound = step.abs() >= AT_BOUND * max;
+            let goes_on = is_at_bound && run > 0 && step.signum() == direction;
+            run = if goes_on { run + 1 } else { usize::from(is_at_bound) };
+            direction = step.signum();
+            longest = longest.max(run);
+        }
+        longest
     }
 
     /// It stands still for so many keyframes on end, as things do before and after they are moved
@@ -370,6 +388,14 @@ mod tests {
         let slow = bounded(&truth, &[0.1; 7]);
         assert!(slow.keeps_within(&[0.1; 7]));
         assert!((slow.at(7).unwrap() - 0.1).abs() < 0.002, "it is found again after the jump");
+    }
+
+    #[test]
+    fn a_following_that_a_bound_holds_back_runs_at_it() {
+        let jumps = [0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5];
+        assert!(bounded(&jumps, &[0.1; 7]).longest_run_at(&[0.1; 7]) >= 3);
+        let goes = [0.0, 0.0, 0.05, 0.12, 0.2, 0.26, 0.3, 0.3];
+        assert_eq!(bounded(&goes, &[0.1; 7]).longest_run_at(&[0.1; 7]), 0);
     }
 
     #[test]

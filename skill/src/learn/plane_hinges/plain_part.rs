@@ -53,6 +53,9 @@ const REST_RAD: f64 = 0.03;
 const MAX_STEP_RAD: f64 = 1.3;
 /// Speed above which a following is doubted, radians a second: people open things at up to 2.6.
 const MAX_SPEED_RAD_S: f64 = 3.0;
+/// Steps on end at that speed by which a following that was bounded to it is told to be held back: it would
+/// jump from one surface to another.
+const HELD_BACK_STEPS: usize = 3;
 /// Largest standard deviation of a line's place if it lies in the face of its part, metres. A robot must
 /// not pull about a line that is less known.
 const MAX_PLACE_SIGMA_M: f64 = 0.025;
@@ -151,6 +154,8 @@ pub fn follow_candidate(
             Followed::Part(slower) if !slower.is_fast && slower.has_no_fewer_planes(&fast) => {
                 Followed::Part(slower)
             }
+            // What was followed for the most part without planes is told by its motion alone.
+            _ if !fast.has_many_planes() => Followed::Nothing,
             _ => Followed::Part(fast),
         },
         other => other,
@@ -256,7 +261,8 @@ fn followed(
     let unattached_ratio =
         unattached_ratio(&line.geometry, &few.points, recording, camera_from_base);
     let surface = surface.clone();
-    let is_fast = !followed.keeps_within(&max_steps);
+    let is_fast = !followed.keeps_within(&max_steps)
+        || followed.longest_run_at(&max_steps) >= HELD_BACK_STEPS;
     Some(PlainPart {
         hinge,
         line,

@@ -52,6 +52,8 @@ const BETTER: f64 = 1.03;
 /// Lines that make a smaller angle and are closer are one, radians and metres.
 const SAME_LINE_RAD: f64 = 0.2;
 const SAME_LINE_M: f64 = 0.06;
+/// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
+const PARALLEL_RAD: f64 = 0.08;
 /// Largest share of a surface's points that may be seen through where a known joint puts them, and least
 /// share that must be found there, for the surface to be of its part.
 const EXPLAINED_THROUGH: f64 = 0.2;
@@ -143,7 +145,8 @@ fn part_of(
             JointGeometry::hinge(axis, Point3::from(j.joint.origin))
         })
         .collect();
-    let axes = lines.iter().map(|line| line.axis.into_inner());
+    // The drawers of a cabinet go in parallel.
+    let axes = joints.iter().filter(|j| j.joint.parent == 0).map(|j| Vector3::from(j.joint.axis));
     let directions = axis_directions(surface, &views[surface.keyframe], axes);
     tracing::debug!(
         points = surface.points.len(),
@@ -155,7 +158,18 @@ fn part_of(
     );
     let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
     let best = best_part(surface, &hypotheses, &moving, recording)?;
-    best.doubt().is_none().then_some(best)
+    (best.doubt().is_none() && may_be_of(best.geometry(), joints)).then_some(best)
+}
+
+/// A hinge shows what holds it; a slide does not, and a person who steps aside slides as well. The drawers of a
+/// cabinet are parallel: a slide is believed where tracks showed one along the same direction.
+fn may_be_of(geometry: &JointGeometry, joints: &[LearnedJoint]) -> bool {
+    let is_parallel_slide = |j: &LearnedJoint| {
+        j.joint.kind == JointKind::Prismatic
+            && j.joint.parent == 0
+            && line_angle(&j.joint.axis.into(), &geometry.axis) < PARALLEL_RAD
+    };
+    geometry.kind == JointKind::Revolute || joints.iter().any(is_parallel_slide)
 }
 
 /// Of the parts that a surface may be of, that which explains most.
@@ -195,7 +209,7 @@ fn value(part: &VacatedPart) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::test_data::{PIVOT_M, lever, recording as recording_with, turn};
+    use super::test_data::{FRAMES, PIVOT_M, lever, recording as recording_with, slider, turn};
     use super::*;
 
     fn joints(recording: &Recording) -> Vec<LearnedJoint> {
@@ -217,6 +231,34 @@ mod tests {
         // Known well, but not better than depth readings can tell.
         let sigma = joint.known_covariance().unwrap().diagonal().map(f64::sqrt);
         assert!(sigma.max() > 0.003 && sigma.max() < 0.05, "{sigma}");
+    }
+
+    /// What is added to a slide along some direction that tracks showed.
+    fn beside_a_slide(recording: &Recording, direction: [f64; 3]) -> Vec<LearnedJoint> {
+        let axis = UnitVector3::new_normalize(Vector3::from(direction));
+        let known = LearnedJoint {
+            joint: Joint::of(&JointGeometry::slide(axis, Point3::origin())),
+            base_from_part: vec![None; FRAMES],
+            tracks: Vec::new(),
+            plain_surface: Vec::new(),
+        };
+        let known = LearnedJoints { joints: vec![known], ..Default::default() };
+        complete(known, recording).joints.split_off(1)
+    }
+
+    #[test]
+    fn a_plain_drawer_is_learned_where_another_slides_in_parallel() {
+        let opened = slider(|frame| 0.25 * turn(frame));
+        let found = beside_a_slide(&opened, [1.0, 0.02, 0.0]);
+        assert_eq!(found.len(), 1);
+        let joint = &found[0].joint;
+        assert_eq!((joint.kind, joint.parent, joint.child), (JointKind::Prismatic, 0, 2));
+        assert!(joint.axis[0].abs() > 0.999, "{:?}", joint.axis);
+        assert!((joint.range[1] - joint.range[0] - 0.3).abs() < 0.02, "{:?}", joint.range);
+        assert!(joints(&opened).is_empty(), "a person slides aside, too");
+        assert!(beside_a_slide(&opened, [0.0, 1.0, 0.0]).is_empty());
+        let hardly = slider(|frame| 0.04 * turn(frame));
+        assert!(beside_a_slide(&hardly, [1.0, 0.02, 0.0]).is_empty(), "it may as well turn");
     }
 
     #[test]

@@ -14,6 +14,8 @@ pub const PIVOT_M: [f64; 3] = [-0.1, 0.05, 1.2];
 /// Its length to one side of the pivot, and its width, metres.
 const LENGTH_M: f64 = 0.3;
 const WIDTH_M: f64 = 0.06;
+/// Distance of the wall behind it.
+const WALL_M: f64 = 1.6;
 /// Time between two frames, microseconds.
 const FRAME_US: i64 = 100_000;
 /// Frames of a recording.
@@ -34,10 +36,9 @@ pub fn recording(
     turn: impl Fn(usize) -> f64,
     block: impl Fn(usize) -> Option<[f64; 2]>,
 ) -> Recording {
-    let mut keyframes = Keyframes::new(FRAMES);
-    for frame in 0..FRAMES {
+    recorded(|frame| {
         let (turn, block) = (turn(frame), block(frame));
-        let picture = seen(FRAME_US * frame as i64, |x, y| {
+        move |x, y| {
             let at = |z: f64| [z * x, z * y];
             let [dx, dy] = [at(PIVOT_M[2])[0] - PIVOT_M[0], at(PIVOT_M[2])[1] - PIVOT_M[1]];
             let along = turn.cos() * dx + turn.sin() * dy;
@@ -51,10 +52,28 @@ pub fn recording(
             match (is_block, is_bar) {
                 (true, _) => 1.1,
                 (_, true) => PIVOT_M[2],
-                _ => 1.6,
+                _ => WALL_M,
             }
-        });
-        keyframes.offer(frame, &picture);
+        }
+    })
+}
+
+/// A recording of a square plate of 12 cm that slides across the line of sight, by its way in each frame, metres.
+pub fn slider(way: impl Fn(usize) -> f64) -> Recording {
+    recorded(|frame| {
+        let middle = way(frame) - 0.15;
+        move |x, y| {
+            let is_plate = (1.2 * x - middle).abs() < 0.06 && (1.2 * y).abs() < 0.06;
+            if is_plate { 1.2 } else { WALL_M }
+        }
+    })
+}
+
+/// A recording by the depth along each ray, in each frame.
+fn recorded<D: Fn(f64, f64) -> f64>(depth: impl Fn(usize) -> D) -> Recording {
+    let mut keyframes = Keyframes::new(FRAMES);
+    for frame in 0..FRAMES {
+        keyframes.offer(frame, &seen(FRAME_US * frame as i64, depth(frame)));
     }
     let camera_from_base = vec![Pose::identity(); FRAMES];
     let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };

@@ -38,6 +38,9 @@ const MIN_AGREEMENT: f64 = 0.25;
 /// Least motion, radians and metres of its farthest point.
 const MIN_TURN_RAD: f64 = 0.35;
 const MIN_TRAVEL_M: f64 = 0.04;
+/// Least way of a slide, in radii of its surface. What goes as far about a line beside it turns by a radian, which
+/// is told from a slide; by a shorter way it looks much the same.
+const MIN_SLIDE_RADII: f64 = 1.0;
 /// A surface that has moved less than this is still at rest, metres.
 const REST_M: f64 = 0.015;
 /// Fewest readings of something that has come: a hand has more.
@@ -63,6 +66,8 @@ pub struct VacatedPart {
     median_m: f64,
     /// Distance of the farthest point from the line; 1 for a slide.
     reach: f64,
+    /// Largest distance of a point from the middle of the surface, metres.
+    radius: f64,
     /// Share of the line that nothing holds.
     unattached_ratio: f64,
     /// How long something else moved near it while it still was at rest, seconds.
@@ -111,7 +116,8 @@ impl VacatedPart {
         let reach = reach(line, &surface.points);
         let lead_s = lead_of_others(surface, &aligned.q, reach, moving);
         let is_alone = is_alone(surface, &aligned, moving);
-        Self { aligned, seen, median_m, reach, unattached_ratio, lead_s, is_alone }
+        let radius = surface.radius();
+        Self { aligned, seen, median_m, reach, radius, unattached_ratio, lead_s, is_alone }
     }
 
     /// The joint's line.
@@ -136,7 +142,7 @@ impl VacatedPart {
             (is_hinge && turn < MIN_TURN_RAD, "it hardly turns"),
             (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
             (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
-            (!is_hinge, "it slides"),
+            (!is_hinge && turn < MIN_SLIDE_RADII * self.radius, "it may as well turn"),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
             (self.median_m > MAX_MEDIAN_M, "it does not keep its shape"),
