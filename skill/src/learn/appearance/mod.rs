@@ -5,11 +5,13 @@
 //! ([`features`]), surface ([`surfels`]) and where the surface ends ([`occlusion_edges`]).
 
 mod albedo;
+mod connected_person;
 mod dynamic_features;
 mod features;
 mod moving_parts;
 pub(crate) mod occlusion_edges;
 mod occupancy;
+mod part_growth;
 mod part_labels;
 mod region;
 mod room_planes;
@@ -26,6 +28,7 @@ use moving_parts::{object_distance, swept_volume, tracked_points};
 use nalgebra::Point3;
 use occlusion_edges::edges;
 use occupancy::Occupancy;
+use part_growth::grown;
 use part_labels::{LabelGrid, NearPart, PosedFrame, label};
 use rayon::prelude::*;
 use region::Region;
@@ -44,8 +47,8 @@ const DESCRIBED_KEYFRAMES: usize = 16;
 const MAX_FEATURES_PER_PART: usize = 2000;
 /// Surfels kept per part.
 const MAX_SURFELS_PER_PART: usize = 1200;
-/// Edges kept per part.
-const MAX_EDGES_PER_PART: usize = 300;
+/// Edges kept per part: a door's are 6 m long, and a place every few centimetres tells their direction.
+const MAX_EDGES_PER_PART: usize = 1200;
 /// The base's edges are kept within this distance of what moved, metres: farther away rooms differ.
 const EDGE_MARGIN_M: f64 = 0.1;
 /// Keyframes described in parallel: more would hold more normal maps in memory.
@@ -60,6 +63,9 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     let tracked: Vec<Vec<Point3<f64>>> = (0..demonstration.model.parts.len())
         .map(|p| if p == 0 { Vec::new() } else { tracked_points(demonstration, &posed, p) })
         .collect();
+    let tracks_of = |part| demonstration.track_parts.iter().filter(|p| **p == Some(part)).count();
+    let tracks: Vec<usize> = (0..tracked.len()).map(tracks_of).collect();
+    let tracked = grown(&posed, tracked, &tracks);
     let swept = swept_volume(demonstration, &tracked);
     let labelled = labelled_keyframes(demonstration, &posed, &tracked);
     let region = Region::new(&swept, &posed, &labelled);

@@ -1,5 +1,9 @@
 //! Where the learned surface is known to end: the demonstration's pictures see through places
 //! just beyond it. What goes on there is another thing, however much it looks like this one.
+//!
+//! In: keyframes with the pose of each part, and surface (object frame at configuration 0, metres).
+//! Out: edges. The surface of each is followed from a piece of surface in a direction of its tangent
+//! plane for as long as the pictures show it, so that the edge is known to about half a centimetre.
 
 use super::part_labels::PosedFrame;
 use crate::math::rigid::orthonormal_basis;
@@ -15,6 +19,14 @@ const BEYOND_M: f64 = 0.04;
 /// Distance from the surface from which all places must be seen through, too, metres: depth is
 /// unreliable at edges.
 const EDGE_MARGIN_M: f64 = 0.03;
+/// The surface is followed by steps of this length, metres.
+const STEP_M: f64 = 0.005;
+/// Steps by which it is followed: pieces of surface farther from their edge are left out.
+const STEPS: usize = 6;
+/// Distance of an edge's `surface` from the end of the surface, metres: the last place that shows it is
+/// half a step from the end on average, and [`Edge`] names the one before it, as depth is unreliable
+/// at edges.
+pub const INSET_M: f64 = 1.5 * STEP_M;
 /// Directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
 /// Frames that must see through a place.
@@ -95,21 +107,36 @@ fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
     let (surface, normal) = (Point3::from(wide(s.point)), wide(s.normal));
     let (u, v) = orthonormal_basis(&normal);
     let directions = (0..DIRECTIONS).map(|i| TAU * i as f64 / DIRECTIONS as f64);
+    let narrow = |place: Point3<f64>| place.coords.map(|x| x as f32).into();
     let edge = |angle: f64| {
         let towards = u * angle.cos() + v * angle.sin();
-        let free = |distance: f64| free(views, s.part, &(surface + towards * distance), &normal);
-        let (low, high) = free(BEYOND_M)?;
-        let (nearer_low, nearer_high) = free(EDGE_MARGIN_M)?;
+        let at = |distance: f64| surface + towards * distance;
+        // Most surface goes on: that is told by the farthest place alone.
+        free(views, s.part, &at(BEYOND_M + STEPS as f64 * STEP_M), &normal)?;
+        let is_surface =
+            |step: &usize| is_surface(views, s.part, &at(*step as f64 * STEP_M), &normal);
+        let followed = (1..=STEPS).take_while(is_surface).count();
+        let last = followed.saturating_sub(1) as f64 * STEP_M;
+        let (low, high) = free(views, s.part, &at(last + BEYOND_M), &normal)?;
+        let (nearer_low, nearer_high) = free(views, s.part, &at(last + EDGE_MARGIN_M), &normal)?;
         let (low, high) = (low.max(nearer_low), high.min(nearer_high));
         (low <= high).then(|| Edge {
             part: s.part,
-            surface: s.point,
+            surface: narrow(at(last)),
             normal: s.normal,
-            beyond: (surface + towards * BEYOND_M).coords.map(|x| x as f32).into(),
+            beyond: narrow(at(last + BEYOND_M)),
             configurations: [low as f32, high as f32],
         })
     };
     directions.filter_map(edge).collect()
+}
+
+/// Most pictures that show a place show surface there.
+fn is_surface(views: &[View], part: u16, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    let seen = views.iter().filter_map(|v| v.sees_through(part, place, normal));
+    let (through, all) =
+        seen.fold((0, 0), |(t, all), is_through| (t + usize::from(is_through), all + 1));
+    2 * through < all
 }
 
 /// Configurations between which a place is seen through, and never otherwise; `None` where it is

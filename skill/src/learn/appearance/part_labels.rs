@@ -53,6 +53,8 @@ pub struct LabelGrid {
 enum Label {
     /// Not known.
     Nothing,
+    /// The keyframes contradict all claims: it moves by itself, as the person does.
+    Foreign,
     /// A part; 0: the base.
     Part(u16),
     /// Its depth agrees with the base, but features near it move: a person stands there or reaches
@@ -66,13 +68,18 @@ impl LabelGrid {
         match self.label(u, v) {
             Some(Label::Part(part)) => Some(part),
             Some(Label::Dynamic) => Some(0),
-            Some(Label::Nothing) | None => None,
+            Some(Label::Nothing | Label::Foreign) | None => None,
         }
     }
 
     /// The depth of the pixel agrees with the base, but features near it move.
     pub fn is_dynamic(&self, u: usize, v: usize) -> bool {
         self.label(u, v) == Some(Label::Dynamic)
+    }
+
+    /// Neither the base nor a part moves as this place does.
+    pub fn is_foreign(&self, u: usize, v: usize) -> bool {
+        self.label(u, v) == Some(Label::Foreign)
     }
 
     fn label(&self, u: usize, v: usize) -> Option<Label> {
@@ -101,6 +108,7 @@ pub fn label(
             let (u, v) = ((i % columns) * STEP + STEP / 2, (i / columns) * STEP + STEP / 2);
             let moves = || picture.point_at(u, v).is_some_and(|p| features.are_dynamic_near(&p));
             match label_point(frames, index, (u, v), near_part) {
+                None if is_foreign(frames, index, (u, v), near_part) => Label::Foreign,
                 None => Label::Nothing,
                 Some(0) if moves() => Label::Dynamic,
                 Some(part) => Label::Part(part),
@@ -122,7 +130,8 @@ pub fn belongs(
     support(frames, None, part, at_rest, &claims).is_some_and(|share| share > 0.8)
 }
 
-fn label_point(
+/// The part of the surface that a keyframe shows at a pixel; `None` where nothing tells it.
+pub fn label_point(
     frames: &[PosedFrame],
     index: usize,
     (u, v): (usize, usize),
@@ -153,6 +162,33 @@ fn label_point(
     let rival = supported.get(1).map_or(0.0, |s| s.0);
     let undecided = part == 0 && supports.iter().any(|s| s.0.is_none());
     (best > 0.5 && best > rival + 0.2 && !undecided).then_some(part as u16)
+}
+
+/// Largest share of the decisive frames that may agree with a claim which they contradict.
+const CONTRADICTED: f64 = 0.3;
+
+/// The keyframes contradict each claim to a place, that of the base and those of all parts, and it is
+/// near no part, where keyframes are wrong now and then.
+fn is_foreign(
+    frames: &[PosedFrame],
+    index: usize,
+    (u, v): (usize, usize),
+    near_part: &NearPart,
+) -> bool {
+    let here = &frames[index];
+    let (Some(in_camera), Some(luma)) = (here.frame.point_at(u, v), here.frame.color.luma_at(u, v))
+    else {
+        return false;
+    };
+    here.camera_from_part.iter().enumerate().all(|(part, pose)| {
+        let Some(pose) = pose else { return part > 0 };
+        let at_rest = pose.inverse_transform_point(&in_camera);
+        if part > 0 && near_part(part, &at_rest) {
+            return false;
+        }
+        let share = support(frames, Some((index, luma)), part, &at_rest, &[(part, at_rest)]);
+        share.is_some_and(|share| share < CONTRADICTED)
+    })
 }
 
 /// The pixel of a place, or one beside it, is about as bright.

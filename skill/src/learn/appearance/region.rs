@@ -1,6 +1,7 @@
 //! Decides which of the static surface belongs to the object's base, and not to the room or to a
 //! dynamic object.
 
+use super::connected_person::connected;
 use super::occupancy::{COARSE_M, Occupancy, cell};
 use super::part_labels::{LabelGrid, PosedFrame, STEP};
 use super::room_planes::{Plane, is_room, room_planes};
@@ -63,13 +64,14 @@ fn resting_surface(
     for (index, grid) in labelled {
         let frame = posed[*index].frame;
         let Some(camera_from_base) = posed[*index].camera_from_part[0] else { continue };
+        let person = connected(&posed[*index], grid, room);
         let mut here = HashSet::new();
         for v in (STEP / 2..frame.camera.height).step_by(STEP) {
             for u in (STEP / 2..frame.camera.width).step_by(STEP) {
                 if grid.at(u, v) != Some(0) {
                     continue;
                 }
-                let is_dynamic = grid.is_dynamic(u, v);
+                let is_dynamic = grid.is_dynamic(u, v) || person.contains(&(u / STEP, v / STEP));
                 let Some(p) = frame.point_at(u, v) else { continue };
                 let in_base = camera_from_base.inverse_transform_point(&p);
                 if !is_room(room, &in_base, p.z) {

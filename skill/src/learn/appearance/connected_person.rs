@@ -1,0 +1,60 @@
+//! The surface that hangs together with what moves by itself: the person who shows the object stands
+//! beside it and may hardly move, but the arm does, and the trunk is connected with it.
+//!
+//! In: a labelled keyframe, and which of its points are the room's (object frame, metres). Out: the
+//! places of the label grid that are connected with a place which is neither the base's nor a part's.
+
+use super::part_labels::{LabelGrid, PosedFrame, STEP};
+use super::room_planes::{Plane, is_room};
+use std::collections::HashSet;
+
+/// Step of depth between neighbouring places of one surface: metres, and share of the depth.
+const SAME_SURFACE: (f64, f64) = (0.015, 0.006);
+
+/// Places, by column and row of the grid, that are connected with what moves by itself. Floor, table
+/// and wall connect everything that stands on them: they are left out.
+pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &[Plane]) -> HashSet<(usize, usize)> {
+    let frame = posed.frame;
+    let Some(camera_from_base) = posed.camera_from_part[0] else { return HashSet::new() };
+    let size = (frame.camera.width / STEP, frame.camera.height / STEP);
+    let pixel = |(c, r): (usize, usize)| (c * STEP + STEP / 2, r * STEP + STEP / 2);
+    let depth = |place: (usize, usize)| {
+        let (u, v) = pixel(place);
+        frame.point_at(u, v)
+    };
+    let is_foreign = |place: (usize, usize)| {
+        let (u, v) = pixel(place);
+        grid.is_foreign(u, v)
+    };
+    let all = (0..size.1).flat_map(|r| (0..size.0).map(move |c| (c, r)));
+    // A single place may be wrong; of an arm all those beside it are foreign too.
+    let mut front: Vec<(usize, usize)> = all
+        .filter(|place| is_foreign(*place) && neighbours(*place, size).all(is_foreign))
+        .collect();
+    let mut reached: HashSet<(usize, usize)> = front.iter().copied().collect();
+    while let Some(place) = front.pop() {
+        let Some(here) = depth(place) else { continue };
+        for next in neighbours(place, size) {
+            let (u, v) = pixel(next);
+            let Some(there) = depth(next).filter(|_| grid.at(u, v) == Some(0)) else { continue };
+            let step = SAME_SURFACE.0 + SAME_SURFACE.1 * here.z;
+            let is_one_surface = (there.z - here.z).abs() < step
+                && !is_room(room, &camera_from_base.inverse_transform_point(&there), there.z);
+            if is_one_surface && reached.insert(next) {
+                front.push(next);
+            }
+        }
+    }
+    reached
+}
+
+/// The places beside one, within the grid.
+fn neighbours(
+    (c, r): (usize, usize),
+    (columns, rows): (usize, usize),
+) -> impl Iterator<Item = (usize, usize)> {
+    [(-1, 0), (1, 0), (0, -1), (0, 1)].into_iter().filter_map(move |(dc, dr)| {
+        let place = (c.checked_add_signed(dc)?, r.checked_add_signed(dr)?);
+        (place.0 < columns && place.1 < rows).then_some(place)
+    })
+}

@@ -1,0 +1,147 @@
+//! Grows what is known of each part along the surface that moves with it. The tracks and planes that
+//! told a joint may cover a strip of a plain door; the rest of the door moves as the strip does.
+//!
+//! In: keyframes with the pose of each part, points of each part at configuration 0 (object frame,
+//! metres), and how many of them are tracks. Out: more such points of parts with few tracks.
+
+use super::occupancy::{Occupancy, cell};
+use super::part_labels::{PosedFrame, label_point};
+use nalgebra::Point3;
+use rayon::prelude::*;
+use std::collections::HashSet;
+
+/// Keyframes whose pictures are looked at.
+const FRAMES: usize = 8;
+/// Pixels from one place that is looked at to the next.
+const STEP_PX: usize = 8;
+/// A place may belong to a part of which something is known this near, metres.
+const REACH_M: f64 = 0.1;
+/// Most rounds: each grows a part by up to [`REACH_M`].
+const ROUNDS: usize = 24;
+/// Side of a cell that must hold several places for them to count, metres.
+const CELL_M: f64 = 0.08;
+/// Points of a part that show where it is: tracks of a part with texture cover it.
+const COVERED: usize = 150;
+/// Places of such a cell, in all pictures: fewer are outliers.
+const LEAST_PLACES: usize = 3;
+
+/// A place of a picture that was not told yet.
+struct Place {
+    frame: usize,
+    pixel: (usize, usize),
+    /// The place in the frame of each part, where its pose is known.
+    at_rest: Vec<Option<Point3<f64>>>,
+}
+
+/// The points of each part, and of the surface connected to them that moves as they do.
+pub fn grown(
+    posed: &[PosedFrame],
+    mut known: Vec<Vec<Point3<f64>>>,
+    tracked: &[usize],
+) -> Vec<Vec<Point3<f64>>> {
+    let grows = |part: usize| tracked[part] < COVERED;
+    if (1..known.len()).all(|part| !grows(part)) {
+        return known;
+    }
+    let mut places = places(posed);
+    for _ in 0..ROUNDS {
+        let near: Vec<Occupancy> = known
+            .iter()
+            .map(|points| Occupancy::new(points.iter().copied()).grown(REACH_M))
+            .collect();
+        let may_be = |part: usize, p: &Point3<f64>| near[part].holds(p);
+        let (asked, left): (Vec<Place>, Vec<Place>) = places.into_iter().partition(|place| {
+            let of_parts = place.at_rest.iter().enumerate().skip(1);
+            of_parts.into_iter().any(|(part, p)| p.is_some_and(|p| may_be(part, &p)))
+        });
+        places = left;
+        let told = |place: &Place| {
+            let part = usize::from(label_point(posed, place.frame, place.pixel, &may_be)?);
+            Some((part, place.at_rest[part]?))
+        };
+        let told: Vec<(usize, Point3<f64>)> = asked.par_iter().filter_map(told).collect();
+        let mut has_grown = false;
+        for (part, points) in known.iter_mut().enumerate().skip(1).filter(|k| grows(k.0)) {
+            let own = told.iter().filter(|(p, _)| *p == part).map(|(_, point)| *point).collect();
+            let own = without_strays(own);
+            has_grown |= !own.is_empty();
+            points.extend(own);
+        }
+        if !has_grown {
+            break;
+        }
+    }
+    known
+}
+
+/// Places of some keyframes.
+fn places(posed: &[PosedFrame]) -> Vec<Place> {
+    let stride = posed.len().div_ceil(FRAMES).max(1);
+    let of_frame = |frame: usize| {
+        let PosedFrame { frame: picture, camera_from_part, .. } = &posed[frame];
+        let (width, height) = (picture.camera.width, picture.camera.height);
+        let rows = (STEP_PX / 2..height).step_by(STEP_PX);
+        let pixels =
+            rows.flat_map(move |v| (STEP_PX / 2..width).step_by(STEP_PX).map(move |u| (u, v)));
+        pixels.filter_map(move |pixel| {
+            let p = picture.point_at(pixel.0, pixel.1)?;
+            let at_rest = camera_from_part
+                .iter()
+                .map(|pose| Some(pose.as_ref()?.inverse_transform_point(&p)))
+                .collect();
+            Some(Place { frame, pixel, at_rest })
+        })
+    };
+    (0..posed.len()).step_by(stride).flat_map(of_frame).collect()
+}
+
+/// Points whose cell holds enough of them.
+fn without_strays(points: Vec<Point3<f64>>) -> Vec<Point3<f64>> {
+    let mut cells: Vec<[i32; 3]> = points.iter().map(|p| cell(p, CELL_M)).collect();
+    cells.sort_unstable();
+    let full: HashSet<[i32; 3]> = cells
+        .chunk_by(|a, b| a == b)
+        .filter(|same| same.len() >= LEAST_PLACES)
+        .map(|same| same[0])
+        .collect();
+    points.into_iter().filter(|p| full.contains(&cell(p, CELL_M))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::test_data::{board, seen};
+    use linkage_frames::RgbdFrame;
+
+    const HALF_M: f64 = 0.3;
+
+    /// A drawer's front, flush in a wall, comes 30 cm towards the camera.
+    fn pulled() -> Vec<(RgbdFrame, f64)> {
+        let at = |i: i64| 0.02 * i as f64;
+        (0..16).map(|i| (seen(i + 1, board(HALF_M, 1.5 - at(i), 1.5)), at(i))).collect()
+    }
+
+    #[test]
+    fn a_part_grows_to_where_its_surface_ends() {
+        let frames = pulled();
+        let pose = |slid: &f64| Some(Pose::translation(0.0, 0.0, -slid));
+        let posed: Vec<PosedFrame> = frames
+            .iter()
+            .enumerate()
+            .map(|(number, (frame, slid))| PosedFrame {
+                frame,
+                number,
+                camera_from_part: vec![Some(Pose::identity()), pose(slid)],
+            })
+            .collect();
+        let strip: Vec<Point3<f64>> =
+            (-5..=5).map(|i| Point3::new(0.02 * f64::from(i), 0.0, 1.5)).collect();
+        let known = grown(&posed, vec![Vec::new(), strip], &[0, 0]);
+        assert!(known[0].is_empty());
+        let farthest = |k: usize| known[1].iter().map(|p| p[k].abs()).fold(0.0, f64::max);
+        for k in [0, 1] {
+            assert!(farthest(k) > HALF_M - 0.04 && farthest(k) < HALF_M + 0.03, "{}", farthest(k));
+        }
+    }
+}
