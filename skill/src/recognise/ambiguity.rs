@@ -10,6 +10,7 @@ use super::evidence::{Detection, evident_joints};
 use super::hypothesis::fit_of_inliers;
 use super::kinematics::State;
 use super::refine::{FEATURE_WORTH, Refiner};
+use super::shape::{EndsInSight, ends_in_sight};
 use super::verdict::PartVerdict;
 use super::verify::verify;
 use rayon::prelude::*;
@@ -68,10 +69,17 @@ fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize>
 
 /// What a state explains of the picture by each of its parts, in surfels.
 fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
-    let verdict = verify(refiner.scene, refiner.articulated, refiner.cloud, state);
+    let Refiner { scene, articulated, cloud, matches, .. } = *refiner;
+    let verdict = verify(scene, articulated, cloud, state);
+    if let Some(shape) = refiner.shape {
+        let in_sight = ends_in_sight(scene, articulated, shape, state);
+        let of_part = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
+            seen.fit_of_shape(part == 0) + ends.found as f64 - ends.missing as f64
+        };
+        return verdict.parts.iter().zip(&in_sight).enumerate().map(of_part).collect();
+    }
     let of_part = |(part, seen): (usize, &PartVerdict)| {
-        let features = fit_of_inliers(refiner.articulated, refiner.matches, state, part);
-        seen.fit() + FEATURE_WORTH * features
+        seen.fit() + FEATURE_WORTH * fit_of_inliers(articulated, matches, state, part)
     };
     verdict.parts.iter().enumerate().map(of_part).collect()
 }
@@ -103,6 +111,7 @@ mod tests {
             cloud: &cloud,
             coarse: &cloud,
             matches: &[],
+            shape: None,
             min_inliers: 0,
             config: &RecogniseConfig::default(),
         };

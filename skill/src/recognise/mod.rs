@@ -32,6 +32,8 @@ mod render_cloud;
 pub(crate) mod result;
 pub(crate) mod retrieval;
 mod scene;
+mod shape;
+mod shape_search;
 mod still_frames;
 mod stillness;
 mod surface_cache;
@@ -68,6 +70,9 @@ pub fn recognise(
         .collect();
     if !searches.iter().any(ObjectSearch::is_recognised) {
         searches.par_iter_mut().for_each(ObjectSearch::retry_with_all_matches);
+    }
+    if !searches.iter().any(ObjectSearch::is_recognised) {
+        searches.iter_mut().for_each(ObjectSearch::retry_by_shape);
     }
     let instances: Vec<(Vec<Recognised>, f64)> =
         searches.into_par_iter().map(ObjectSearch::same_class_instances).collect();

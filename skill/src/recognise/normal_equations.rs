@@ -77,6 +77,12 @@ impl System {
             .collect()
     }
 
+    /// Standard deviation of each of the first six unknowns, the pose, where all others are known.
+    pub fn pose_deviations(&self) -> Vec<Option<f64>> {
+        let hessian = self.hessian.view((0, 0), (6, 6)).into_owned();
+        Self { hessian, gradient: DVector::zeros(6), row: DVector::zeros(6) }.deviations()
+    }
+
     /// The step that lowers the residuals; `None` when it cannot be told.
     pub fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
         for k in 0..self.hessian.nrows() {

@@ -22,6 +22,7 @@ use super::pnp;
 use super::refine::{self, Refiner};
 use super::result::{Recognised, report};
 use super::scene::Scene;
+use super::shape_search;
 use super::verify::verify;
 use crate::math::rigid::Pose;
 
@@ -116,6 +117,20 @@ impl<'l> ObjectSearch<'l> {
         }
     }
 
+    /// Looks for the object by its shape: what is plain has no features, but it ends somewhere.
+    pub fn retry_by_shape(&mut self) {
+        if !self.config.try_shape || !self.scene.has_depth() {
+            return;
+        }
+        let KnownObject { shape, cloud, model, .. } = self.object;
+        tracing::debug!(object = model.object, "looked for by shape");
+        // Ends tell configurations, and a thinned surface has none.
+        let by_shape = Refiner { shape: Some(shape), coarse: cloud, ..self.refiner(&[], 0) };
+        if let Some(found) = shape_search::find(&by_shape, shape) {
+            self.found = Some(found);
+        }
+    }
+
     /// What was recognised, and further things of the same class, and the best score below the
     /// threshold. Each next one is looked for where none of those before it stands. As pieces of
     /// room may look alike, a further one must show both sides of a joint and half as many inliers
@@ -180,6 +195,7 @@ impl<'l> ObjectSearch<'l> {
             cloud,
             coarse,
             matches,
+            shape: None,
             min_inliers,
             config: self.config,
         }

@@ -11,6 +11,7 @@ use super::matching::Match;
 use super::normal_equations::{System, add_surface};
 use super::render_cloud::Cloud;
 use super::scene::Scene;
+use super::shape::{ObjectShape, add_contour};
 use super::verdict::Verdict;
 use super::verify::verify;
 use crate::math::rigid::matrix_pose;
@@ -53,6 +54,8 @@ pub struct Refiner<'r> {
     pub matches: &'r [Match],
     /// Fewest of them that must agree with a state.
     pub min_inliers: usize,
+    /// Its contour, where states are aligned by that too.
+    pub shape: Option<&'r ObjectShape>,
     /// What is done.
     pub config: &'r RecogniseConfig,
 }
@@ -79,7 +82,9 @@ impl Refiner<'_> {
         if !self.config.search_configurations {
             return Some(settled);
         }
-        Some(weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint)))
+        let tuned = weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint));
+        // Where ends are known they tell more exactly than what may be tried.
+        Some(if self.shape.is_some() { self.align(tuned) } else { tuned })
     }
 
     /// Another thing is seen where a state puts a part.
@@ -122,7 +127,8 @@ impl Refiner<'_> {
     /// Agreement of surface and features; a feature weighs as much as some surface.
     fn fit(&self, cloud: &Cloud, state: &State) -> f64 {
         let features = unique_inliers(self.articulated, self.matches, state, None) as f64;
-        let surface = verify(self.scene, self.articulated, cloud, state).fit();
+        let verdict = verify(self.scene, self.articulated, cloud, state);
+        let surface = if self.shape.is_some() { verdict.fit_of_shape() } else { verdict.fit() };
         surface * self.cloud.surfels.len() as f64 / cloud.surfels.len().max(1) as f64
             + FEATURE_WORTH * features
             - self.articulated.range_penalty(state)
@@ -225,8 +231,16 @@ impl Refiner<'_> {
         let mut system = System::new(6 + self.articulated.joints.len());
         add_surface(&mut system, self.scene, self.articulated, self.cloud, state, FINAL_GATE_M);
         self.add_features(&mut system, state, 1.2, 0.5);
+        self.add_ends(&mut system, state);
         system.draw_into_range(self.articulated, state);
         system
+    }
+
+    /// Contour that is known at a state, where states are aligned by contour.
+    fn add_ends(&self, system: &mut System, state: &State) {
+        let Some(shape) = self.shape else { return };
+        let known = shape.known_at(self.articulated, state);
+        add_contour(system, self.scene, self.scene.contour(), known, self.articulated, state);
     }
 
     /// Articulated point-to-plane alignment of the surface, with the matches.
@@ -246,6 +260,7 @@ impl Refiner<'_> {
                 break;
             }
             self.add_features(&mut system, &state, 1.2, 0.5);
+            self.add_ends(&mut system, &state);
             system.draw_into_range(self.articulated, &state);
             let Some(step) = system.solve(10.0) else { break };
             let done = step.amax() < 2e-4;
@@ -299,6 +314,7 @@ mod tests {
             cloud: &cloud,
             coarse: &cloud,
             matches: &[],
+            shape: None,
             min_inliers: 0,
             config,
         };

@@ -20,10 +20,12 @@ pub struct Cloud {
     pub patches: Vec<usize>,
     /// The part of each patch.
     pub part_of_patch: Vec<usize>,
-    /// Where its parts are known to end; none of a thinned cloud.
+    /// Some of the places where its parts are known to end; none of a thinned cloud.
     pub edges: Vec<KnownEdge>,
 }
 
+/// Edges of a part that are tested: they come in random order.
+const TESTED_EDGES: usize = 300;
 /// Surfels for which one stands in a thinned cloud.
 const THINNING: usize = 3;
 
@@ -50,7 +52,14 @@ impl Cloud {
             normal: wide(s.normal),
             lab: s.lab,
         });
-        Self { edges: edges_of(appearance), ..Self::of(surfels.collect()) }
+        let mut edges = known_edges(appearance);
+        let mut of_part: HashMap<usize, usize> = HashMap::new();
+        edges.retain(|e| {
+            let count = of_part.entry(e.part).or_default();
+            *count += 1;
+            *count <= TESTED_EDGES
+        });
+        Self { edges, ..Self::of(surfels.collect()) }
     }
 
     /// Of surfels.
@@ -202,8 +211,8 @@ pub struct KnownEdge {
     pub configurations: [f64; 2],
 }
 
-/// The edges of an appearance.
-fn edges_of(appearance: &Appearance) -> Vec<KnownEdge> {
+/// All edges of an appearance.
+pub fn known_edges(appearance: &Appearance) -> Vec<KnownEdge> {
     let known = |e: &Edge| KnownEdge {
         part: usize::from(e.part),
         surface: e.surface.map(f64::from).into(),

@@ -18,10 +18,16 @@ const TEXTURED_WORTH: f64 = 1.6;
 const CHANCE: f64 = 0.3;
 /// Surfels of a part that must be where a state claims them for the part to be there.
 const LEAST_STANDING: usize = 25;
+/// Ends of a part that show it where much of it is seen through.
+const LEAST_ENDS: usize = 10;
 /// Surfels that one of the base counts for where it is seen through.
 const SEEN_THROUGH: f64 = 5.0;
+/// The same where states are compared that were found by shape.
+const BASE_THROUGH_WORTH: f64 = 0.1;
 /// Share of a moving part's surface that is seen through where the part has another shape.
 const ANOTHER_SHAPE: f64 = 0.1;
+/// The same where the contour agrees: of a part's surface some places are learned wrongly.
+const OTHER_SHAPE: f64 = 0.2;
 /// Surfels of a part from which its texture counts against it, and from which it counts in full.
 const ENOUGH_SURFACE: (f64, f64) = (100.0, 300.0);
 /// Correlation of a part that is another one, and of one that may be the learned one in poor light.
@@ -40,6 +46,8 @@ pub struct PartVerdict {
     pub correlation: Option<f64>,
     /// How much the learned colour varies within patches, 0 to 1: how much a correlation says.
     pub texture: f64,
+    /// Surfels that agree in depth and normal and are of the learned colour, whatever the light.
+    pub alike: usize,
     /// What is beyond its edges.
     pub edges: EdgeCounts,
 }
@@ -71,6 +79,23 @@ impl PartVerdict {
         });
         let ends = self.edges.as_learned as f64 - self.edges.goes_on as f64;
         self.agree as f64 * worth + ends - 2.0 * self.through as f64
+    }
+
+    /// Agreement in surfels by depth, colour and ends, whatever the texture. Surface of the base that
+    /// is seen through counts little: much of it may be furniture.
+    pub fn fit_of_shape(&self, is_base: bool) -> f64 {
+        let ends = self.edges.as_learned as f64 - self.edges.goes_on as f64;
+        let through = if is_base { BASE_THROUGH_WORTH } else { 2.0 } * self.through as f64;
+        let unlike = self.agree.saturating_sub(self.alike) as f64;
+        PLAIN_WORTH * (self.alike as f64 - unlike) + ends - through
+    }
+
+    /// Enough of it stands and ends where the state claims it, whatever else is seen through.
+    pub fn holds(&self) -> bool {
+        self.stands()
+            || self.alike >= LEAST_STANDING
+                && self.edges.as_learned >= LEAST_ENDS
+                && self.edges.as_learned > 4 * self.edges.goes_on
     }
 
     /// Enough of its surface is where the state claims it, and its colour varies as learned.
@@ -166,6 +191,46 @@ impl Verdict {
             * (1.0 - (-(inliers as f64) / 3.0).exp())
     }
 
+    /// Share of the surface in its place that is of the learned colour, 0 to 1; of a moving part whose
+    /// texture is another one, 0.
+    pub fn likeness(&self) -> f64 {
+        let worst =
+            self.parts.iter().skip(1).map(PartVerdict::texture_mismatch).fold(0.0, f64::max);
+        let alike: usize = self.parts.iter().map(|part| part.alike).sum();
+        (1.0 - worst) * alike as f64 / self.agree_normal.max(1) as f64
+    }
+
+    /// [`Self::free_space`] of what was found by shape. `base_known`: the base stands where the state
+    /// claims it, so that what is seen through of it was furniture.
+    pub fn free_space_of_shape(&self, base_known: bool) -> f64 {
+        let Some((base, moving)) = self.parts.split_first() else { return 1.0 };
+        let worth = if base_known { 0.0 } else { 1.0 };
+        let worst = moving.iter().map(PartVerdict::free_space_violation).fold(0.0, f64::max);
+        let of_base = worth * base.through as f64 / self.judged.max(1) as f64;
+        (1.0 - of_base - worst / OTHER_SHAPE).max(0.0)
+    }
+
+    /// Share of the ends in sight that are as learned: of all parts, or of the worst moving one.
+    pub fn end_share(&self) -> f64 {
+        let share = |as_learned: usize, goes_on: usize| {
+            1.0 - goes_on as f64 / (as_learned + goes_on + LEAST_ENDS) as f64
+        };
+        let ends = |parts: &[PartVerdict]| {
+            let as_learned = parts.iter().map(|p| p.edges.as_learned).sum();
+            share(as_learned, parts.iter().map(|p| p.edges.goes_on).sum())
+        };
+        let moving =
+            self.parts.iter().skip(1).filter(|p| p.edges.as_learned + p.edges.goes_on > 10);
+        moving.map(|p| ends(std::slice::from_ref(p))).fold(ends(&self.parts), f64::min)
+    }
+
+    /// Share of the surface in sight that is where the state claims it, less where there is little.
+    pub fn coverage(&self, base_known: bool) -> f64 {
+        let gone = if base_known { self.parts[0].through } else { 0 };
+        let share = self.agree as f64 / self.judged.saturating_sub(gone).max(1) as f64;
+        share * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
+    }
+
     /// Share of the surface that nothing else stands before.
     pub fn visible_ratio(&self) -> f64 {
         let forgiven = self.hidden.min(self.judged);
@@ -207,6 +272,11 @@ impl Verdict {
             let moving = rest.iter().filter(|part| part.is_seen()).count();
             moving + usize::from(base.agrees_in_all()) >= 2 && moving > 0
         })
+    }
+
+    /// [`PartVerdict::fit`] of all parts, for comparing states that were found by shape.
+    pub fn fit_of_shape(&self) -> f64 {
+        self.parts.iter().enumerate().map(|(i, part)| part.fit_of_shape(i == 0)).sum()
     }
 
     /// [`PartVerdict::fit`] of all parts, for comparing configurations.

@@ -63,13 +63,25 @@ fn compare(
         let cosine = scene.surface(u, v).map_or(0.0, |s| s.normal.dot(&surfel.normal));
         if cosine > SAME_NORMAL {
             verdict.agree_normal += 1;
-            verdict.parts[surfel.part].agree += 1;
+            let part = &mut verdict.parts[surfel.part];
+            part.agree += 1;
+            part.alike +=
+                usize::from(is_alike(cloud.surfels[surfel.index].lab, scene.lab.at(u, v)));
         }
         if cosine > COMPARABLE_NORMAL {
             let learned = cloud.surfels[surfel.index].lab;
             colours[cloud.patches[surfel.index]].add(learned, scene.lab.at(u, v));
         }
     }
+}
+
+/// Largest difference of colour (a* and b*) and of lightness (L*) of one surface in two lights.
+const ALIKE: (f32, f32) = (12.0, 30.0);
+
+/// Two colours may be those of one surface in two lights.
+pub fn is_alike(learned: [f32; 3], seen: [f32; 3]) -> bool {
+    let colour = (learned[1] - seen[1]).hypot(learned[2] - seen[2]);
+    colour < ALIKE.0 && (learned[0] - seen[0]).abs() < ALIKE.1
 }
 
 /// Distance, metres, by which an edge may be seen beside its place though the state is right:

@@ -1,0 +1,216 @@
+//! Search for poses of a part by its contour: each of some places of the model's contour is laid on
+//! each of some places of the picture's, and what of the rest then lies on the picture's is counted.
+//!
+//! In: a scene with its contour, an object's shape. Out: hypotheses (camera frame, metres), the best
+//! first.
+
+use super::super::hypothesis::Hypothesis;
+use super::super::kinematics::Articulated;
+use super::super::render_cloud::CloudPoint;
+use super::super::scene::Scene;
+use super::super::verify::is_alike;
+use super::ObjectShape;
+use super::contour::ContourPoint;
+use super::contour_grid::ContourGrid;
+use super::ends::{ends, pixel_of};
+use super::part_alignment::aligned;
+use crate::math::rigid::{Pose, matrix_pose};
+use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion};
+use rayon::prelude::*;
+
+/// Places of a part's contour that are laid on the picture's.
+const MODEL_PLACES: usize = 40;
+/// Places of the picture's contour on which they are laid.
+const SEEN_PLACES: usize = 400;
+/// Places of a part's contour, and surfels, by which a pose is judged.
+const JUDGED_BY: (usize, usize) = (60, 40);
+/// Places that are asked first, and how many of them must lie on the picture's contour.
+const ASKED_FIRST: (usize, usize) = (10, 2);
+/// A contour of fewer places tells no pose.
+const LEAST_CONTOUR: usize = 16;
+/// Fewest places that must lie on the picture's contour.
+const LEAST_HITS: usize = 10;
+/// Poses of a part that are aligned.
+const ALIGNED: usize = 24;
+/// Poses of a part that are kept: a square board fits in four.
+const KEPT: usize = 4;
+/// Poses no farther apart than this are one: metres and radians.
+const SAME: (f64, f64) = (0.05, 0.2);
+
+/// Hypotheses of all parts by their contours, the best first.
+pub fn shape_hypotheses(
+    scene: &Scene,
+    seen: &ContourGrid,
+    articulated: &Articulated,
+    shape: &ObjectShape,
+) -> Vec<Hypothesis> {
+    let places = spread(&seen.points, SEEN_PLACES);
+    let mut found: Vec<(f64, Hypothesis)> = Vec::new();
+    for part in 0..articulated.parts {
+        for (score, hits, camera_from_part) in part_poses(scene, seen, &places, shape, part) {
+            let state = articulated.state_with(part, &camera_from_part, articulated.rest());
+            found.push((score, Hypothesis { part, camera_from_part, state, support: hits }));
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.into_iter().map(|(_, hypothesis)| hypothesis).collect()
+}
+
+/// Poses of one part with their score and the places of contour that agree, the best first.
+fn part_poses(
+    scene: &Scene,
+    seen: &ContourGrid,
+    places: &[ContourPoint],
+    shape: &ObjectShape,
+    part: usize,
+) -> Vec<(f64, usize, Pose)> {
+    let own: Vec<ContourPoint> = shape.contour.iter().filter(|c| c.part == part).copied().collect();
+    if own.len() < LEAST_CONTOUR {
+        return Vec::new();
+    }
+    let judge = Judge::new(scene, seen, &own, shape, part);
+    let from = spread(&own, MODEL_PLACES);
+    let mut tried: Vec<(f64, usize, Pose)> = places
+        .par_iter()
+        .flat_map_iter(|to| from.iter().filter_map(|c| judge.judged(laid_on(c, to)?)))
+        .collect();
+    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let rough = distinct(tried, ALIGNED);
+    let again =
+        |(_, _, pose): (f64, usize, Pose)| judge.judged(aligned(scene, seen, shape, part, pose));
+    let mut exact: Vec<(f64, usize, Pose)> = rough.into_par_iter().filter_map(again).collect();
+    exact.sort_by(|a, b| b.0.total_cmp(&a.0));
+    distinct(exact, KEPT)
+}
+
+/// The pose that lays one place of contour on another.
+fn laid_on(model: &ContourPoint, seen: &ContourPoint) -> Option<Pose> {
+    let frame = |c: &ContourPoint| {
+        Matrix3::from_columns(&[c.outward, c.normal, c.outward.cross(&c.normal)])
+    };
+    let rotation = Rotation3::from_matrix_unchecked(frame(seen) * frame(model).transpose());
+    let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
+    let shift = seen.point.coords - rotation * model.point.coords;
+    shift
+        .iter()
+        .all(|x| x.is_finite())
+        .then(|| Pose::from_parts(Translation3::from(shift), rotation))
+}
+
+/// The first of the poses that are not one with an earlier one.
+fn distinct(poses: Vec<(f64, usize, Pose)>, most: usize) -> Vec<(f64, usize, Pose)> {
+    let mut kept: Vec<(f64, usize, Pose)> = Vec::new();
+    for (score, hits, pose) in poses {
+        let is_same = |(_, _, other): &(f64, usize, Pose)| {
+            let apart = other.inverse() * pose;
+            // Both about the object, not about the origin of its frame, which may be far away.
+            apart.rotation.angle() < SAME.1
+                && (apart.translation.vector.norm() < SAME.0 || moved_little(other, &pose))
+        };
+        if !kept.iter().any(is_same) {
+            kept.push((score, hits, pose));
+            if kept.len() == most {
+                break;
+            }
+        }
+    }
+    kept
+}
+
+/// The object's frame is the first camera's: a small turn moves its origin, not the object before it.
+fn moved_little(a: &Pose, b: &Pose) -> bool {
+    let ahead = Point3::new(0.0, 0.0, 1.0);
+    (a * ahead - b * ahead).norm() < SAME.0
+}
+
+/// Judges poses of one part.
+struct Judge<'j> {
+    scene: &'j Scene,
+    seen: &'j ContourGrid,
+    contour: Vec<ContourPoint>,
+    surface: Vec<CloudPoint>,
+}
+
+impl<'j> Judge<'j> {
+    fn new(
+        scene: &'j Scene,
+        seen: &'j ContourGrid,
+        own: &[ContourPoint],
+        shape: &ObjectShape,
+        part: usize,
+    ) -> Self {
+        let surfels = &shape.clouds[part].surfels;
+        let stride = surfels.len().div_ceil(JUDGED_BY.1).max(1);
+        let surface = surfels.iter().step_by(stride).copied().collect();
+        Self { scene, seen, contour: spread(own, JUDGED_BY.0), surface }
+    }
+
+    /// The pose with its score and the places of contour that agree; `None` where too few do.
+    fn judged(&self, pose: Pose) -> Option<(f64, usize, Pose)> {
+        let matrix = matrix_pose(&pose);
+        let (mut hits, mut misses) = (0, 0);
+        for (i, c) in self.contour.iter().enumerate() {
+            match ends(self.scene, self.seen, &matrix, c) {
+                Some(true) => hits += 1,
+                Some(false) => misses += 1,
+                None => {}
+            }
+            if i + 1 == ASKED_FIRST.0 && hits < ASKED_FIRST.1 {
+                return None;
+            }
+        }
+        if hits < LEAST_HITS || misses > hits {
+            return None;
+        }
+        let [alike, other, through] = self.surface(&matrix);
+        let contour = hits as f64 - 0.5 * misses as f64;
+        let surface = 0.5 * (alike as f64 - other as f64 - through as f64);
+        (alike >= 2 * (other + through)).then_some((contour + surface, hits, pose))
+    }
+
+    /// Surfels that agree with the picture in depth and colour, those that agree in depth alone, and
+    /// those that are seen through.
+    fn surface(&self, pose: &IsometryMatrix3<f64>) -> [usize; 3] {
+        let mut counts = [0; 3];
+        let sensor = self.scene.frame.camera.depth_sensor;
+        for s in &self.surface {
+            let (point, normal) = (pose * s.point, pose * s.normal);
+            let Some((u, v)) = pixel_of(self.scene, &point, &normal) else { continue };
+            let Some(z) = self.scene.frame.depth.at(u, v).map(f64::from) else { continue };
+            let cosine = -normal.dot(&point.coords) / point.coords.norm();
+            let tolerance = 1.5 * sensor.tolerance(point.z, cosine);
+            if z - point.z > 2.0 * tolerance {
+                counts[2] += 1;
+            } else if (z - point.z).abs() < tolerance {
+                counts[usize::from(!is_alike(s.lab, self.scene.lab.at(u, v)))] += 1;
+            }
+        }
+        counts
+    }
+}
+
+/// At most so many places, each as far as may be from those before it: the first comes first.
+fn spread(points: &[ContourPoint], most: usize) -> Vec<ContourPoint> {
+    let Some(first) = points.first() else { return Vec::new() };
+    let mut kept = vec![*first];
+    // A place of another direction counts as far away: where edges meet, both are wanted.
+    let apart = |a: &ContourPoint, b: &ContourPoint| {
+        (a.point - b.point).norm() + 0.1 * (1.0 - a.outward.dot(&b.outward))
+    };
+    let mut nearest: Vec<f64> = points.iter().map(|p| apart(p, first)).collect();
+    while kept.len() < most.min(points.len()) {
+        let (next, distance) = nearest
+            .iter()
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(b.1).then(b.0.cmp(&a.0)))
+            .map_or((0, 0.0), |(i, d)| (i, *d));
+        if distance <= 0.0 {
+            break;
+        }
+        kept.push(points[next]);
+        for (p, distance) in points.iter().zip(&mut nearest) {
+            *distance = distance.min(apart(p, &points[next]));
+        }
+    }
+    kept
+}

@@ -1,0 +1,227 @@
+//! The search for an object by its shape, for what is plain.
+//!
+//! In: a refiner with the object's shape and without matches. Out: what of the object can be told, as a
+//! [`Detection`]; `None` unless a moving part shows where it ends and both sides of a joint are seen:
+//! a plain board alone is like many others.
+//!
+//! The limits are ours, chosen on demonstrations and encounters of ten plain things of the practice
+//! renderer's kind (doors, drawers, lids, a chair). The worst wrong pair of some 500 scored 0.97.
+
+use super::ambiguity::withdraw_ambiguous;
+use super::elimination::told_within;
+use super::evidence::{
+    Detection, RefinedPose, configuration_deviations, evident_joints, is_believed,
+};
+use super::hypothesis::Hypothesis;
+use super::normal_equations::System;
+use super::refine::Refiner;
+use super::shape::{EndsInSight, ObjectShape, ends_in_sight, shape_hypotheses};
+use super::verdict::{PartVerdict, Verdict};
+use super::verify::verify;
+
+/// Least score of what is told by shape alone.
+const LEAST_SCORE: f64 = 0.5;
+/// Hypotheses by shape that are refined.
+const HYPOTHESES: usize = 8;
+/// Ends in sight of a part from which they decide whether the part is there.
+const ENOUGH_ENDS: usize = 12;
+/// Share of a part's ends in sight that the picture has too: of another thing, and of the part.
+const FOUND: (f64, f64) = (0.65, 0.9);
+/// Ends that the picture has of which a third of the evidence is still missing.
+const ENDS: f64 = 25.0;
+/// Largest standard deviation of the pose for the shape to tell it: radians, metres.
+const TOLD: (f64, f64) = (0.03, 0.012);
+
+/// What of the object the contours of its parts tell.
+pub fn find(refiner: &Refiner, shape: &ObjectShape) -> Option<Detection> {
+    let found = decide(refiner, shape, best(refiner, shape)?);
+    let is_certain = found.score > LEAST_SCORE
+        && is_believed(found.score, refiner.config)
+        && found.evident.contains(&true);
+    is_certain.then_some(found)
+}
+
+/// The best state that the contours of parts lead to.
+fn best(refiner: &Refiner, shape: &ObjectShape) -> Option<RefinedPose> {
+    let Refiner { scene, articulated, cloud, .. } = *refiner;
+    let mut hypotheses = shape_hypotheses(scene, scene.contour(), articulated, shape);
+    hypotheses.truncate(HYPOTHESES);
+    let refined = |hypothesis: &Hypothesis| {
+        let state = refiner.settle(hypothesis)?;
+        let verdict = verify(scene, articulated, cloud, &state);
+        let in_sight = ends_in_sight(scene, articulated, shape, &state);
+        let placed = placed_by_shape(&verdict, &in_sight);
+        let score = shape_score(&verdict, &in_sight, &placed, &refiner.system(&state));
+        let (part, support) = (hypothesis.part, hypothesis.support);
+        tracing::debug!(part, support, score, ?in_sight, q = ?state.q, ?verdict, "refined by shape");
+        // A board may be laid on another in several ways: the one that puts more parts in their place
+        // is meant.
+        let parts = placed.iter().filter(|placed| **placed).count() as f64;
+        let explained = score * parts * verdict.fit_of_shape().max(0.0);
+        Some((explained, RefinedPose { state, score, inliers: 0, verdict }))
+    };
+    let all = hypotheses.iter().filter_map(refined);
+    all.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
+}
+
+/// Decides what of a state can be told that was found by shape: where a part stands tells where it
+/// is, whatever it looks like, unless it could as well be elsewhere.
+fn decide(refiner: &Refiner, shape: &ObjectShape, refined: RefinedPose) -> Detection {
+    let articulated = refiner.articulated;
+    let RefinedPose { state, score, inliers, verdict } = refined;
+    let in_sight = ends_in_sight(refiner.scene, articulated, shape, &state);
+    let placed = placed_by_shape(&verdict, &in_sight);
+    let deviations = configuration_deviations(articulated, &refiner.system(&state));
+    let mut evident = evident_joints(articulated, &placed);
+    for (j, deviation) in deviations.iter().enumerate() {
+        evident[j] &=
+            deviation.is_some_and(|d| d < told_within(articulated.joints[j].geometry.kind));
+    }
+    let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
+    if refiner.config.check_rivals {
+        withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
+    }
+    found
+}
+
+/// Parts that stand and end where the state puts them, whatever they look like.
+fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
+    let is_placed = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
+        let stands = if part == 0 { seen.holds() } else { seen.stands() };
+        stands && (part == 0 || ends.count() < ENOUGH_ENDS || ends.share() > FOUND.0)
+    };
+    verdict.parts.iter().zip(in_sight).enumerate().map(is_placed).collect()
+}
+
+/// How well a state explains the picture by shape alone, 0 to 1: colour of the surface, free space,
+/// how the placed parts end, and how many of their ends are seen. 0 where what is seen does not tell
+/// the pose: a board whose ends are hidden slides in its plane.
+fn shape_score(
+    verdict: &Verdict,
+    in_sight: &[EndsInSight],
+    placed: &[bool],
+    system: &System,
+) -> f64 {
+    let told = |(k, deviation): (usize, &Option<f64>)| {
+        deviation.is_some_and(|d| d < if k < 3 { TOLD.0 } else { TOLD.1 })
+    };
+    if !system.pose_deviations().iter().enumerate().all(told) {
+        return 0.0;
+    }
+    // A base is a box as others are, and what stood beside it is learned with it: a moving part has to
+    // show where it ends.
+    let moving = || in_sight.iter().skip(1);
+    let found =
+        moving().zip(&placed[1..]).filter(|m| *m.1).map(|(ends, _)| ends.found).sum::<usize>();
+    let judged = moving().filter(|ends| ends.count() >= ENOUGH_ENDS);
+    let worst = judged.map(EndsInSight::share).fold(1.0, f64::min);
+    let ends = ((worst - FOUND.0) / (FOUND.1 - FOUND.0)).clamp(0.0, 1.0);
+    let evidence = 1.0 - (-(found as f64) / ENDS).exp();
+    let base_known = placed[0] && placed.iter().skip(1).any(|placed| *placed);
+    verdict.likeness()
+        * verdict.free_space_of_shape(base_known)
+        * verdict.end_share()
+        * verdict.coverage(base_known)
+        * ends
+        * evidence
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::recognise::config::RecogniseConfig;
+    use crate::recognise::kinematics::{Articulated, ChainJoint};
+    use crate::recognise::render_cloud::KnownEdge;
+    use crate::recognise::scene::Scene;
+    use crate::recognise::test_data::{BOARD_M, PLATE_M, slider_surface};
+    use crate::test_data::seen;
+    use nalgebra::{Point3, Vector3};
+
+    /// Left, right, and half the height of the board and of the plate behind it, metres.
+    const BOARD: [f64; 3] = [0.0, 0.4, 0.2];
+    const PLATE: [f64; 3] = [-0.35, -0.15, 0.1];
+
+    /// Edges of a rectangle at this depth, with 2 cm from one to the next.
+    fn edges(part: usize, [left, right, half]: [f64; 3], z: f64) -> Vec<KnownEdge> {
+        let edge = |x: f64, y: f64, outward: Vector3<f64>| {
+            let end = Point3::new(x, y, z);
+            KnownEdge {
+                part,
+                surface: end - 0.0075 * outward,
+                normal: -Vector3::z(),
+                beyond: end + 0.03 * outward,
+                configurations: [-0.2, 0.2],
+            }
+        };
+        let steps = |from: f64, to: f64| {
+            (0..).map(move |i| from + 0.02 * f64::from(i)).take_while(move |x| *x <= to)
+        };
+        let upright = steps(-half, half)
+            .flat_map(|y| [edge(left, y, -Vector3::x()), edge(right, y, Vector3::x())]);
+        let level = steps(left, right)
+            .flat_map(|x| [edge(x, -half, -Vector3::y()), edge(x, half, Vector3::y())]);
+        upright.chain(level).collect()
+    }
+
+    /// Looks for the plain slider in a scene that shows its plate, and a board of this half height,
+    /// slid by so much, and looks at the refiner.
+    fn with_refiner<T>(half: f64, slid: f64, look: impl FnOnce(&Refiner, &ObjectShape) -> T) -> T {
+        let is_on = |[left, right, half]: [f64; 3], x: f64, y: f64| {
+            x >= left && x < right && y.abs() < half
+        };
+        let depth = |x: f64, y: f64| {
+            if is_on([slid, 0.4 + slid, half], BOARD_M * x, BOARD_M * y) {
+                BOARD_M
+            } else if is_on(PLATE, PLATE_M * x, PLATE_M * y) {
+                PLATE_M
+            } else {
+                2.5
+            }
+        };
+        let scene = Scene::plain(&seen(1, depth)).unwrap();
+        let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let joints = vec![ChainJoint::new(geometry, [0, 1], [-0.1, 0.1])];
+        let articulated = Articulated { parts: 2, joints };
+        let mut cloud = slider_surface(|_| 3.0);
+        cloud.edges = [edges(0, PLATE, PLATE_M), edges(1, BOARD, BOARD_M)].concat();
+        let shape = ObjectShape::new(&cloud.edges, &cloud, 2);
+        let refiner = Refiner {
+            scene: &scene,
+            articulated: &articulated,
+            cloud: &cloud,
+            coarse: &cloud,
+            matches: &[],
+            shape: Some(&shape),
+            min_inliers: 0,
+            config: &RecogniseConfig::default(),
+        };
+        look(&refiner, &shape)
+    }
+
+    #[test]
+    fn a_plain_thing_lies_where_its_parts_end() {
+        let best = with_refiner(0.2, 0.06, |refiner, shape| best(refiner, shape).unwrap());
+        let pose = best.state.camera_from_object;
+        assert!(best.score > LEAST_SCORE);
+        // A pixel is half a centimetre wide there.
+        assert!((best.state.q[0] - 0.06).abs() < 0.015, "{:?}", best.state.q);
+        assert!(pose.translation.vector.norm() < 0.015 && pose.rotation.angle() < 0.02);
+        assert_ne!(pose, Pose::identity());
+    }
+
+    #[test]
+    fn a_plate_whose_ends_do_not_tell_its_place_tells_no_configuration() {
+        // Within the gate for ends the plate could as well be two centimetres beside.
+        assert!(with_refiner(0.2, 0.06, |refiner, shape| find(refiner, shape)).is_none());
+    }
+
+    #[test]
+    fn a_board_of_another_height_is_another_thing() {
+        for half in [0.26, 0.13] {
+            let best = with_refiner(half, 0.06, best);
+            assert!(best.is_none_or(|best| best.score < LEAST_SCORE));
+        }
+    }
+}
