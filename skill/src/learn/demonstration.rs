@@ -63,7 +63,7 @@ pub(super) fn assemble(
     mut times: StageTimes,
 ) -> Demonstration {
     let Recording { tracks, ego_motion, keyframes } = recording;
-    let LearnedJoints { joints, rejections } = learned;
+    let LearnedJoints { joints, rejections, .. } = learned;
     let camera_from_part = poses_in_camera(&ego_motion, &joints);
     let mut parts = parts_of(&ego_motion, &joints);
     times.measure("grasp", || {

@@ -3,7 +3,7 @@
 use super::tracking::Trajectory;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::Joint;
-use nalgebra::{Point3, UnitVector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 use std::fmt;
 
 /// A joint with the part that it moves.
@@ -48,6 +48,18 @@ pub struct LearnedJoints {
     pub joints: Vec<LearnedJoint>,
     /// What was rejected last, and why.
     pub rejections: Vec<RejectedCandidate>,
+    /// What else was seen to turn.
+    pub turning: Vec<TurningPlane>,
+}
+
+/// A plane that turned about a line and that no joint was made of. Its line's direction is known well, for normals
+/// tell it; its place is not.
+#[derive(Debug, Clone, Copy)]
+pub struct TurningPlane {
+    /// Unit direction of the line, base frame.
+    pub axis: Vector3<f64>,
+    /// The middle of the plane when it was first seen.
+    pub middle: Point3<f64>,
 }
 
 /// Configuration 0 at the first frame, growing with the first clear motion.

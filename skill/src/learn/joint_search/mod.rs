@@ -71,7 +71,7 @@ pub fn learn(
     }
     refinement::refine_joints(&mut search);
     let joints = to_model::learned_joints(&search);
-    LearnedJoints { joints, rejections: search.rejections }
+    LearnedJoints { joints, rejections: search.rejections, ..LearnedJoints::default() }
 }
 
 /// Searches the first frames of a demonstration, so that the rest is found sooner. Returns its joints,
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn what_pictures_see_through_is_rejected_and_the_reason_is_told() {
-        let LearnedJoints { joints, rejections } =
+        let LearnedJoints { joints, rejections, .. } =
             learned(&recording(|_| 2.4), &WarmStart::default());
         assert!(joints.is_empty());
         let said: Vec<String> = rejections.iter().map(ToString::to_string).collect();

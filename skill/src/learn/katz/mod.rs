@@ -49,7 +49,7 @@ pub fn learn(recording: &Recording) -> LearnedJoints {
         let parent_number = parent.and_then(|p| number_of[p]).unwrap_or(0);
         joints.push(to_learned(&recording.tracks, number, parent_number, child, fit));
     }
-    LearnedJoints { joints, rejections: Vec::new() }
+    LearnedJoints { joints, ..LearnedJoints::default() }
 }
 
 fn to_learned(set: &TrackSet, number: usize, parent: usize, body: &Body, fit: Fit) -> LearnedJoint {

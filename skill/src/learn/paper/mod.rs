@@ -33,7 +33,11 @@ pub fn learn(recording: &Recording, seed: u64, times: &mut StageTimes) -> Learne
     });
     times.measure("articulate", || {
         let (parts, rejections) = accepted(recording, motions, seed);
-        LearnedJoints { joints: build_tree(recording, parts), rejections }
+        LearnedJoints {
+            joints: build_tree(recording, parts),
+            rejections,
+            ..LearnedJoints::default()
+        }
     })
 }
 

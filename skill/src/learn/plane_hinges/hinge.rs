@@ -3,6 +3,7 @@
 use super::face_edge::{EdgePoint, FaceEdges};
 use super::plane_segments::PlanePatch;
 use super::planes_about_axis::{PoseAboutAxis, near};
+use crate::learn::learned_joint::TurningPlane;
 use crate::math::rigid::{distance_to_line, line_angle, orthonormal_basis};
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{
@@ -41,6 +42,9 @@ const CORRELATED: f64 = 6.0;
 /// the edge of the face is sought nor the line aligned, metres. Aligned lines of doors whose planes were good were 3 to 7 cm off, their planes' 1 cm:
 /// depth cameras err together where a surface is seen from its edge.
 const WELL_KNOWN_M: f64 = 0.01;
+/// Fewest planes, and least turn between them, that tell the direction of their line.
+const MIN_TELLING: usize = 8;
+const MIN_TELLING_TURN_RAD: f64 = 0.2;
 /// Largest angle between two lines that are alike, radians.
 const SAME_ANGLE_RAD: f64 = 0.1;
 /// Largest distance between two lines that are alike, metres.
@@ -121,6 +125,16 @@ impl Candidate {
         }
         *support = kept;
         Some(trimmed)
+    }
+
+    /// The plane that turns about the line, if enough of its planes tell the direction.
+    pub fn turning_plane(&self, patches: &[PlanePatch]) -> Option<TurningPlane> {
+        let hinge = self.hinge(patches, &self.support, &FaceEdges::default())?;
+        let [low, high] = hinge.range();
+        let is_told = hinge.turns.len() >= MIN_TELLING && high - low > MIN_TELLING_TURN_RAD;
+        let sum: Vector3<f64> = hinge.points.iter().map(|p| p.coords).sum();
+        let middle = Point3::from(sum / hinge.points.len() as f64);
+        is_told.then_some(TurningPlane { axis: hinge.axis, middle })
     }
 
     /// Much the same line, supported for the most part by the same planes.
@@ -475,6 +489,18 @@ mod tests {
             PlanePatch { offset: p.offset + outlier, ..p }
         };
         patches.into_iter().enumerate().map(off).collect()
+    }
+
+    #[test]
+    fn planes_that_turn_enough_tell_the_direction_of_their_line() {
+        let axis = UnitVector3::new_normalize(Vector3::new(0.1, 1.0, 0.0));
+        let planes = patches(&axis, &Point3::new(0.2, 0.0, 1.5));
+        let found = candidates(&planes, 1);
+        let told = found[0].turning_plane(&planes).unwrap();
+        assert!(line_angle(&told.axis, &axis) < 1e-3);
+        assert!((told.middle - Point3::new(0.445, -0.05, 1.5)).norm() < 0.1, "{}", told.middle);
+        let few = &planes[..6];
+        assert!(candidates(few, 1).iter().all(|c| c.turning_plane(few).is_none()));
     }
 
     #[test]

@@ -34,7 +34,8 @@ use extend_range::{extend, extend_to, pose_anew};
 use place_fusion::fuse_place;
 use plain_part::PlainPart;
 use plain_search::{PlainParts, search};
-use same_joint::{is_known, is_meagre, is_same_hinge, moves_together};
+pub use same_joint::moves_together;
+use same_joint::{is_known, is_meagre, is_same_hinge};
 
 /// Share of the range of a plain part's hinge up to which tracks of the same hinge show less.
 const LESS_OF_THE_RANGE: f64 = 0.8;
@@ -42,7 +43,7 @@ const LESS_OF_THE_RANGE: f64 = 0.8;
 /// What planes add to the joints that tracks showed: hinges that no track showed, and configurations
 /// where tracks were lost.
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
-    let LearnedJoints { mut joints, mut rejections } = found;
+    let LearnedJoints { mut joints, mut rejections, .. } = found;
     extend(&mut joints, recording);
     let is_chain = joints.iter().any(|j| j.joint.parent != 0);
     if !is_chain {
@@ -53,7 +54,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     }
     let mut plain: Vec<LearnedJoint> = Vec::new();
     let mut known: Vec<LearnedJoint> = Vec::new();
-    let PlainParts { parts, unknown_lines } = search(recording);
+    let PlainParts { parts, unknown_lines, turning } = search(recording);
     for part in parts {
         let mut learned = part.to_learned(recording);
         if !is_chain {
@@ -96,7 +97,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
         joints.iter().any(|j| moves_together(j, &learned))
     };
     rejections.extend(unknown_lines.iter().filter(|p| !is_told(p)).map(PlainPart::unknown_line));
-    LearnedJoints { joints, rejections }
+    LearnedJoints { joints, rejections, turning }
 }
 
 /// A plain part takes the place of a joint whose tracks show less of the same hinge: they were lost as
@@ -208,7 +209,7 @@ mod tests {
         let (double, door) =
             (tracked(0.5 * MEAGRE_GAIN, 2.1, 0.5), tracked(5.0 * MEAGRE_GAIN, 2.0, 1.0));
         for joints in [vec![double.clone(), door.clone()], vec![door, double]] {
-            let found = LearnedJoints { joints, rejections: Vec::new() };
+            let found = LearnedJoints { joints, ..LearnedJoints::default() };
             let learned = complete(found, &recording).joints;
             assert_eq!(learned.len(), 1);
             assert_eq!(learned[0].joint.log_likelihood, 5.0 * MEAGRE_GAIN);

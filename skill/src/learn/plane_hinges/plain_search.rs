@@ -4,6 +4,7 @@
 use super::hinge::candidates;
 use super::plain_part::{Followed, PlainPart, follow_candidate};
 use super::plane_segments::{PlanePatch, Sampling, moving_patches};
+use crate::learn::learned_joint::TurningPlane;
 use crate::learn::recording::Recording;
 
 /// Lines that are followed in the depth pictures, the best supported first.
@@ -16,6 +17,8 @@ pub struct PlainParts {
     pub parts: Vec<PlainPart>,
     /// Those that turned too little to tell where their hinge is.
     pub unknown_lines: Vec<PlainPart>,
+    /// Planes that turned and of which no part was made, the best supported first.
+    pub turning: Vec<TurningPlane>,
 }
 
 /// Finds plain parts that turn, those that tracks showed among them: what their planes explain must
@@ -30,7 +33,10 @@ pub fn search(recording: &Recording) -> PlainParts {
             let (part, of_its_kind) = match follow_candidate(&candidate, &patches, recording) {
                 Followed::Part(part) => (part, &mut found.parts),
                 Followed::LineUnknown(part) => (part, &mut found.unknown_lines),
-                Followed::Nothing => continue,
+                Followed::Nothing => {
+                    found.turning.extend(candidate.turning_plane(&patches));
+                    continue;
+                }
             };
             // What the plane of one part explains, no other joint needs to explain.
             patches = without(patches, &part.explained);

@@ -23,23 +23,31 @@ const MIN_SHARE: f64 = 0.05;
 /// Directions closer than this are one, radians.
 const SAME_DIRECTION_RAD: f64 = 0.17;
 
-/// The directions, those of `known` axes first.
+/// Directions that planes tell closer than this are one, radians: their normals tell them to half of that.
+const SAME_DIRECTION_OF_PLANES_RAD: f64 = 0.05;
+
+/// The directions, those of `known` axes first, and last those `of_planes` that turn nearby. What stands askew to its
+/// surroundings, as a round bin does, is square to none of them; its planes tell its direction.
 pub fn axis_directions(
     surface: &RestSurface,
     view: &View,
     known: impl Iterator<Item = Vector3<f64>>,
+    of_planes: impl Iterator<Item = Vector3<f64>>,
 ) -> Vec<Vector3<f64>> {
     let main = main_normals(normals_around(surface, view));
     let pairs = (0..main.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
     let across = pairs.map(|(i, j)| main[i].cross(&main[j])).filter(|x| x.norm() > 0.5);
     let own = principal_axes(&surface.points);
     let mut directions: Vec<Vector3<f64>> = Vec::new();
-    for direction in known.chain(main.iter().copied()).chain(across).chain(own) {
+    let mut add = |direction: Vector3<f64>, apart_rad: f64| {
         let direction = direction.normalize();
-        if directions.iter().all(|d| line_angle(d, &direction) > SAME_DIRECTION_RAD) {
+        if directions.iter().all(|d| line_angle(d, &direction) > apart_rad) {
             directions.push(direction);
         }
-    }
+    };
+    let square = known.chain(main.iter().copied()).chain(across).chain(own);
+    square.for_each(|direction| add(direction, SAME_DIRECTION_RAD));
+    of_planes.for_each(|direction| add(direction, SAME_DIRECTION_OF_PLANES_RAD));
     directions
 }
 

@@ -18,7 +18,8 @@ mod vacated_part;
 mod view;
 
 use super::free_space::{FreeSpaceCounts, count_free_space};
-use super::learned_joint::{LearnedJoint, LearnedJoints};
+use super::learned_joint::{LearnedJoint, LearnedJoints, TurningPlane};
+use super::plane_hinges::moves_together;
 use super::recording::Recording;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -52,6 +53,8 @@ const BETTER: f64 = 1.03;
 /// Lines that make a smaller angle and are closer are one, radians and metres.
 const SAME_LINE_RAD: f64 = 0.2;
 const SAME_LINE_M: f64 = 0.06;
+/// Largest distance of a plane from the middle of a surface with which it may turn, in radii of the surface.
+const PLANES_RADII: f64 = 2.0;
 /// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
 const PARALLEL_RAD: f64 = 0.08;
 /// Largest share of a surface's points that may be seen through where a known joint puts them, and least
@@ -61,7 +64,7 @@ const EXPLAINED_FOUND: f64 = 0.3;
 
 /// Adds the joints of parts that were seen to leave their places, and that no joint explains.
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
-    let LearnedJoints { mut joints, rejections } = found;
+    let LearnedJoints { mut joints, rejections, turning } = found;
     let views = View::all(recording);
     for end in [End::First, End::Last] {
         let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
@@ -70,28 +73,34 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
             .filter(small)
             .take(MOST_SURFACES)
         {
-            if let Some(mut learned) = new_joint(&surface, &joints, recording, &views) {
+            if let Some(mut learned) = new_joint(&surface, &joints, &turning, recording, &views) {
                 learned.joint.child = joints.len() + 1;
                 learned.joint.name = format!("joint{}", joints.len() + 1);
                 joints.push(learned);
             }
         }
     }
-    LearnedJoints { joints, rejections }
+    LearnedJoints { joints, rejections, turning }
 }
 
 /// The joint of the part that a surface is of, if it is none of the known ones.
 fn new_joint(
     surface: &RestSurface,
     joints: &[LearnedJoint],
+    turning: &[TurningPlane],
     recording: &Recording,
     views: &[View],
 ) -> Option<LearnedJoint> {
     if joints.iter().any(|j| explains(j, surface, recording, views)) {
         return None;
     }
-    let learned = part_of(surface, joints, recording, views)?.to_learned(surface, recording);
-    let is_same = |j: &LearnedJoint| is_about_one_line(&j.joint, &learned.joint);
+    let learned =
+        part_of(surface, joints, turning, recording, views)?.to_learned(surface, recording);
+    // A hand that pulls a drawer slides along with it.
+    let is_hand = |j: &LearnedJoint| {
+        learned.joint.kind == JointKind::Prismatic && moves_together(j, &learned)
+    };
+    let is_same = |j: &LearnedJoint| is_about_one_line(&j.joint, &learned.joint) || is_hand(j);
     (!joints.iter().any(is_same)).then_some(learned)
 }
 
@@ -131,6 +140,7 @@ fn explains(
 fn part_of(
     surface: &RestSurface,
     joints: &[LearnedJoint],
+    turning: &[TurningPlane],
     recording: &Recording,
     views: &[View],
 ) -> Option<VacatedPart> {
@@ -147,7 +157,8 @@ fn part_of(
         .collect();
     // The drawers of a cabinet go in parallel.
     let axes = joints.iter().filter(|j| j.joint.parent == 0).map(|j| Vector3::from(j.joint.axis));
-    let directions = axis_directions(surface, &views[surface.keyframe], axes);
+    let of_planes = turning_near(surface, turning);
+    let directions = axis_directions(surface, &views[surface.keyframe], axes, of_planes);
     tracing::debug!(
         points = surface.points.len(),
         radius = surface.radius(),
@@ -159,6 +170,15 @@ fn part_of(
     let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
     let best = best_part(surface, &hypotheses, &moving, recording)?;
     (best.doubt().is_none() && may_be_of(best.geometry(), joints)).then_some(best)
+}
+
+/// The lines that planes near a surface turned about. A part's other faces turn with it.
+fn turning_near(
+    surface: &RestSurface,
+    turning: &[TurningPlane],
+) -> impl Iterator<Item = Vector3<f64>> {
+    let (centre, radius) = (surface.centre(), PLANES_RADII * surface.radius());
+    turning.iter().filter(move |t| (t.middle - centre).norm() < radius).map(|t| t.axis)
 }
 
 /// A hinge shows what holds it; a slide does not, and a person who steps aside slides as well. The drawers of a
@@ -235,9 +255,20 @@ mod tests {
 
     /// What is added to a slide along some direction that tracks showed.
     fn beside_a_slide(recording: &Recording, direction: [f64; 3]) -> Vec<LearnedJoint> {
+        beside_a_moving_slide(recording, direction, |_| 0.0)
+    }
+
+    fn beside_a_moving_slide(
+        recording: &Recording,
+        direction: [f64; 3],
+        way: impl Fn(usize) -> f64,
+    ) -> Vec<LearnedJoint> {
         let axis = UnitVector3::new_normalize(Vector3::from(direction));
+        let frames: Vec<usize> = (0..FRAMES).collect();
+        let q: Vec<f64> = frames.iter().map(|f| way(*f)).collect();
+        let slide = Joint::of(&JointGeometry::slide(axis, Point3::origin()));
         let known = LearnedJoint {
-            joint: Joint::of(&JointGeometry::slide(axis, Point3::origin())),
+            joint: Joint { configuration: recording.tracks.timed(&frames, &q), ..slide },
             base_from_part: vec![None; FRAMES],
             tracks: Vec::new(),
             plain_surface: Vec::new(),
@@ -257,8 +288,26 @@ mod tests {
         assert!((joint.range[1] - joint.range[0] - 0.3).abs() < 0.02, "{:?}", joint.range);
         assert!(joints(&opened).is_empty(), "a person slides aside, too");
         assert!(beside_a_slide(&opened, [0.0, 1.0, 0.0]).is_empty());
+        let with_it = |frame: usize| 0.3 * turn(frame);
+        assert!(beside_a_moving_slide(&opened, [1.0, 0.0, 0.0], with_it).is_empty(), "a hand");
         let hardly = slider(|frame| 0.04 * turn(frame));
         assert!(beside_a_slide(&hardly, [1.0, 0.02, 0.0]).is_empty(), "it may as well turn");
+    }
+
+    #[test]
+    fn a_direction_that_planes_near_a_surface_tell_is_tried_although_it_is_askew() {
+        let recording = lever(turn);
+        let views = View::all(&recording);
+        let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
+        let askew = Vector3::new(0.1, 0.0, 1.0).normalize();
+        let at = |middle| [TurningPlane { axis: askew, middle }];
+        let tried = |turning: &[TurningPlane]| {
+            let of_planes = turning_near(surface, turning);
+            axis_directions(surface, &views[surface.keyframe], std::iter::empty(), of_planes)
+        };
+        let is_tried = |turning: &[TurningPlane]| tried(turning).contains(&askew);
+        assert!(is_tried(&at(surface.centre() + Vector3::new(0.0, 0.1, 0.0))));
+        assert!(!is_tried(&at(surface.centre() + Vector3::new(0.0, 1.0, 0.0))), "a person");
     }
 
     #[test]
