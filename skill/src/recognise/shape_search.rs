@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn a_plate_whose_ends_do_not_tell_its_place_tells_no_configuration() {
         // Within the gate for ends the plate could as well be two centimetres beside.
-        assert!(with_refiner(0.2, 0.06, |refiner, shape| find(refiner, shape)).is_none());
+        assert!(with_refiner(0.2, 0.06, find).is_none());
     }
 
     #[test]

@@ -178,7 +178,7 @@ mod tests {
         let views = View::all(&recording);
         let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
         let known = Vector3::new(1.0, 1.0, 0.0);
-        let found = axis_directions(surface, &views[0], std::iter::once(known));
+        let found = axis_directions(surface, &views[0], std::iter::once(known), std::iter::empty());
         assert!(is_along(&found[0], &known), "known axes come first");
         for side in [Vector3::z(), Vector3::x(), Vector3::y()] {
             assert!(found.iter().any(|d| is_along(d, &side)), "{side:?} is not among {found:?}");
