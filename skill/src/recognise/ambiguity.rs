@@ -71,8 +71,8 @@ fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize>
 fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
     let Refiner { scene, articulated, cloud, matches, .. } = *refiner;
     let verdict = verify(scene, articulated, cloud, state);
-    if let Some(shape) = refiner.shape {
-        let in_sight = ends_in_sight(scene, articulated, shape, state);
+    if let Some(contours) = refiner.shape {
+        let in_sight = ends_in_sight(scene, articulated, contours, state);
         let of_part = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
             seen.fit_of_shape(part == 0) + ends.found as f64 - ends.missing as f64
         };

@@ -51,6 +51,7 @@ pub use still_frames::StillFrames;
 
 use object_search::ObjectSearch;
 use rayon::prelude::*;
+use shape::ContourGrid;
 use std::sync::Arc;
 
 /// Looks for every object in the scene; those above the threshold, best first.
@@ -71,8 +72,10 @@ pub fn recognise(
     if !searches.iter().any(ObjectSearch::is_recognised) {
         searches.par_iter_mut().for_each(ObjectSearch::retry_with_all_matches);
     }
-    if !searches.iter().any(ObjectSearch::is_recognised) {
-        searches.iter_mut().for_each(ObjectSearch::retry_by_shape);
+    let is_nothing_known = !searches.iter().any(ObjectSearch::is_recognised);
+    if config.try_shape && scene.has_depth() && is_nothing_known {
+        let seen = ContourGrid::of(scene);
+        searches.iter_mut().for_each(|search| search.retry_by_shape(&seen));
     }
     let instances: Vec<(Vec<Recognised>, f64)> =
         searches.into_par_iter().map(ObjectSearch::same_class_instances).collect();

@@ -22,6 +22,7 @@ use super::pnp;
 use super::refine::{self, Refiner};
 use super::result::{Recognised, report};
 use super::scene::Scene;
+use super::shape::{ContourGrid, Contours};
 use super::shape_search;
 use super::verify::verify;
 use crate::math::rigid::Pose;
@@ -118,15 +119,13 @@ impl<'l> ObjectSearch<'l> {
     }
 
     /// Looks for the object by its shape: what is plain has no features, but it ends somewhere.
-    pub fn retry_by_shape(&mut self) {
-        if !self.config.try_shape || !self.scene.has_depth() {
-            return;
-        }
+    pub fn retry_by_shape(&mut self, seen: &ContourGrid) {
         let KnownObject { shape, cloud, model, .. } = self.object;
         tracing::debug!(object = model.object, "looked for by shape");
         // Ends tell configurations, and a thinned surface has none.
-        let by_shape = Refiner { shape: Some(shape), coarse: cloud, ..self.refiner(&[], 0) };
-        if let Some(found) = shape_search::find(&by_shape, shape) {
+        let contours = Contours { shape, seen };
+        let by_shape = Refiner { shape: Some(contours), coarse: cloud, ..self.refiner(&[], 0) };
+        if let Some(found) = shape_search::find(&by_shape, contours) {
             self.found = Some(found);
         }
     }

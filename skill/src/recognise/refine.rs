@@ -11,7 +11,7 @@ use super::matching::Match;
 use super::normal_equations::{System, add_surface};
 use super::render_cloud::Cloud;
 use super::scene::Scene;
-use super::shape::{ObjectShape, add_contour};
+use super::shape::{Contours, add_contour};
 use super::verdict::Verdict;
 use super::verify::verify;
 use crate::math::rigid::matrix_pose;
@@ -55,7 +55,7 @@ pub struct Refiner<'r> {
     /// Fewest of them that must agree with a state.
     pub min_inliers: usize,
     /// Its contour, where states are aligned by that too.
-    pub shape: Option<&'r ObjectShape>,
+    pub shape: Option<Contours<'r>>,
     /// What is done.
     pub config: &'r RecogniseConfig,
 }
@@ -238,9 +238,9 @@ impl Refiner<'_> {
 
     /// Contour that is known at a state, where states are aligned by contour.
     fn add_ends(&self, system: &mut System, state: &State) {
-        let Some(shape) = self.shape else { return };
+        let Some(Contours { shape, seen }) = self.shape else { return };
         let known = shape.known_at(self.articulated, state);
-        add_contour(system, self.scene, self.scene.contour(), known, self.articulated, state);
+        add_contour(system, self.scene, seen, known, self.articulated, state);
     }
 
     /// Articulated point-to-plane alignment of the surface, with the matches.

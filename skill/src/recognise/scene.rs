@@ -4,7 +4,6 @@
 //! its colour in L*a*b*.
 
 use super::matching::Queries;
-use super::shape::{ContourGrid, contour_grid};
 use super::surface_cache::Surfaces;
 use crate::features::{DescribedFeature, FeatureDensity, Keypoints};
 use crate::image::cielab::CielabImage;
@@ -12,7 +11,6 @@ use crate::vision_error::VisionError;
 use linkage_frames::RgbdFrame;
 use linkage_frames::depth::{NormalMap, SurfacePatch};
 use nalgebra::Vector3;
-use std::sync::OnceLock;
 
 /// A frame with features, normals and colour.
 pub struct Scene {
@@ -24,7 +22,6 @@ pub struct Scene {
     pub lab: CielabImage,
     surfaces: Surfaces,
     queries: Queries,
-    contour: OnceLock<ContourGrid>,
 }
 
 /// Share of pixels without depth above which depth counts as missing.
@@ -71,18 +68,12 @@ impl Scene {
             features,
             lab,
             surfaces,
-            contour: OnceLock::new(),
         }
     }
 
     /// Its features, ready to be compared.
     pub(super) fn queries(&self) -> &Queries {
         &self.queries
-    }
-
-    /// Where its surfaces end; worked out when it is first asked for.
-    pub(super) fn contour(&self) -> &ContourGrid {
-        self.contour.get_or_init(|| contour_grid(self))
     }
 
     /// True when depth is there at all.

@@ -15,7 +15,7 @@ use super::evidence::{
 use super::hypothesis::Hypothesis;
 use super::normal_equations::System;
 use super::refine::Refiner;
-use super::shape::{EndsInSight, ObjectShape, ends_in_sight, shape_hypotheses};
+use super::shape::{Contours, EndsInSight, ends_in_sight, shape_hypotheses};
 use super::verdict::{PartVerdict, Verdict};
 use super::verify::verify;
 
@@ -33,8 +33,8 @@ const ENDS: f64 = 25.0;
 const TOLD: (f64, f64) = (0.03, 0.012);
 
 /// What of the object the contours of its parts tell.
-pub fn find(refiner: &Refiner, shape: &ObjectShape) -> Option<Detection> {
-    let found = decide(refiner, shape, best(refiner, shape)?);
+pub fn find(refiner: &Refiner, contours: Contours) -> Option<Detection> {
+    let found = decide(refiner, contours, best(refiner, contours)?);
     let is_certain = found.score > LEAST_SCORE
         && is_believed(found.score, refiner.config)
         && found.evident.contains(&true);
@@ -42,14 +42,14 @@ pub fn find(refiner: &Refiner, shape: &ObjectShape) -> Option<Detection> {
 }
 
 /// The best state that the contours of parts lead to.
-fn best(refiner: &Refiner, shape: &ObjectShape) -> Option<RefinedPose> {
+fn best(refiner: &Refiner, contours: Contours) -> Option<RefinedPose> {
     let Refiner { scene, articulated, cloud, .. } = *refiner;
-    let mut hypotheses = shape_hypotheses(scene, scene.contour(), articulated, shape);
+    let mut hypotheses = shape_hypotheses(scene, contours.seen, articulated, contours.shape);
     hypotheses.truncate(HYPOTHESES);
     let refined = |hypothesis: &Hypothesis| {
         let state = refiner.settle(hypothesis)?;
         let verdict = verify(scene, articulated, cloud, &state);
-        let in_sight = ends_in_sight(scene, articulated, shape, &state);
+        let in_sight = ends_in_sight(scene, articulated, contours, &state);
         let placed = placed_by_shape(&verdict, &in_sight);
         let score = shape_score(&verdict, &in_sight, &placed, &refiner.system(&state));
         let (part, support) = (hypothesis.part, hypothesis.support);
@@ -66,10 +66,10 @@ fn best(refiner: &Refiner, shape: &ObjectShape) -> Option<RefinedPose> {
 
 /// Decides what of a state can be told that was found by shape: where a part stands tells where it
 /// is, whatever it looks like, unless it could as well be elsewhere.
-fn decide(refiner: &Refiner, shape: &ObjectShape, refined: RefinedPose) -> Detection {
+fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detection {
     let articulated = refiner.articulated;
     let RefinedPose { state, score, inliers, verdict } = refined;
-    let in_sight = ends_in_sight(refiner.scene, articulated, shape, &state);
+    let in_sight = ends_in_sight(refiner.scene, articulated, contours, &state);
     let placed = placed_by_shape(&verdict, &in_sight);
     let deviations = configuration_deviations(articulated, &refiner.system(&state));
     let mut evident = evident_joints(articulated, &placed);
@@ -135,8 +135,9 @@ mod tests {
     use crate::recognise::kinematics::{Articulated, ChainJoint};
     use crate::recognise::render_cloud::KnownEdge;
     use crate::recognise::scene::Scene;
+    use crate::recognise::shape::{ContourGrid, ObjectShape};
     use crate::recognise::test_data::{BOARD_M, PLATE_M, slider_surface};
-    use crate::test_data::seen;
+    use crate::test_data::seen as picture;
     use nalgebra::{Point3, Vector3};
 
     /// Left, right, and half the height of the board and of the plate behind it, metres.
@@ -167,7 +168,7 @@ mod tests {
 
     /// Looks for the plain slider in a scene that shows its plate, and a board of this half height,
     /// slid by so much, and looks at the refiner.
-    fn with_refiner<T>(half: f64, slid: f64, look: impl FnOnce(&Refiner, &ObjectShape) -> T) -> T {
+    fn with_refiner<T>(half: f64, slid: f64, look: impl FnOnce(&Refiner, Contours) -> T) -> T {
         let is_on = |[left, right, half]: [f64; 3], x: f64, y: f64| {
             x >= left && x < right && y.abs() < half
         };
@@ -180,29 +181,31 @@ mod tests {
                 2.5
             }
         };
-        let scene = Scene::plain(&seen(1, depth)).unwrap();
+        let scene = Scene::plain(&picture(1, depth)).unwrap();
         let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
         let joints = vec![ChainJoint::new(geometry, [0, 1], [-0.1, 0.1])];
         let articulated = Articulated { parts: 2, joints };
         let mut cloud = slider_surface(|_| 3.0);
         cloud.edges = [edges(0, PLATE, PLATE_M), edges(1, BOARD, BOARD_M)].concat();
         let shape = ObjectShape::new(&cloud.edges, &cloud, 2);
+        let seen = ContourGrid::of(&scene);
+        let contours = Contours { shape: &shape, seen: &seen };
         let refiner = Refiner {
             scene: &scene,
             articulated: &articulated,
             cloud: &cloud,
             coarse: &cloud,
             matches: &[],
-            shape: Some(&shape),
+            shape: Some(contours),
             min_inliers: 0,
             config: &RecogniseConfig::default(),
         };
-        look(&refiner, &shape)
+        look(&refiner, contours)
     }
 
     #[test]
     fn a_plain_thing_lies_where_its_parts_end() {
-        let best = with_refiner(0.2, 0.06, |refiner, shape| best(refiner, shape).unwrap());
+        let best = with_refiner(0.2, 0.06, |refiner, contours| best(refiner, contours).unwrap());
         let pose = best.state.camera_from_object;
         assert!(best.score > LEAST_SCORE);
         // A pixel is half a centimetre wide there.

@@ -2,7 +2,8 @@
 //!
 //! In: a contour in the camera frame, metres. Out: the nearest place that agrees with a pose.
 
-use super::contour::{ContourPoint, cell};
+use super::super::scene::Scene;
+use super::contour::{ContourPoint, cell, contour_of_scene};
 use linkage_frames::depth::DepthSensor;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
@@ -24,6 +25,12 @@ pub struct ContourGrid {
 }
 
 impl ContourGrid {
+    /// The contour of a picture.
+    pub fn of(scene: &Scene) -> Self {
+        let camera = &scene.frame.camera;
+        Self::new(contour_of_scene(scene), camera.depth_sensor, camera.fx)
+    }
+
     /// Of places seen by a camera of focal length `fx`, pixels.
     pub fn new(points: Vec<ContourPoint>, sensor: DepthSensor, fx: f64) -> Self {
         let gate = |p: &ContourPoint| {

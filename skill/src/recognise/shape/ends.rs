@@ -6,9 +6,9 @@
 use super::super::kinematics::{Articulated, State};
 use super::super::render_cloud::NEAREST_M;
 use super::super::scene::Scene;
-use super::ObjectShape;
 use super::contour::ContourPoint;
 use super::contour_grid::ContourGrid;
+use super::object_shape::Contours;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
 /// Least cosine between the normal of a place and the direction to the camera, for it to be seen.
@@ -70,13 +70,13 @@ impl EndsInSight {
 pub fn ends_in_sight(
     scene: &Scene,
     articulated: &Articulated,
-    shape: &ObjectShape,
+    contours: Contours,
     state: &State,
 ) -> Vec<EndsInSight> {
     let poses = articulated.matrices(state);
     let mut counts = vec![EndsInSight::default(); articulated.parts];
-    for c in shape.known_at(articulated, state) {
-        match ends(scene, scene.contour(), &poses[c.part], c) {
+    for c in contours.shape.known_at(articulated, state) {
+        match ends(scene, contours.seen, &poses[c.part], c) {
             Some(true) => counts[c.part].found += 1,
             Some(false) => counts[c.part].missing += 1,
             None => {}

@@ -10,56 +10,12 @@
 mod contour;
 mod contour_grid;
 mod ends;
+mod object_shape;
 mod part_alignment;
 mod pose_search;
 
-use super::kinematics::{Articulated, State};
-use super::render_cloud::{Cloud, CloudPoint, KnownEdge};
-use super::scene::Scene;
-use contour::{ContourPoint, contour_of_object, contour_of_scene};
 pub use contour_grid::ContourGrid;
 pub use ends::{EndsInSight, ends_in_sight};
+pub use object_shape::{Contours, ObjectShape};
 pub use part_alignment::add_contour;
 pub use pose_search::shape_hypotheses;
-
-/// Shape of a known object, part by part (object frame at configuration 0, metres).
-pub struct ObjectShape {
-    /// Where its surface is known to end.
-    pub contour: Vec<ContourPoint>,
-    /// The surface of each part alone.
-    clouds: Vec<Cloud>,
-}
-
-impl ObjectShape {
-    /// Of all edges of an object, and its surface, thinned.
-    pub fn new(edges: &[KnownEdge], coarse: &Cloud, parts: usize) -> Self {
-        let of_part = |part: usize| {
-            let own: Vec<CloudPoint> =
-                coarse.surfels.iter().filter(|s| s.part == part).copied().collect();
-            Cloud::of(own)
-        };
-        let clouds = (0..parts).map(of_part).collect();
-        Self { contour: contour_of_object(edges), clouds }
-    }
-
-    /// The contour that is known at the configurations of a state.
-    pub fn known_at<'s>(
-        &'s self,
-        articulated: &Articulated,
-        state: &State,
-    ) -> impl Iterator<Item = &'s ContourPoint> {
-        let configuration: Vec<Option<f64>> = (0..articulated.parts)
-            .map(|part| articulated.joints.iter().position(|j| j.child == part).map(|j| state.q[j]))
-            .collect();
-        self.contour.iter().filter(move |c| {
-            let [low, high] = c.configurations;
-            configuration[c.part].is_none_or(|q| q >= low && q <= high)
-        })
-    }
-}
-
-/// The contour of a picture.
-pub fn contour_grid(scene: &Scene) -> ContourGrid {
-    let camera = &scene.frame.camera;
-    ContourGrid::new(contour_of_scene(scene), camera.depth_sensor, camera.fx)
-}

@@ -6,10 +6,10 @@
 use super::super::kinematics::{Articulated, State};
 use super::super::normal_equations::{System, add_surface};
 use super::super::scene::Scene;
-use super::ObjectShape;
 use super::contour::ContourPoint;
 use super::contour_grid::ContourGrid;
 use super::ends::LEAST_COSINE;
+use super::object_shape::ObjectShape;
 use crate::math::rigid::{Pose, matrix_pose};
 
 /// Places of contour that count in full; of more each counts less.
