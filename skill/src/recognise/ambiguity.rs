@@ -74,7 +74,8 @@ fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
     if let Some(contours) = refiner.shape {
         let in_sight = ends_in_sight(scene, articulated, contours, state);
         let of_part = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
-            seen.fit_of_shape(part == 0) + ends.found as f64 - ends.missing as f64
+            // What stood beside the base is missing elsewhere: that tells nothing of where the base is.
+            seen.fit_of_shape(part == 0) + ends.found as f64
         };
         return verdict.parts.iter().zip(&in_sight).enumerate().map(of_part).collect();
     }

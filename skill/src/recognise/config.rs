@@ -19,10 +19,9 @@ explained_config! {
         /// hidden. Set by the ablation.
         pub try_all_matches: bool = true,
         /// What no features lead to is looked for by its shape: where its surface ends. Of 17 encounters
-        /// with plain things on which the search was chosen, none is recognised without it and 3 with it;
-        /// of about 500 wrong pairs a folding door was taken for a plain sliding one. What is not
-        /// recognised then costs 0.1 to 0.4 s for each object. Set where a store holds few and different
-        /// plain things.
+        /// with plain things, on which the search was chosen, features find one and the search another
+        /// one; of about 380 wrong pairs it reports none. What is not recognised then costs 0.1 to
+        /// 0.4 s for each object. Set where a store holds few and different plain things.
         pub try_shape: bool = false,
         /// Most objects compared in full at a time; of more, the likeliest by their words come first,
         /// and those whose words stand out alone. Set where time for a frame is short.
