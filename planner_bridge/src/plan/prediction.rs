@@ -46,7 +46,7 @@ pub struct Prediction {
     pub inliers: usize,
     /// Pose of the object frame.
     pub camera_from_object: [f64; 7],
-    /// As in [`Recognised`].
+    /// As in [`linkage_skill::recognise::Recognised`].
     #[serde(default = "internals::yes", skip_serializing_if = "internals::is_yes")]
     pub base_known: bool,
     /// Its joints.
