@@ -7,8 +7,9 @@
 use super::matching::FeatureTable;
 use super::render_cloud::{Cloud, known_edges};
 use super::shape::ObjectShape;
-use crate::object::appearance::Appearance;
+use crate::object::appearance::{Appearance, Edge};
 use crate::object::model::ObjectModel;
+use std::sync::OnceLock;
 
 /// An object with its appearance prepared for matching.
 pub struct KnownObject {
@@ -17,15 +18,32 @@ pub struct KnownObject {
     pub(super) table: FeatureTable,
     pub(super) cloud: Cloud,
     pub(super) coarse: Cloud,
-    pub(super) shape: ObjectShape,
+    /// Where it is known to end, as stored.
+    edges: Vec<Edge>,
+    shape: OnceLock<ObjectShape>,
 }
 
 impl KnownObject {
     /// Prepares an object.
     pub fn new(model: ObjectModel, appearance: &Appearance) -> Self {
-        let cloud = Cloud::new(appearance);
-        let coarse = cloud.thinned();
-        let shape = ObjectShape::new(&known_edges(appearance), &coarse, model.parts.len());
-        Self { model, table: FeatureTable::new(appearance), coarse, shape, cloud }
+        let (table, cloud) = (FeatureTable::new(appearance), Cloud::new(appearance));
+        Self::of(model, table, cloud, appearance.edges.clone())
+    }
+
+    /// Of its prepared features and surface, and all its edges.
+    pub(super) fn of(
+        model: ObjectModel,
+        table: FeatureTable,
+        cloud: Cloud,
+        edges: Vec<Edge>,
+    ) -> Self {
+        Self { model, table, coarse: cloud.thinned(), cloud, edges, shape: OnceLock::new() }
+    }
+
+    /// Its shape, worked out when it is first looked for by it.
+    pub(super) fn shape(&self) -> &ObjectShape {
+        let new =
+            || ObjectShape::new(&known_edges(&self.edges), &self.coarse, self.model.parts.len());
+        self.shape.get_or_init(new)
     }
 }

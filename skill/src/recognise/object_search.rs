@@ -120,10 +120,10 @@ impl<'l> ObjectSearch<'l> {
 
     /// Looks for the object by its shape: what is plain has no features, but it ends somewhere.
     pub fn retry_by_shape(&mut self, seen: &ContourGrid) {
-        let KnownObject { shape, cloud, model, .. } = self.object;
+        let KnownObject { cloud, model, .. } = self.object;
         tracing::debug!(object = model.object, "looked for by shape");
         // Ends tell configurations, and a thinned surface has none.
-        let contours = Contours { shape, seen };
+        let contours = Contours { shape: self.object.shape(), seen };
         let by_shape = Refiner { shape: Some(contours), coarse: cloud, ..self.refiner(&[], 0) };
         if let Some(found) = shape_search::find(&by_shape, contours) {
             self.found = Some(found);

@@ -52,7 +52,7 @@ impl Cloud {
             normal: wide(s.normal),
             lab: s.lab,
         });
-        let mut edges = known_edges(appearance);
+        let mut edges = known_edges(&appearance.edges);
         let mut of_part: HashMap<usize, usize> = HashMap::new();
         edges.retain(|e| {
             let count = of_part.entry(e.part).or_default();
@@ -211,8 +211,8 @@ pub struct KnownEdge {
     pub configurations: [f64; 2],
 }
 
-/// All edges of an appearance.
-pub fn known_edges(appearance: &Appearance) -> Vec<KnownEdge> {
+/// Edges as recognition needs them.
+pub fn known_edges(edges: &[Edge]) -> Vec<KnownEdge> {
     let known = |e: &Edge| KnownEdge {
         part: usize::from(e.part),
         surface: e.surface.map(f64::from).into(),
@@ -220,7 +220,7 @@ pub fn known_edges(appearance: &Appearance) -> Vec<KnownEdge> {
         beyond: e.beyond.map(f64::from).into(),
         configurations: e.configurations.map(f64::from),
     };
-    appearance.edges.iter().map(known).collect()
+    edges.iter().map(known).collect()
 }
 
 /// Side of a patch, a piece of a part's surface on which light falls evenly, metres. Two planks of

@@ -10,7 +10,7 @@ mod dynamic_features;
 mod features;
 mod moving_parts;
 pub(crate) mod occlusion_edges;
-mod occupancy;
+pub(crate) mod occupancy;
 mod part_growth;
 mod part_labels;
 mod region;

@@ -10,6 +10,8 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use std::collections::HashSet;
 
+/// Tracks of a part from which they cover it: such a part does not grow.
+const COVERED: usize = 150;
 /// Keyframes whose pictures are looked at.
 const FRAMES: usize = 8;
 /// Pixels from one place that is looked at to the next.
@@ -20,8 +22,6 @@ const REACH_M: f64 = 0.1;
 const ROUNDS: usize = 24;
 /// Side of a cell that must hold several places for them to count, metres.
 const CELL_M: f64 = 0.08;
-/// Points of a part that show where it is: tracks of a part with texture cover it.
-const COVERED: usize = 150;
 /// Places of such a cell, in all pictures: fewer are outliers.
 const LEAST_PLACES: usize = 3;
 

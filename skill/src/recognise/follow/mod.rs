@@ -325,7 +325,6 @@ mod tests {
     use crate::object::joint_geometry::JointGeometry;
     use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
     use crate::recognise::matching::FeatureTable;
-    use crate::recognise::shape::ObjectShape;
     use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use crate::test_data::seen;
     use linkage_frames::ColorImage;
@@ -351,9 +350,7 @@ mod tests {
         };
         let cloud = slider_surface(|y| 100.0 * stripes(y) as f32);
         let table = FeatureTable::new(&Appearance::default());
-        let coarse = cloud.thinned();
-        let shape = ObjectShape::new(&[], &coarse, 2);
-        Arc::new(KnownObject { model, table, coarse, shape, cloud })
+        Arc::new(KnownObject::of(model, table, cloud, Vec::new()))
     }
 
     /// The board, with stripes behind it that go on or end where the plate does.

@@ -6,6 +6,7 @@
 use super::super::render_cloud::KnownEdge;
 use super::super::scene::Scene;
 use crate::learn::appearance::occlusion_edges::{INSET_M, is_empty};
+use crate::learn::appearance::occupancy::cell;
 use crate::math::rigid::orthonormal_basis;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
@@ -130,7 +131,7 @@ fn straightened(points: &[ContourPoint]) -> Vec<ContourPoint> {
             about.flatten().map(|i| &points[*i]).filter(is_on_edge).collect();
         outward_of(p, &edge)
     };
-    points.par_iter().filter_map(of_edge).collect()
+    points.iter().filter_map(of_edge).collect()
 }
 
 /// A place with the direction outward of its edge; `None` where too few places tell it.
@@ -180,11 +181,6 @@ fn by_cell(points: &[ContourPoint], side: f64) -> HashMap<[i32; 3], Vec<usize>> 
         cells.entry(cell(&p.point, side)).or_default().push(i);
     }
     cells
-}
-
-/// The cell of a place.
-pub fn cell(p: &Point3<f64>, side: f64) -> [i32; 3] {
-    [p.x, p.y, p.z].map(|x| (x / side).floor() as i32)
 }
 
 #[cfg(test)]

@@ -3,7 +3,8 @@
 //! In: a contour in the camera frame, metres. Out: the nearest place that agrees with a pose.
 
 use super::super::scene::Scene;
-use super::contour::{ContourPoint, cell, contour_of_scene};
+use super::contour::{ContourPoint, contour_of_scene};
+use crate::learn::appearance::occupancy::cell;
 use linkage_frames::depth::DepthSensor;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
