@@ -10,7 +10,7 @@ use crate::config::SkillConfig;
 use crate::learn::appearance::build;
 use crate::learn::demonstration::Demonstration;
 use crate::math::rigid::{Pose, distance_to_line, line_angle, pose_from_array};
-use crate::object::appearance::Appearance;
+use crate::object::appearance::{Appearance, ModelFeature};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::{Joint, ObjectModel, covariance_rows};
 use crate::object::stored_object::{Provenance, StoredObject};
@@ -129,6 +129,9 @@ fn register(
             None => add_joint(&mut stored, newer, joint, &appearance, &object_from_newer),
         }
     }
+    let room = appearance.room.iter().map(|f| moved(f, &found.newer_from_object.inverse()));
+    let older = std::mem::take(&mut stored.appearance.room);
+    stored.appearance.room = room.chain(older).take(MAX_ROOM_FEATURES).collect();
     Ok(stored)
 }
 
@@ -216,6 +219,10 @@ fn contradiction(known: &JointGeometry, newer: &JointGeometry) -> Option<String>
         .then(|| format!("the pitches differ by {:.1} cm a turn", 100.0 * other_pitch.abs()))
 }
 
+/// Features of the rooms of all demonstrations that are kept, those of the newest first: there it stands
+/// now.
+const MAX_ROOM_FEATURES: usize = 2400;
+
 /// How well a demonstration is registered into the object frame: standard deviations of its
 /// rotation, radians, and of its place, metres, as `bench --suite recognise` finds the base.
 const REGISTRATION: (f64, f64) = (0.004, 0.004);
@@ -299,18 +306,11 @@ fn with_part(
     id: usize,
     object_from_newer: &Pose,
 ) -> Appearance {
-    let place = |p: [f32; 3]| -> [f32; 3] {
-        let moved = object_from_newer * Point3::from(Vector3::from(p).map(f64::from));
-        moved.coords.map(|x| x as f32).into()
-    };
-    let turn = |n: [f32; 3]| -> [f32; 3] {
-        (object_from_newer * Vector3::from(n).map(f64::from)).map(|x| x as f32).into()
-    };
+    let place = |p: [f32; 3]| moved_place(p, object_from_newer);
+    let turn = |n: [f32; 3]| turned(n, object_from_newer);
     let mut result = known.clone();
     for f in newer.features.iter().filter(|f| usize::from(f.part) == part) {
-        let mut f = f.clone();
-        (f.part, f.point, f.normal) = (id as u16, place(f.point), turn(f.normal));
-        result.features.push(f);
+        result.features.push(ModelFeature { part: id as u16, ..moved(f, object_from_newer) });
     }
     for s in newer.surfels.iter().filter(|s| usize::from(s.part) == part) {
         let mut s = *s;
@@ -324,6 +324,24 @@ fn with_part(
         result.edges.push(e);
     }
     result
+}
+
+/// A feature in the object frame of a newer demonstration, in that of the object.
+fn moved(feature: &ModelFeature, object_from_newer: &Pose) -> ModelFeature {
+    ModelFeature {
+        point: moved_place(feature.point, object_from_newer),
+        normal: turned(feature.normal, object_from_newer),
+        ..feature.clone()
+    }
+}
+
+fn moved_place(place: [f32; 3], by: &Pose) -> [f32; 3] {
+    let moved = by * Point3::from(Vector3::from(place).map(f64::from));
+    moved.coords.map(|x| x as f32).into()
+}
+
+fn turned(direction: [f32; 3], by: &Pose) -> [f32; 3] {
+    (by * Vector3::from(direction).map(f64::from)).map(|x| x as f32).into()
 }
 
 #[cfg(test)]

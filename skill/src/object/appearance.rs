@@ -61,4 +61,8 @@ pub struct Appearance {
     /// Where that is known to end. The store keeps it apart: older ones have none.
     #[serde(skip)]
     pub edges: Vec<Edge>,
+    /// Features of what stood around the object and is not its own, as features of part 0: they tell
+    /// where to look in the same room again, and decide nothing. Kept apart as well.
+    #[serde(skip)]
+    pub room: Vec<ModelFeature>,
 }

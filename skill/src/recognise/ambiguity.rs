@@ -37,7 +37,7 @@ pub fn withdraw_ambiguous(
     found.evident = evident_joints(refiner.articulated, &found.placed);
 }
 
-/// The parts on that side of a joint which shows less, if they could as well be elsewhere while
+/// The parts on that side of a joint which shows less (those that move, where the room tells the base), if they could as well be elsewhere while
 /// the others stay where they are; else none.
 fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
     let articulated = refiner.articulated;
@@ -48,7 +48,8 @@ fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize>
     let by_part = explained(refiner, state);
     let of = |by_part: &[f64], parts: &[usize]| parts.iter().map(|&p| by_part[p]).sum::<f64>();
     let (of_moving, of_resting) = (of(&by_part, &moving), of(&by_part, &resting));
-    let (weak, held) = if of_moving < of_resting { (moving, resting) } else { (resting, moving) };
+    let moving_is_weak = !refiner.room.is_empty() || of_moving < of_resting;
+    let (weak, held) = if moving_is_weak { (moving, resting) } else { (resting, moving) };
     let camera_from_held = articulated.poses(state)[held[0]];
     let step = (j.high - j.low) / (STEPS - 1) as f64;
     let is_ambiguous = (0..STEPS)
@@ -62,7 +63,7 @@ fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize>
             let explained = of(&explained(refiner, &elsewhere), &weak);
             // What was never seen to happen is no alternative to what was.
             let penalty = articulated.range_penalty(&elsewhere) - articulated.range_penalty(state);
-            explained - penalty.max(0.0) > AS_GOOD * of_moving.min(of_resting)
+            explained - penalty.max(0.0) > AS_GOOD * of(&by_part, &weak)
         });
     if is_ambiguous { weak } else { Vec::new() }
 }
@@ -75,7 +76,7 @@ fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
         let in_sight = ends_in_sight(scene, articulated, contours, state);
         let of_part = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
             // What stood beside the base is missing elsewhere: that tells nothing of where the base is.
-            seen.fit_of_shape(part == 0) + ends.found as f64
+            seen.fit_of_shape(part == 0) + ends.closeness - ends.missing as f64
         };
         return verdict.parts.iter().zip(&in_sight).enumerate().map(of_part).collect();
     }
@@ -114,6 +115,7 @@ mod tests {
             matches: &[],
             shape: None,
             min_inliers: 0,
+            room: &[],
             config: &RecogniseConfig::default(),
         };
         let state = State { camera_from_object: Pose::identity(), q: vec![0.0] };

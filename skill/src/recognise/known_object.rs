@@ -16,6 +16,8 @@ pub struct KnownObject {
     /// Motion.
     pub model: ObjectModel,
     pub(super) table: FeatureTable,
+    /// Features of the room in which it was last seen.
+    pub(super) room: FeatureTable,
     pub(super) cloud: Cloud,
     pub(super) coarse: Cloud,
     /// Where it is known to end, as stored.
@@ -26,8 +28,9 @@ pub struct KnownObject {
 impl KnownObject {
     /// Prepares an object.
     pub fn new(model: ObjectModel, appearance: &Appearance) -> Self {
-        let (table, cloud) = (FeatureTable::new(appearance), Cloud::new(appearance));
-        Self::of(model, table, cloud, appearance.edges.clone())
+        let (table, cloud) = (FeatureTable::new(&appearance.features), Cloud::new(appearance));
+        let room = FeatureTable::new(&appearance.room);
+        Self { room, ..Self::of(model, table, cloud, appearance.edges.clone()) }
     }
 
     /// Of its prepared features and surface, and all its edges.
@@ -37,7 +40,8 @@ impl KnownObject {
         cloud: Cloud,
         edges: Vec<Edge>,
     ) -> Self {
-        Self { model, table, coarse: cloud.thinned(), cloud, edges, shape: OnceLock::new() }
+        let room = FeatureTable::new(&[]);
+        Self { model, table, room, coarse: cloud.thinned(), cloud, edges, shape: OnceLock::new() }
     }
 
     /// Its shape, worked out when it is first looked for by it.

@@ -5,7 +5,7 @@ use super::config::RecogniseConfig;
 use crate::features::quantised::{bytes_of, quantise, similarity};
 use crate::features::{DESCRIPTOR_LENGTH, DescribedFeature, FeatureKind};
 use crate::math::extremes::larger;
-use crate::object::appearance::{Appearance, ModelFeature};
+use crate::object::appearance::ModelFeature;
 use linkage_frames::depth::DepthSensor;
 use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
@@ -54,11 +54,11 @@ struct Table {
 pub struct FeatureTable([Table; KINDS.len()]);
 
 impl FeatureTable {
-    /// Unpacks an appearance.
-    pub fn new(appearance: &Appearance) -> Self {
+    /// Unpacks features.
+    pub fn new(features: &[ModelFeature]) -> Self {
         let of = |kind: FeatureKind| {
             let mut features: Vec<&ModelFeature> =
-                appearance.features.iter().filter(|f| f.kind == kind).collect();
+                features.iter().filter(|f| f.kind == kind).collect();
             features.sort_by(|a, b| log_size(a.size_m).total_cmp(&log_size(b.size_m)));
             let wide = |a: [f32; 3]| Vector3::from(a).map(f64::from);
             let descriptors = features.iter().flat_map(|f| bytes_of(&f.descriptor));
@@ -338,8 +338,9 @@ mod tests {
 
     /// Distinct matches and all, of a feature seen where these were learned: number and place.
     fn counts(of: usize, model: &[(usize, f32)]) -> (usize, usize) {
-        let features = model.iter().map(|(number, x)| learned(*number, *x)).collect();
-        let table = FeatureTable::new(&Appearance { features, ..Appearance::default() });
+        let features: Vec<ModelFeature> =
+            model.iter().map(|(number, x)| learned(*number, *x)).collect();
+        let table = FeatureTable::new(&features);
         let seen = [seen(of)];
         let compared = Compared::new(&seen, &Queries::new(&seen, DepthSensor::default()), &table);
         let distinct = compared.distinct(|_| true, &RecogniseConfig::default());
@@ -395,8 +396,7 @@ mod tests {
                 DescribedFeature { point: feature.point.filter(|_| i % 10 != 0), ..feature }
             })
             .collect();
-        let table =
-            FeatureTable::new(&Appearance { features: model.clone(), ..Default::default() });
+        let table = FeatureTable::new(&model);
         let matches =
             Compared::new(&queries, &Queries::new(&queries, DepthSensor::default()), &table).all();
         for query in &queries {

@@ -9,7 +9,8 @@
 //! through their joints (`hypothesis`); everything is refined together (`refine`); the result is
 //! verified against the picture (`verify`, `edge_test`): geometry alone cannot tell look-alikes
 //! apart, inliers alone cannot either. What of it is told is decided last (`evidence`, `ambiguity`,
-//! `elimination`). [`Follower`] then follows the object from frame to frame, and an index of
+//! `elimination`). Where nothing is found by its own features, plain things are looked for in the room in
+//! which they were learned (`room_search`). [`Follower`] then follows the object from frame to frame, and an index of
 //! words (`retrieval`) tells which objects of a large store are worth a search.
 
 mod ambiguity;
@@ -26,11 +27,14 @@ mod normal_equations;
 mod object_search;
 mod occupied_space;
 mod patch_colour;
+#[cfg(test)]
+mod plain_slider;
 mod pnp;
 mod refine;
 mod render_cloud;
 pub(crate) mod result;
 pub(crate) mod retrieval;
+mod room_search;
 mod scene;
 mod shape;
 mod shape_search;
@@ -72,11 +76,7 @@ pub fn recognise(
     if !searches.iter().any(ObjectSearch::is_recognised) {
         searches.par_iter_mut().for_each(ObjectSearch::retry_with_all_matches);
     }
-    let is_nothing_known = !searches.iter().any(ObjectSearch::is_recognised);
-    if config.try_shape && scene.has_depth() && is_nothing_known {
-        let seen = ContourGrid::of(scene);
-        searches.iter_mut().for_each(|search| search.retry_by_shape(&seen));
-    }
+    retry_plain(&mut searches, scene, config);
     let instances: Vec<(Vec<Recognised>, f64)> =
         searches.into_par_iter().map(ObjectSearch::same_class_instances).collect();
     let refused: Vec<f64> = instances.iter().map(|(_, refused)| *refused).collect();
@@ -86,6 +86,21 @@ pub fn recognise(
         recognition.refuse(&object.model.object, score);
     }
     recognition
+}
+
+/// Where nothing was recognised, looks for each object without features of its own: in its room, then
+/// by its shape.
+fn retry_plain(searches: &mut [ObjectSearch], scene: &Scene, config: &RecogniseConfig) {
+    let is_recognised =
+        |searches: &[ObjectSearch]| searches.iter().any(ObjectSearch::is_recognised);
+    if !scene.has_depth() || is_recognised(searches) {
+        return;
+    }
+    let seen = ContourGrid::of(scene);
+    searches.par_iter_mut().for_each(|search| search.retry_in_room(&seen));
+    if config.try_shape && !is_recognised(searches) {
+        searches.iter_mut().for_each(|search| search.retry_by_shape(&seen));
+    }
 }
 
 /// The best explanation of the scene by one object, whatever its score; `None` when too few

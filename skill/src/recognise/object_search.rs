@@ -21,6 +21,7 @@ use super::occupied_space::{OccupiedVoxels, places_of};
 use super::pnp;
 use super::refine::{self, Refiner};
 use super::result::{Recognised, report};
+use super::room_search;
 use super::scene::Scene;
 use super::shape::{ContourGrid, Contours};
 use super::shape_search;
@@ -118,6 +119,20 @@ impl<'l> ObjectSearch<'l> {
         }
     }
 
+    /// Looks for the object where its room says that it stands, if the room is seen.
+    pub fn retry_in_room(&mut self, seen: &ContourGrid) {
+        let scene = self.scene;
+        let of_room = Compared::new(&scene.features, scene.queries(), &self.object.room);
+        let mut room = of_room.distinct(|_| true, self.config);
+        tracing::debug!(object = self.object.model.object, distinct = room.len(), "of its room");
+        room.extend(self.distinct.iter().filter(|m| m.part == 0).cloned());
+        let contours = Contours { shape: self.object.shape(), seen };
+        let in_room = Refiner { shape: Some(contours), ..self.refiner(&self.distinct, 0) };
+        if let Some(found) = room_search::find(&in_room, contours, &room, self.seed) {
+            self.found = Some(found);
+        }
+    }
+
     /// Looks for the object by its shape: what is plain has no features, but it ends somewhere.
     pub fn retry_by_shape(&mut self, seen: &ContourGrid) {
         let KnownObject { cloud, model, .. } = self.object;
@@ -196,6 +211,7 @@ impl<'l> ObjectSearch<'l> {
             matches,
             shape: None,
             min_inliers,
+            room: &[],
             config: self.config,
         }
     }

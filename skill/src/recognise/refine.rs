@@ -39,6 +39,12 @@ pub fn explained(verdict: &Verdict, inliers: usize) -> f64 {
 
 /// Distance of a surfel from the surface seen at its pixel up to which it counts in the end.
 const FINAL_GATE_M: f64 = 0.012;
+/// The same at first, where features tell the pose.
+const FIRST_GATE_M: f64 = 0.04;
+/// The same where the room tells it: what stands there may be turned or moved a little.
+const ROOM_GATE_M: f64 = 0.12;
+/// Standard deviation of where the object stands in its room, metres: things are pushed a little.
+const ROOM_SIGMA_M: f64 = 0.03;
 
 /// One object against one scene.
 pub struct Refiner<'r> {
@@ -56,6 +62,9 @@ pub struct Refiner<'r> {
     pub min_inliers: usize,
     /// Its contour, where states are aligned by that too.
     pub shape: Option<Contours<'r>>,
+    /// Matches of the room that agree with the hypothesis: they hold the base about where it is, as far as
+    /// its own surface does not tell better.
+    pub room: &'r [Match],
     /// What is done.
     pub config: &'r RecogniseConfig,
 }
@@ -66,10 +75,14 @@ impl Refiner<'_> {
     /// `None` where another thing is seen in the place of the hypothesis' part.
     pub fn settle(&self, hypothesis: &Hypothesis) -> Option<State> {
         let part = hypothesis.part;
-        let matched = self.fit_features(hypothesis.state.clone());
+        let matched = match self.room {
+            [] => self.fit_features(hypothesis.state.clone()),
+            _ => hypothesis.state.clone(),
+        };
         let aligned = self.align(matched.clone());
         let mut states = vec![matched, aligned];
-        if self.config.dismiss_early && states.iter().all(|s| self.shows_another(part, s)) {
+        let may_dismiss = self.config.dismiss_early && self.room.is_empty();
+        if may_dismiss && states.iter().all(|s| self.shows_another(part, s)) {
             return None;
         }
         let weak = self.weak_joints(&hypothesis.state);
@@ -226,11 +239,28 @@ impl Refiner<'_> {
         used
     }
 
+    /// The room draws the base to about where it stood, as much as one place would that is known to
+    /// [`ROOM_SIGMA_M`], however many matches say so: they err together where the object was moved.
+    fn add_room(&self, system: &mut System, state: &State) {
+        let poses = self.articulated.poses(state);
+        let velocities = self.articulated.velocities(&poses);
+        let weight = 1.0 / (self.room.len() as f64 * ROOM_SIGMA_M.powi(2));
+        for m in self.room {
+            let Some(seen) = m.seen_point else { continue };
+            let moved = poses[m.part] * m.model_point;
+            let residual = moved - seen;
+            for k in 0..3 {
+                system.add(velocities.of(m.part, &moved).map(|v| v[k]), residual[k], weight);
+            }
+        }
+    }
+
     /// Normal equations of surface and matches at a state.
     pub fn system(&self, state: &State) -> System {
         let mut system = System::new(6 + self.articulated.joints.len());
         add_surface(&mut system, self.scene, self.articulated, self.cloud, state, FINAL_GATE_M);
         self.add_features(&mut system, state, 1.2, 0.5);
+        self.add_room(&mut system, state);
         self.add_ends(&mut system, state);
         system.draw_into_range(self.articulated, state);
         system
@@ -249,10 +279,11 @@ impl Refiner<'_> {
         if !self.config.align_surface {
             return state;
         }
+        let first_gate = if self.room.is_empty() { FIRST_GATE_M } else { ROOM_GATE_M };
         for i in 0..STEPS {
             let closing = (i as f64 / (0.6 * STEPS as f64)).min(1.0);
             let cloud = if closing < 1.0 { self.coarse } else { self.cloud };
-            let gate = 0.04 + (FINAL_GATE_M - 0.04) * closing;
+            let gate = first_gate + (FINAL_GATE_M - first_gate) * closing;
             let mut system = System::new(6 + self.articulated.joints.len());
             if add_surface(&mut system, self.scene, self.articulated, cloud, &state, gate)
                 < LEAST_SURFACE
@@ -260,6 +291,7 @@ impl Refiner<'_> {
                 break;
             }
             self.add_features(&mut system, &state, 1.2, 0.5);
+            self.add_room(&mut system, &state);
             self.add_ends(&mut system, &state);
             system.draw_into_range(self.articulated, &state);
             let Some(step) = system.solve(10.0) else { break };
@@ -316,6 +348,7 @@ mod tests {
             matches: &[],
             shape: None,
             min_inliers: 0,
+            room: &[],
             config,
         };
         look(&refiner)

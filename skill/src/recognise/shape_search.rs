@@ -130,82 +130,13 @@ fn shape_score(
 mod tests {
     use super::*;
     use crate::math::rigid::Pose;
-    use crate::object::joint_geometry::JointGeometry;
-    use crate::recognise::config::RecogniseConfig;
-    use crate::recognise::kinematics::{Articulated, ChainJoint};
-    use crate::recognise::render_cloud::KnownEdge;
-    use crate::recognise::scene::Scene;
-    use crate::recognise::shape::{ContourGrid, ObjectShape};
-    use crate::recognise::test_data::{BOARD_M, PLATE_M, slider_surface};
-    use crate::test_data::seen as picture;
-    use nalgebra::{Point3, Vector3};
-
-    /// Left, right, and half the height of the board and of the plate behind it, metres.
-    const BOARD: [f64; 3] = [0.0, 0.4, 0.2];
-    const PLATE: [f64; 3] = [-0.35, -0.15, 0.1];
-
-    /// Edges of a rectangle at this depth, with 2 cm from one to the next.
-    fn edges(part: usize, [left, right, half]: [f64; 3], z: f64) -> Vec<KnownEdge> {
-        let edge = |x: f64, y: f64, outward: Vector3<f64>| {
-            let end = Point3::new(x, y, z);
-            KnownEdge {
-                part,
-                surface: end - 0.0075 * outward,
-                normal: -Vector3::z(),
-                beyond: end + 0.03 * outward,
-                configurations: [-0.2, 0.2],
-            }
-        };
-        let steps = |from: f64, to: f64| {
-            (0..).map(move |i| from + 0.02 * f64::from(i)).take_while(move |x| *x <= to)
-        };
-        let upright = steps(-half, half)
-            .flat_map(|y| [edge(left, y, -Vector3::x()), edge(right, y, Vector3::x())]);
-        let level = steps(left, right)
-            .flat_map(|x| [edge(x, -half, -Vector3::y()), edge(x, half, Vector3::y())]);
-        upright.chain(level).collect()
-    }
-
-    /// Looks for the plain slider in a scene that shows its plate, and a board of this half height,
-    /// slid by so much, and looks at the refiner.
-    fn with_refiner<T>(half: f64, slid: f64, look: impl FnOnce(&Refiner, Contours) -> T) -> T {
-        let is_on = |[left, right, half]: [f64; 3], x: f64, y: f64| {
-            x >= left && x < right && y.abs() < half
-        };
-        let depth = |x: f64, y: f64| {
-            if is_on([slid, 0.4 + slid, half], BOARD_M * x, BOARD_M * y) {
-                BOARD_M
-            } else if is_on(PLATE, PLATE_M * x, PLATE_M * y) {
-                PLATE_M
-            } else {
-                2.5
-            }
-        };
-        let scene = Scene::plain(&picture(1, depth)).unwrap();
-        let geometry = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
-        let joints = vec![ChainJoint::new(geometry, [0, 1], [-0.1, 0.1])];
-        let articulated = Articulated { parts: 2, joints };
-        let mut cloud = slider_surface(|_| 3.0);
-        cloud.edges = [edges(0, PLATE, PLATE_M), edges(1, BOARD, BOARD_M)].concat();
-        let shape = ObjectShape::new(&cloud.edges, &cloud, 2);
-        let seen = ContourGrid::of(&scene);
-        let contours = Contours { shape: &shape, seen: &seen };
-        let refiner = Refiner {
-            scene: &scene,
-            articulated: &articulated,
-            cloud: &cloud,
-            coarse: &cloud,
-            matches: &[],
-            shape: Some(contours),
-            min_inliers: 0,
-            config: &RecogniseConfig::default(),
-        };
-        look(&refiner, contours)
-    }
+    use crate::recognise::plain_slider::look_for_plain_slider;
 
     #[test]
     fn a_plain_thing_lies_where_its_parts_end() {
-        let best = with_refiner(0.2, 0.06, |refiner, contours| best(refiner, contours).unwrap());
+        let best = look_for_plain_slider(Some(0.2), 0.06, |refiner, contours| {
+            best(refiner, contours).unwrap()
+        });
         let pose = best.state.camera_from_object;
         assert!(best.score > LEAST_SCORE);
         // A pixel is half a centimetre wide there.
@@ -217,13 +148,13 @@ mod tests {
     #[test]
     fn a_plate_whose_ends_do_not_tell_its_place_tells_no_configuration() {
         // Within the gate for ends the plate could as well be two centimetres beside.
-        assert!(with_refiner(0.2, 0.06, find).is_none());
+        assert!(look_for_plain_slider(Some(0.2), 0.06, find).is_none());
     }
 
     #[test]
     fn a_board_of_another_height_is_another_thing() {
         for half in [0.26, 0.13] {
-            let best = with_refiner(half, 0.06, best);
+            let best = look_for_plain_slider(Some(half), 0.06, best);
             assert!(best.is_none_or(|best| best.score < LEAST_SCORE));
         }
     }

@@ -9,6 +9,7 @@ use super::patch_colour::PatchColours;
 use super::render_cloud::{Cloud, DepthBuffer, Placed, visible};
 use super::scene::Scene;
 use super::verdict::Verdict;
+use crate::math::robust::median;
 
 /// Compares a state with the picture.
 pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {
@@ -82,6 +83,40 @@ const ALIKE: (f32, f32) = (12.0, 30.0);
 pub fn is_alike(learned: [f32; 3], seen: [f32; 3]) -> bool {
     let colour = (learned[1] - seen[1]).hypot(learned[2] - seen[2]);
     colour < ALIKE.0 && (learned[0] - seen[0]).abs() < ALIKE.1
+}
+
+/// Largest shift of colour (a* and b*) and of lightness (L*) of all surface by another light.
+const OTHER_LIGHT: (f32, f32) = (12.0, 30.0);
+
+/// Share of the surface in its place that is of the learned colour in one light or another: all of it
+/// may look yellower or darker than learned, but by as much.
+pub fn likeness_in_any_light(
+    scene: &Scene,
+    articulated: &Articulated,
+    cloud: &Cloud,
+    state: &State,
+) -> f64 {
+    let in_place = |p: &Placed| {
+        let (u, v) = p.pixel;
+        let z = f64::from(scene.frame.depth.at(u, v)?);
+        let tolerance = scene.frame.camera.depth_sensor.tolerance(p.point.z, p.cosine);
+        let is_there = (z - p.point.z).abs() < tolerance
+            && scene.surface(u, v).is_some_and(|s| s.normal.dot(&p.normal) > SAME_NORMAL);
+        is_there.then(|| (cloud.surfels[p.index].lab, scene.lab.at(u, v)))
+    };
+    let colours: Vec<([f32; 3], [f32; 3])> =
+        visible(scene, cloud, &articulated.poses(state)).iter().filter_map(in_place).collect();
+    let shift = [OTHER_LIGHT.1, OTHER_LIGHT.0, OTHER_LIGHT.0];
+    let shift: [f32; 3] = std::array::from_fn(|k| {
+        let mut shifts: Vec<f64> =
+            colours.iter().map(|(learned, seen)| f64::from(seen[k] - learned[k])).collect();
+        let middle = median(&mut shifts).unwrap_or(0.0) as f32;
+        middle.clamp(-shift[k], shift[k])
+    });
+    let alike = |(learned, seen): &&([f32; 3], [f32; 3])| {
+        is_alike(std::array::from_fn(|k| learned[k] + shift[k]), *seen)
+    };
+    colours.iter().filter(alike).count() as f64 / colours.len().max(1) as f64
 }
 
 /// Distance, metres, by which an edge may be seen beside its place though the state is right:

@@ -311,6 +311,7 @@ mod tests {
         );
         INSERT INTO words SELECT object, words FROM numbered;
         DROP TABLE numbered;
+        ALTER TABLE object DROP COLUMN room;
         PRAGMA user_version = 5;";
 
     fn execute(path: &Path, sql: &str) {
@@ -415,6 +416,23 @@ mod tests {
         assert_eq!(store.get("door").unwrap(), object("door"));
         store.put(&door).unwrap();
         assert_eq!(store.get("door").unwrap(), door);
+    }
+
+    #[test]
+    fn objects_of_version_7_know_no_room_and_keep_their_checksums() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        let appearance = Appearance { room: features(4).features, ..features(3) };
+        let door = StoredObject { appearance, ..object("door") };
+        let mut store = Store::open_or_create(&path).unwrap();
+        store.put(&door).unwrap();
+        assert_eq!(store.get("door").unwrap(), door);
+        // An object without a room is written as it was.
+        let of_version_7 = StoredObject { appearance: features(3), ..object("door") };
+        store.put(&of_version_7).unwrap();
+        drop(store);
+        execute(&path, "ALTER TABLE object DROP COLUMN room; PRAGMA user_version = 7;");
+        assert_eq!(Store::open(&path).unwrap().get("door").unwrap(), of_version_7);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! An object as the store's columns hold it, and the checksum over them.
 
 use crate::features::DESCRIPTOR_LENGTH;
-use crate::object::appearance::{Appearance, Edge};
+use crate::object::appearance::{Appearance, Edge, ModelFeature};
 use crate::object::check::LARGEST_CONFIGURATION;
 use crate::object::model::ObjectModel;
 use crate::object::stored_object::{Provenance, StoredObject};
@@ -13,6 +13,9 @@ const LONGEST_NORMAL: f32 = 1.01;
 /// Largest value of a colour in CIE L*a*b*.
 const LARGEST_COLOUR: f32 = 1e3;
 
+/// The column of an object without a room: an empty list.
+const NO_ROOM: [u8; 1] = [0];
+
 /// An object's columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
@@ -22,6 +25,8 @@ pub struct Record {
     pub appearance: Vec<u8>,
     /// Edges of the surface.
     pub edges: Vec<u8>,
+    /// Features of the room; one zero where none are known.
+    pub room: Vec<u8>,
     /// Demonstrations, oldest first.
     pub provenance: Vec<Provenance>,
 }
@@ -38,6 +43,7 @@ impl Record {
             model: serde_json::to_string(&object.model).map_err(|e| e.to_string())?,
             appearance: postcard::to_stdvec(&object.appearance).map_err(|e| e.to_string())?,
             edges: postcard::to_stdvec(&object.appearance.edges).map_err(|e| e.to_string())?,
+            room: postcard::to_stdvec(&object.appearance.room).map_err(|e| e.to_string())?,
             provenance: object.provenance.clone(),
         })
     }
@@ -56,7 +62,9 @@ impl Record {
             postcard::from_bytes(&self.appearance).map_err(|e| format!("appearance: {e}"))?;
         let edges: Vec<Edge> =
             postcard::from_bytes(&self.edges).map_err(|e| format!("edges: {e}"))?;
-        let appearance = Appearance { edges, ..appearance };
+        let room: Vec<ModelFeature> =
+            postcard::from_bytes(&self.room).map_err(|e| format!("room: {e}"))?;
+        let appearance = Appearance { edges, room, ..appearance };
         check_appearance(&appearance, model.parts.len())?;
         Ok(StoredObject { model, appearance, provenance: self.provenance })
     }
@@ -68,6 +76,10 @@ impl Record {
         sum.field(self.model.as_bytes());
         sum.field(&self.appearance);
         sum.field(&self.edges);
+        // An object that was stored before rooms were known keeps its checksum.
+        if self.room != NO_ROOM {
+            sum.field(&self.room);
+        }
         for p in &self.provenance {
             sum.field(p.source.as_bytes());
             sum.field(&p.learned_utime.to_le_bytes());
@@ -100,7 +112,7 @@ fn check_appearance(appearance: &Appearance, parts: usize) -> Result<(), String>
     let is_normal = |n: &[f32; 3]| n.iter().map(|x| x * x).sum::<f32>().sqrt() <= LONGEST_NORMAL;
     let is_configuration = |q: &f32| f64::from(q.abs()) <= LARGEST_CONFIGURATION;
     let place_of = |what: &str, i: usize| format!("{what} {i} has no place on a part");
-    for (i, f) in appearance.features.iter().enumerate() {
+    for (i, f) in appearance.features.iter().chain(&appearance.room).enumerate() {
         let is_sized = f.size_m > 0.0 && f.size_m <= LARGEST_PLACE;
         if !(is_part(f.part) && is_place(&f.point) && is_normal(&f.normal) && is_sized) {
             return Err(place_of("feature", i));

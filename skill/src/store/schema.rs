@@ -10,7 +10,7 @@ use rusqlite::{Connection, params};
 use std::path::Path;
 
 /// The newest schema that this version knows.
-pub const SCHEMA_VERSION: i64 = 7;
+pub const SCHEMA_VERSION: i64 = 8;
 
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
@@ -20,7 +20,8 @@ CREATE TABLE object (
     name TEXT PRIMARY KEY,
     model TEXT NOT NULL,
     appearance BLOB NOT NULL,
-    edges BLOB NOT NULL
+    edges BLOB NOT NULL,
+    room BLOB NOT NULL
 );
 CREATE TABLE demonstration (
     id INTEGER PRIMARY KEY,
@@ -67,16 +68,20 @@ CREATE TABLE listed (
     lists BLOB NOT NULL,
     checksum INTEGER NOT NULL
 );
+";
+
+/// What tells a new file to be a store of the newest version.
+const MARKS: &str = "
 PRAGMA application_id = 1280199495;
-PRAGMA user_version = 7;
+PRAGMA user_version = 8;
 ";
 
 /// What each version up to the newest lacks. The first trained a vocabulary of its own for every
 /// store; objects of the second know no edges: an empty list is written as one zero; rectified
 /// features of the third are upright, and its words those of another vocabulary; words of the
 /// fourth are written otherwise; the fifth has no lists, and words that lack are marked (`x'ff'`)
-/// to be made when they are needed; the sixth has no checksums.
-const UPGRADES: [&[&str]; 6] = [
+/// to be made when they are needed; the sixth has no checksums; objects of the seventh know no room.
+const UPGRADES: [&[&str]; 7] = [
     &["
 DROP TABLE IF EXISTS vocabulary;
 CREATE TABLE IF NOT EXISTS words (
@@ -121,8 +126,16 @@ ALTER TABLE words ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE postings ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
 ",
         TOTALS,
+        "PRAGMA user_version = 7;",
     ],
+    &["
+ALTER TABLE object ADD COLUMN room BLOB NOT NULL DEFAULT x'00';
+PRAGMA user_version = 8;
+"],
 ];
+
+/// The first version with checksums.
+const FIRST_WITH_CHECKSUMS: i64 = 7;
 
 /// A page of a new file: what is kept of an object is long, and words and lists, of which many are
 /// read at a time, should lie on few pages.
@@ -168,6 +181,7 @@ fn upgrade(path: &Path, connection: &Connection) -> Result<(), StoreError> {
         State::Empty => {
             alone.execute_batch(CREATE).map_err(sql)?;
             alone.execute_batch(TOTALS).map_err(sql)?;
+            alone.execute_batch(MARKS).map_err(sql)?;
             inverted_index::write_empty_directory(&alone).map_err(sql)?;
         }
         State::Version(SCHEMA_VERSION) => return Ok(()),
@@ -176,7 +190,9 @@ fn upgrade(path: &Path, connection: &Connection) -> Result<(), StoreError> {
             for sql_text in lacking.flatten() {
                 alone.execute_batch(sql_text).map_err(sql)?;
             }
-            add_checksums(&alone).map_err(|fault| fault.in_file(path))?;
+            if before < FIRST_WITH_CHECKSUMS {
+                add_checksums(&alone).map_err(|fault| fault.in_file(path))?;
+            }
         }
     }
     alone.commit().map_err(sql)
@@ -202,11 +218,11 @@ fn add_checksums(connection: &Connection) -> Result<(), Fault> {
 
 /// The columns of an object.
 pub fn read_record(connection: &Connection, name: &str) -> rusqlite::Result<Option<Record>> {
-    let mut statement =
-        connection.prepare_cached("SELECT model, appearance, edges FROM object WHERE name = ?1")?;
+    let mut statement = connection
+        .prepare_cached("SELECT model, appearance, edges, room FROM object WHERE name = ?1")?;
     let mut rows = statement.query([name])?;
     let Some(row) = rows.next()? else { return Ok(None) };
-    let (model, appearance, edges) = row.try_into()?;
+    let (model, appearance, edges, room) = row.try_into()?;
     let mut statement = connection.prepare_cached(
         "SELECT source, learned_utime FROM demonstration WHERE object = ?1 ORDER BY id",
     )?;
@@ -214,7 +230,7 @@ pub fn read_record(connection: &Connection, name: &str) -> rusqlite::Result<Opti
         Ok(Provenance { source: row.get(0)?, learned_utime: row.get(1)? })
     })?;
     let provenance = provenance.collect::<rusqlite::Result<_>>()?;
-    Ok(Some(Record { model, appearance, edges, provenance }))
+    Ok(Some(Record { model, appearance, edges, room, provenance }))
 }
 
 /// Writes an object, in place of one of the same name.
@@ -226,8 +242,8 @@ pub fn write_record(
 ) -> rusqlite::Result<()> {
     connection.execute("DELETE FROM object WHERE name = ?1", [name])?;
     connection.execute(
-        "INSERT INTO object (name, model, appearance, edges) VALUES (?1, ?2, ?3, ?4)",
-        params![name, record.model, record.appearance, record.edges],
+        "INSERT INTO object (name, model, appearance, edges, room) VALUES (?1, ?2, ?3, ?4, ?5)",
+        params![name, record.model, record.appearance, record.edges, record.room],
     )?;
     contents::insert(connection, name, words, record.checksum(name))?;
     for p in &record.provenance {
@@ -270,7 +286,7 @@ mod tests {
 
     #[test]
     fn the_mark_in_the_tables_is_the_mark_that_is_checked() {
-        assert!(TOTALS.contains(&format!("application_id = {APPLICATION_ID};")));
-        assert!(TOTALS.contains(&format!("user_version = {SCHEMA_VERSION};")));
+        assert!(MARKS.contains(&format!("application_id = {APPLICATION_ID};")));
+        assert!(MARKS.contains(&format!("user_version = {SCHEMA_VERSION};")));
     }
 }

@@ -17,31 +17,47 @@ const MERGE_M: f64 = 0.015;
 /// Part and cell.
 type PlaceKey = (u16, [i32; 3]);
 
-/// The features that a keyframe shows on the object, in the object frame at configuration 0.
+/// The features that a keyframe shows, in the object frame at configuration 0.
+#[derive(Default)]
+pub struct SeenFeatures {
+    /// On the object.
+    pub own: Vec<ModelFeature>,
+    /// On what rests around it.
+    pub room: Vec<ModelFeature>,
+}
+
+/// The features that a keyframe shows on the object and around it.
 pub fn seen_features(
     posed: &PosedFrame,
     grid: &LabelGrid,
     region: &Region,
     normals: &NormalMap,
-) -> opencv::Result<Vec<ModelFeature>> {
+) -> opencv::Result<SeenFeatures> {
     let on_a_part = |u, v| grid.at(u, v).is_some();
     let keypoints = Keypoints::new(posed.frame, FeatureDensity::Model, on_a_part)?;
-    let placed = keypoints.describe(posed.frame, normals)?.into_iter().filter_map(|feature| {
+    let mut seen = SeenFeatures::default();
+    for feature in keypoints.describe(posed.frame, normals)? {
         let (u, v) = (feature.pixel[0] as usize, feature.pixel[1] as usize);
-        let (part, point) = (grid.at(u, v)?, feature.point?);
-        let pose = posed.camera_from_part[usize::from(part)]?;
+        let (Some(part), Some(point)) = (grid.at(u, v), feature.point) else { continue };
+        let Some(pose) = posed.camera_from_part[usize::from(part)] else { continue };
         let at_rest = pose.inverse_transform_point(&point);
-        let own = part != 0 || region.is_own_base(&region.features, &at_rest, point.z);
-        own.then(|| ModelFeature {
+        let is_own = part != 0 || region.is_own_base(&region.features, &at_rest, point.z);
+        let is_room = !is_own && !grid.is_dynamic(u, v) && !region.is_dynamic(&at_rest);
+        let placed = || ModelFeature {
             part,
             kind: feature.kind,
             point: at_rest.coords.map(|x| x as f32).into(),
             normal: pose.inverse_transform_vector(&feature.normal).map(|x| x as f32).into(),
             size_m: feature.size as f32,
             descriptor: quantise(&feature.descriptor).to_vec(),
-        })
-    });
-    Ok(placed.collect())
+        };
+        if is_own {
+            seen.own.push(placed());
+        } else if is_room {
+            seen.room.push(placed());
+        }
+    }
+    Ok(seen)
 }
 
 /// Views of one point (same part and kind, near, similar size and descriptor) become one feature; those

@@ -22,7 +22,7 @@ mod test_data;
 use super::demonstration::Demonstration;
 use crate::object::appearance::{Appearance, ModelFeature, Surfel};
 use dynamic_features::DynamicFeatures;
-use features::{merged, seen_features};
+use features::{SeenFeatures, merged, seen_features};
 use linkage_frames::depth::NormalMap;
 use moving_parts::{object_distance, swept_volume, tracked_points};
 use nalgebra::Point3;
@@ -45,6 +45,8 @@ const PART_REACH_M: f64 = 0.12;
 const DESCRIBED_KEYFRAMES: usize = 16;
 /// Features kept per part.
 const MAX_FEATURES_PER_PART: usize = 2000;
+/// Features of the room that are kept.
+const MAX_ROOM_FEATURES: usize = 1200;
 /// Surfels kept per part.
 const MAX_SURFELS_PER_PART: usize = 1200;
 /// Edges kept per part: a door's are 6 m long, and a place every few centimetres tells their direction.
@@ -71,7 +73,7 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     let region = Region::new(&swept, &posed, &labelled);
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut voxels = VoxelGrid::new(voxel_m);
-    let mut features: Vec<(ModelFeature, usize)> = Vec::new();
+    let (mut features, mut room) = (Vec::new(), Vec::new());
     // Keyframes are described in parallel and added in their order, so that the sums are the same
     // for any number of threads.
     for some in labelled.chunks(AT_ONCE) {
@@ -80,7 +82,9 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
             .map(|(index, grid)| SeenObject::new(&posed[*index], grid, &region))
             .collect::<opencv::Result<Vec<SeenObject>>>()?;
         for ((keyframe, _), seen) in some.iter().zip(seen) {
-            features.extend(seen.features.into_iter().map(|f| (f, *keyframe)));
+            let of_frame = |f: Vec<ModelFeature>| f.into_iter().map(|f| (f, *keyframe));
+            features.extend(of_frame(seen.features.own));
+            room.extend(of_frame(seen.features.room));
             voxels.add(*keyframe, seen.surface);
         }
     }
@@ -92,6 +96,7 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
         features: merged(features, MAX_FEATURES_PER_PART),
         surfels: thinned(&surface, MAX_SURFELS_PER_PART),
         edges: edges(&posed, &near_motion, &demonstration.model, MAX_EDGES_PER_PART),
+        room: merged(room, MAX_ROOM_FEATURES),
     })
 }
 
@@ -147,7 +152,7 @@ fn is_near_a_part(posed: &PosedFrame, point: &Point3<f64>, near_part: &NearPart)
 
 /// What one keyframe shows of the object.
 struct SeenObject {
-    features: Vec<ModelFeature>,
+    features: SeenFeatures,
     surface: Vec<SeenSurfel>,
 }
 

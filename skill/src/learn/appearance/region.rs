@@ -48,7 +48,12 @@ impl Region {
 
     /// A point at depth `z`, metres, belongs to the base and lies in `region`, which is one of its two.
     pub fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
-        region.holds(p) && !self.dynamic.holds(p) && !is_room(&self.room, p, z)
+        region.holds(p) && !self.is_dynamic(p) && !is_room(&self.room, p, z)
+    }
+
+    /// More keyframes show a dynamic object at a point than surface that rests.
+    pub fn is_dynamic(&self, p: &Point3<f64>) -> bool {
+        self.dynamic.holds(p)
     }
 }
 

@@ -266,6 +266,7 @@ impl Follower {
             matches: &[],
             shape: None,
             min_inliers: 0,
+            room: &[],
             config: &RecogniseConfig::default(),
         };
         let hoped = found.evident.clone();
@@ -321,7 +322,6 @@ fn surface_score(verdict: &Verdict) -> f64 {
 mod tests {
     use super::*;
     use crate::math::rigid::Pose;
-    use crate::object::appearance::Appearance;
     use crate::object::joint_geometry::JointGeometry;
     use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
     use crate::recognise::matching::FeatureTable;
@@ -349,7 +349,7 @@ mod tests {
             version: String::new(),
         };
         let cloud = slider_surface(|y| 100.0 * stripes(y) as f32);
-        let table = FeatureTable::new(&Appearance::default());
+        let table = FeatureTable::new(&[]);
         Arc::new(KnownObject::of(model, table, cloud, Vec::new()))
     }
 

@@ -21,12 +21,12 @@ const WORD_BYTES: usize = size_of::<u32>() + size_of::<u64>();
 
 impl Words {
     /// Of an object's features: of each part those that most keyframes bear out, which come
-    /// first.
+    /// first. Where a plain thing has few, those of its room fill up.
     pub fn of(appearance: &Appearance) -> Self {
         let vocabulary = Vocabulary::standard();
         let parts: HashSet<u16> = appearance.features.iter().map(|f| f.part).collect();
         let mut taken: HashMap<(u16, FeatureKind), usize> = HashMap::new();
-        let chosen: Vec<&ModelFeature> = appearance
+        let mut chosen: Vec<&ModelFeature> = appearance
             .features
             .iter()
             .filter(|f| {
@@ -35,6 +35,11 @@ impl Words {
                 *count <= most_of(f.kind) / parts.len()
             })
             .collect();
+        for kind in [FeatureKind::Rectified, FeatureKind::Picture] {
+            let own = chosen.iter().filter(|f| f.kind == kind).count();
+            let of_room = appearance.room.iter().filter(|f| f.kind == kind);
+            chosen.extend(of_room.take(most_of(kind).saturating_sub(own)));
+        }
         let word_of = |f: &&ModelFeature| {
             let Coded { word, code } = vocabulary.words(&bytes_of(&f.descriptor))[0];
             let list = list_of(word, f.kind, size_step(f.size_m));

@@ -73,6 +73,25 @@ impl ContourGrid {
         agreeing.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p)| p)
     }
 
+    /// How exactly the picture ends as one at `point` with this normal and direction outward would: 1
+    /// there, 0 where it only just does; `None` where it does not.
+    pub fn closeness(
+        &self,
+        point: &Point3<f64>,
+        normal: &Vector3<f64>,
+        outward: &Vector3<f64>,
+    ) -> Option<f64> {
+        let near = self.cells.get(&cell(point, CELL_M))?;
+        let closeness = near.iter().filter_map(|i| {
+            let (p, gate) = (&self.points[*i as usize], self.gates[*i as usize]);
+            let agrees = (p.point - point).norm() < gate
+                && p.normal.dot(normal) > SAME_NORMAL
+                && p.outward.dot(outward) > SAME_OUTWARD;
+            agrees.then(|| 1.0 - (p.point - point).dot(&p.outward).abs() / gate)
+        });
+        closeness.max_by(f64::total_cmp)
+    }
+
     /// True where [`Self::nearest`] finds a place.
     pub fn has(&self, point: &Point3<f64>, normal: &Vector3<f64>, outward: &Vector3<f64>) -> bool {
         self.cells.get(&cell(point, CELL_M)).is_some_and(|near| {

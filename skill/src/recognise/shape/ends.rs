@@ -32,6 +32,11 @@ pub fn ends(
     (z > point.z - HIDDEN_M).then_some(false)
 }
 
+/// How exactly the picture ends as a place of contour says, 0 to 1.
+fn closeness(seen: &ContourGrid, pose: &IsometryMatrix3<f64>, c: &ContourPoint) -> f64 {
+    seen.closeness(&(pose * c.point), &(pose * c.normal), &(pose * c.outward)).unwrap_or(0.0)
+}
+
 /// Where a place is seen; `None` where a surface of that normal would not be.
 pub fn pixel_of(
     scene: &Scene,
@@ -52,6 +57,8 @@ pub struct EndsInSight {
     pub found: usize,
     /// It does not.
     pub missing: usize,
+    /// How exactly it ends there, 0 to 1, summed over those that are found.
+    pub closeness: f64,
 }
 
 impl EndsInSight {
@@ -77,7 +84,10 @@ pub fn ends_in_sight(
     let mut counts = vec![EndsInSight::default(); articulated.parts];
     for c in contours.shape.known_at(articulated, state) {
         match ends(scene, contours.seen, &poses[c.part], c) {
-            Some(true) => counts[c.part].found += 1,
+            Some(true) => {
+                counts[c.part].found += 1;
+                counts[c.part].closeness += closeness(contours.seen, &poses[c.part], c);
+            }
             Some(false) => counts[c.part].missing += 1,
             None => {}
         }

@@ -45,6 +45,7 @@ const CHOICES: &[Choice] = &[
     Choice::of_search("search by shape too", |c| c.try_shape = true),
     Choice::of_search("one hypothesis", |c| c.hypotheses = 1),
     Choice::of_search("no ratio test", |c| c.max_ratio = f64::INFINITY),
+    Choice::of_model("no features of the room", |a| a.room.clear()),
     Choice::of_model("no rectified features", |a| {
         a.features.retain(|f| f.kind != FeatureKind::Rectified);
     }),

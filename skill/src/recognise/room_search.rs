@@ -1,0 +1,196 @@
+//! The search for an object in the room in which it was last seen: most things stay where they are, and a
+//! white door has few features where the wall beside it has many.
+//!
+//! In: a refiner with the object's shape and with matches of its own and of its room. Out: what of the
+//! object can be told, as a [`Detection`]. The room tells where to look; whether the object is there, and
+//! at which configurations, its own surface tells alone.
+
+use super::ambiguity::withdraw_ambiguous;
+use super::elimination::told_within;
+use super::evidence::{
+    Detection, RefinedPose, configuration_deviations, evident_joints, is_believed,
+};
+use super::hypothesis::{self, Hypothesis, agrees};
+use super::matching::Match;
+use super::refine::Refiner;
+use super::shape::{Contours, EndsInSight, ends_in_sight};
+use super::verdict::{PartVerdict, Verdict};
+use super::verify::{likeness_in_any_light, verify};
+use nalgebra::Point3;
+
+/// Matches of the room and of the base that must agree, each place counted once.
+const LEAST_MATCHES: usize = 12;
+/// Standard deviation of the places of these matches, metres: those of one poster or of one box, which
+/// may hang or stand elsewhere, lie nearer together.
+const LEAST_SPREAD_M: f64 = 0.25;
+/// Hypotheses of the room that are refined: a wall whose pattern repeats agrees at several places, and
+/// the object stands at one of them.
+const HYPOTHESES: usize = 6;
+/// Ends in sight of a part from which they decide whether the part is there.
+const ENOUGH_ENDS: usize = 12;
+/// Share of a part's ends in sight that the picture has too: of another thing, and of the part.
+const FOUND: (f64, f64) = (0.2, 0.45);
+
+/// Ends that the picture has of which a third of the evidence is still missing.
+const ENDS: f64 = 15.0;
+
+/// What of the object stands where its room says. `matches`: of the room, and of its own base.
+pub fn find(
+    refiner: &Refiner,
+    contours: Contours,
+    matches: &[Match],
+    seed: u64,
+) -> Option<Detection> {
+    let hypotheses = hypothesis::all(refiner.articulated, matches, seed);
+    let of_room = hypotheses.iter().filter(|h| h.part == 0);
+    let told = of_room.filter_map(|h| Some((h, agreeing(refiner, matches, h)?)));
+    let refined = told.take(HYPOTHESES).filter_map(|(h, room)| {
+        let in_room = Refiner { room: &room, ..*refiner };
+        refined(&in_room, contours, h).map(|refined| (refined, room))
+    });
+    let (best, room) = refined.max_by(|a, b| a.0.score.total_cmp(&b.0.score))?;
+    let found = decide(&Refiner { room: &room, ..*refiner }, contours, best);
+    let is_certain = is_believed(found.score, refiner.config) && found.evident.contains(&true);
+    is_certain.then_some(found)
+}
+
+/// The matches that agree with a hypothesis; `None` where they are few, or those of one thing alone.
+fn agreeing(refiner: &Refiner, matches: &[Match], hypothesis: &Hypothesis) -> Option<Vec<Match>> {
+    let base = refiner.articulated.matrices(&hypothesis.state)[0];
+    let agreeing: Vec<Match> =
+        matches.iter().filter(|m| m.part == 0 && agrees(m, &base, 1.0)).cloned().collect();
+    let places: Vec<Point3<f64>> = agreeing.iter().map(|m| m.model_point).collect();
+    let is_told =
+        hypothesis::places(agreeing.iter()) >= LEAST_MATCHES && spread(&places) >= LEAST_SPREAD_M;
+    is_told.then_some(agreeing)
+}
+
+/// Standard deviation of places about their middle, metres.
+fn spread(places: &[Point3<f64>]) -> f64 {
+    let count = places.len().max(1) as f64;
+    let middle =
+        Point3::from(places.iter().fold(nalgebra::Vector3::zeros(), |a, p| a + p.coords) / count);
+    (places.iter().map(|p| (p - middle).norm_squared()).sum::<f64>() / count).sqrt()
+}
+
+/// The state that the room leads to, with what the picture says of it.
+fn refined(refiner: &Refiner, contours: Contours, hypothesis: &Hypothesis) -> Option<RefinedPose> {
+    let Refiner { scene, articulated, cloud, room, .. } = *refiner;
+    let state = refiner.settle(hypothesis)?;
+    let verdict = verify(scene, articulated, cloud, &state);
+    let in_sight = ends_in_sight(scene, articulated, contours, &state);
+    let placed = placed_in_room(&verdict, &in_sight);
+    let likeness = likeness_in_any_light(scene, articulated, cloud, &state);
+    let score = room_score(&verdict, likeness, &in_sight, &placed);
+    let inliers = hypothesis::places(room.iter());
+    let (support, q) = (hypothesis.support, &state.q);
+    tracing::debug!(support, score, ?q, ?placed, ?in_sight, ?verdict, "refined in its room");
+    Some(RefinedPose { state, score, inliers, verdict })
+}
+
+/// Decides what of a state can be told: the room tells where the base is, and each part that stands where
+/// the state puts it tells its configuration, unless it could as well be elsewhere.
+fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detection {
+    let articulated = refiner.articulated;
+    let RefinedPose { state, score, inliers, verdict } = refined;
+    let in_sight = ends_in_sight(refiner.scene, articulated, contours, &state);
+    let placed = placed_in_room(&verdict, &in_sight);
+    let deviations = configuration_deviations(articulated, &refiner.system(&state));
+    let mut evident = evident_joints(articulated, &placed);
+    for (j, deviation) in deviations.iter().enumerate() {
+        evident[j] &=
+            deviation.is_some_and(|d| d < told_within(articulated.joints[j].geometry.kind));
+    }
+    let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
+    if refiner.config.check_rivals {
+        withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
+    }
+    found
+}
+
+/// Parts that are where the state puts them: the base by its room, the others by their surface and their
+/// ends.
+fn placed_in_room(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
+    let is_placed = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
+        part == 0 || seen.stands() && (ends.count() < ENOUGH_ENDS || ends.share() > FOUND.0)
+    };
+    verdict.parts.iter().zip(in_sight).enumerate().map(is_placed).collect()
+}
+
+/// How well the object's own surface shows where the room says, 0 to 1: its colour, free space, where it
+/// ends, and how much of it is there.
+fn room_score(verdict: &Verdict, likeness: f64, in_sight: &[EndsInSight], placed: &[bool]) -> f64 {
+    let moving = in_sight.iter().skip(1).filter(|ends| ends.count() >= ENOUGH_ENDS);
+    let worst = moving.map(EndsInSight::share).fold(1.0, f64::min);
+    let ends = ((worst - FOUND.0) / (FOUND.1 - FOUND.0)).clamp(0.0, 1.0);
+    let base_known = placed.iter().skip(1).any(|placed| *placed);
+    // The pattern of a wall may be that of another: something must end where the object does.
+    let found = in_sight.iter().zip(placed).filter(|p| *p.1).map(|(ends, _)| ends.found);
+    let evidence = 1.0 - (-(found.sum::<usize>() as f64) / ENDS).exp();
+    likeness
+        * verdict.free_space_of_shape(base_known)
+        * verdict.end_share()
+        * verdict.coverage(base_known)
+        * ends
+        * evidence
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recognise::plain_slider::{WALL_M, look_for_plain_slider};
+    use nalgebra::Vector3;
+
+    /// Matches of a wall that are so far from one to the next, metres, when the slider's frame is the
+    /// camera's but for this shift in x.
+    fn of_wall(step: f64, shift: f64) -> Vec<Match> {
+        let places = (0..30).map(|i| (f64::from(i % 6) - 2.5, f64::from(i / 6) - 2.0));
+        let matched = |(x, y): (f64, f64)| {
+            let seen = Point3::new(step * x, step * y, WALL_M);
+            let focal_px = 525.0 / WALL_M;
+            Match {
+                part: 0,
+                model_point: seen - Vector3::new(shift, 0.0, 0.0),
+                model_normal: -Vector3::z(),
+                pixel: [seen.x, seen.y].map(|x| (focal_px * x) as f32),
+                seen_point: Some(seen),
+                seen_normal: -Vector3::z(),
+                tolerance: 0.03,
+                distance: 0.1,
+                ratio: 0.5,
+            }
+        };
+        places.map(matched).collect()
+    }
+
+    fn found(half: Option<f64>, matches: &[Match]) -> Option<Detection> {
+        look_for_plain_slider(half, 0.06, |refiner, contours| find(refiner, contours, matches, 1))
+    }
+
+    #[test]
+    fn a_plain_thing_stands_where_its_room_says_and_tells_its_configuration_itself() {
+        let found = found(Some(0.2), &of_wall(0.2, 0.0)).unwrap();
+        assert!((found.state.q[0] - 0.06).abs() < 0.015, "{:?}", found.state.q);
+        assert_eq!(found.evident, [true]);
+    }
+
+    #[test]
+    fn what_was_pushed_a_little_is_found_where_it_stands_now() {
+        let found = found(Some(0.2), &of_wall(0.2, 0.03)).unwrap();
+        let shift = found.state.camera_from_object.translation.vector.norm();
+        assert!(shift < 0.02, "{shift} m");
+    }
+
+    #[test]
+    fn a_room_from_which_the_thing_is_gone_does_not_tell_it() {
+        assert!(found(None, &of_wall(0.2, 0.0)).is_none());
+        // Another thing stands there.
+        assert!(found(Some(0.08), &of_wall(0.2, 0.0)).is_none());
+    }
+
+    #[test]
+    fn one_poster_or_few_matches_are_no_room() {
+        assert!(found(Some(0.2), &of_wall(0.05, 0.0)).is_none());
+        assert!(found(Some(0.2), &of_wall(0.2, 0.0)[..LEAST_MATCHES - 1]).is_none());
+    }
+}
