@@ -39,23 +39,45 @@ const ALIGNED: f64 = 1.1;
 const AT_BOUND: f64 = 0.9;
 /// Largest residual of the surface itself, metres: what is farther away is another surface.
 const MAX_RESIDUAL_M: f64 = 0.04;
+/// Largest cosine between a plate's normal and the direction to the camera at which it is seen from its
+/// edge: it shows neither face.
+const EDGE_ON: f64 = 0.2;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points. A part
 /// that jumps to and fro by its whole width must gain more agreement than that.
 const COST_PER_METRE: f64 = 2.0;
 
-/// A flat piece of surface in the base frame, at configuration 0.
+/// A flat piece of surface in the base frame, at configuration 0. A lid shows its other face when it has
+/// turned over: a plate has two, some centimetres apart.
 #[derive(Debug, Clone)]
 pub struct Surface {
     /// Places.
     pub points: Vec<Point3<f64>>,
     /// Unit normal of all of them.
     pub normal: Vector3<f64>,
+    /// Places on the other face, whose normal is the opposite one; none where it was not seen.
+    pub back: Vec<Point3<f64>>,
 }
 
 impl Surface {
     /// The same with at most [`MAX_POINTS`] points, evenly spread: [`follow`] looks for each of them.
     pub fn thinned(&self) -> Self {
-        Self { points: thinned(&self.points), ..*self }
+        let Self { points, normal, back } = self;
+        Self { points: thinned(points), normal: *normal, back: thinned(back) }
+    }
+
+    /// The places of the face that is turned to the camera, none of a plate that is seen from its edge; all
+    /// of a face whose other side is not known.
+    fn in_sight(&self, camera_from_part: &Pose) -> &[Point3<f64>] {
+        let (Some(first), Some(_)) = (self.points.first(), self.back.first()) else {
+            return &self.points;
+        };
+        let to_camera = -(camera_from_part * first).coords;
+        let cosine = (camera_from_part * self.normal).dot(&to_camera) / to_camera.norm();
+        match cosine {
+            c if c > EDGE_ON => &self.points,
+            c if c < -EDGE_ON => &self.back,
+            _ => &[],
+        }
     }
 }
 
@@ -75,6 +97,8 @@ pub struct Placement {
     found: FreeSpaceCounts,
     /// What it says about the surface half the range aside, on the side that is more seen through.
     aside: FreeSpaceCounts,
+    /// Points of the face that is turned to the camera there.
+    of: usize,
 }
 
 /// A surface that was followed along a joint.
@@ -82,8 +106,6 @@ pub struct Placement {
 pub struct Following {
     /// One placement a keyframe, in time order.
     placements: Vec<Placement>,
-    /// Points of the surface.
-    points: usize,
 }
 
 impl Following {
@@ -106,11 +128,11 @@ impl Following {
     /// The placements in keyframes that show nearly all of the surface and hardly see through it: what
     /// the configuration can be taken from without a plane.
     pub fn certain(&self) -> impl Iterator<Item = &Placement> {
-        let (most, few) =
-            (CERTAINLY_FOUND * self.points as f64, CERTAINLY_THROUGH * self.points as f64);
-        self.placements
-            .iter()
-            .filter(move |p| p.found.agrees as f64 >= most && p.found.through as f64 <= few)
+        self.placements.iter().filter(move |p| {
+            let of = p.of.max(1) as f64;
+            p.found.agrees as f64 >= CERTAINLY_FOUND * of
+                && p.found.through as f64 <= CERTAINLY_THROUGH * of
+        })
     }
 
     /// Keyframes that it was followed over.
@@ -118,9 +140,10 @@ impl Following {
         self.placements.len()
     }
 
-    /// Share of the keyframes that show the surface.
+    /// Share of the keyframes that show the surface, of those that do not see it from its edge.
     pub fn shown_ratio(&self) -> f64 {
-        self.shown().count() as f64 / self.placements.len().max(1) as f64
+        let may_show = self.placements.iter().filter(|p| p.of > 0).count();
+        self.shown().count() as f64 / may_show.max(1) as f64
     }
 
     /// Most keyframes of either end of the recording show it: parts stay, hands come and leave.
@@ -190,7 +213,7 @@ impl Following {
 
     fn is_shown(&self, placement: &Placement) -> bool {
         let found = placement.found;
-        found.agrees as f64 >= LEAST_SHOWN * self.points as f64 && found.margin() > 0
+        found.agrees as f64 >= LEAST_SHOWN * placement.of as f64 && found.margin() > 0
     }
 }
 
@@ -230,7 +253,7 @@ pub fn follow(
     let step = (last - first) / (STEPS - 1) as f64;
     let probe = |frame: usize, picture: &RgbdFrame, q: f64| {
         let camera_from_part = base.camera_from_base[frame] * geometry.motion(q);
-        count_free_space(picture, &surface.points, &camera_from_part)
+        count_free_space(picture, surface.in_sight(&camera_from_part), &camera_from_part)
     };
     let gain = |frame: usize, picture: &RgbdFrame, i: usize| {
         probe(frame, picture, first + step * i as f64).margin() as f64
@@ -255,10 +278,11 @@ pub fn follow(
             let q = aligned(surface, geometry, q, picture, &camera_from_base);
             let [low, high] = [q - aside, q + aside].map(|q| probe(frame, picture, q));
             let aside = if high.through > low.through { high } else { low };
-            Placement { frame, q, found: probe(frame, picture, q), aside }
+            let of = surface.in_sight(&(camera_from_base * geometry.motion(q))).len();
+            Placement { frame, q, found: probe(frame, picture, q), aside, of }
         })
         .collect();
-    Following { placements, points: surface.points.len() }
+    Following { placements }
 }
 
 /// The configuration near `q` at which the surface agrees best with the depth picture: least
@@ -305,7 +329,7 @@ pub fn residuals<'s>(
 ) -> impl Iterator<Item = Residual> + 's {
     let (camera_from_part, normal) = (camera_from_base * motion, motion * surface.normal);
     let in_camera = camera_from_base * normal;
-    surface.points.iter().filter_map(move |&point| {
+    surface.in_sight(&camera_from_part).iter().filter_map(move |&point| {
         let place = camera_from_part * point;
         let pixel = picture.camera.project(&place)?;
         if !picture.camera.sees(&pixel, 3.0) {
@@ -325,6 +349,7 @@ mod tests {
     use crate::learn::keyframes::Keyframes;
     use crate::learn::tracking::TrackSet;
     use crate::math::rigid::Pose;
+    use crate::math::rigid::rotation_about;
     use crate::test_data::seen;
     use nalgebra::{UnitVector3, Vector3};
 
@@ -342,7 +367,7 @@ mod tests {
                 Point3::new(0.07 * x, 0.05 * y, 2.0)
             })
             .collect();
-        (Surface { points, normal: -Vector3::z() }, geometry)
+        (Surface { points, normal: -Vector3::z(), back: Vec::new() }, geometry)
     }
 
     fn followed(configurations: &[f64]) -> Following {
@@ -396,6 +421,23 @@ mod tests {
         assert!(bounded(&jumps, &[0.1; 7]).longest_run_at(&[0.1; 7]) >= 3);
         let goes = [0.0, 0.0, 0.05, 0.12, 0.2, 0.26, 0.3, 0.3];
         assert_eq!(bounded(&goes, &[0.1; 7]).longest_run_at(&[0.1; 7]), 0);
+    }
+
+    #[test]
+    fn a_plate_shows_the_face_that_is_turned_to_the_camera_and_none_from_its_edge() {
+        let lid = Surface {
+            points: vec![Point3::new(0.0, 0.0, 2.0)],
+            normal: -Vector3::z(),
+            back: vec![Point3::new(0.0, 0.0, 2.05); 2],
+        };
+        let turned =
+            |angle: f64| rotation_about(&Point3::new(0.0, 0.0, 2.0), &Vector3::x_axis(), angle);
+        assert_eq!(lid.in_sight(&turned(0.3)).len(), 1);
+        assert_eq!(lid.in_sight(&turned(2.8)).len(), 2);
+        assert!(lid.in_sight(&turned(1.55)).is_empty());
+        // Of a face whose other side was never seen it is not known.
+        let face = Surface { back: Vec::new(), ..lid };
+        assert_eq!(face.in_sight(&turned(2.8)).len(), 1);
     }
 
     #[test]

@@ -59,6 +59,8 @@ pub struct Hinge {
     pub origin: Point3<f64>,
     /// Frame and turn, by frame; 0 at the first.
     pub turns: Vec<(usize, f64)>,
+    /// Which of two faces each plane is of, in the order of `turns`.
+    is_outer: Vec<bool>,
     /// Points of the part at turn 0.
     pub points: Vec<Point3<f64>>,
     /// The plane that these points are of, by its place among `turns`.
@@ -264,6 +266,7 @@ fn refined(
         axis: direction,
         origin,
         turns,
+        is_outer: (0..planes.len()).map(|k| is_outer(planes[k], &arms[k], &direction)).collect(),
         points: Vec::new(),
         largest,
         normal_scatter,
@@ -276,6 +279,11 @@ fn refined(
     let back = hinge.geometry().motion(-hinge.turns[largest].1);
     hinge.points = planes[largest].points.iter().map(|p| back * p).collect();
     Some(hinge)
+}
+
+/// Which of a plate's two faces a plane is: the one that faces the way the plate turns, or the other.
+fn is_outer(plane: &PlanePatch, arm: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
+    direction.cross(arm).dot(&plane.normal) > 0.0
 }
 
 /// Linear equations for the place of a line of known direction. Unknown are its shift along two
@@ -300,7 +308,7 @@ impl PlaceSystem {
         origin: &Point3<f64>,
     ) -> Self {
         let (u, v) = orthonormal_basis(direction);
-        let outer = |k: usize| direction.cross(&arms[k]).dot(&planes[k].normal) > 0.0;
+        let outer = |k: usize| is_outer(planes[k], &arms[k], direction);
         let both = (0..planes.len()).any(outer) && !(0..planes.len()).all(outer);
         let faces = if both { 2 } else { 1 };
         let (near, far) = (2 + faces, 3 + faces);
@@ -423,6 +431,11 @@ impl Hinge {
             }
         }
         ends
+    }
+
+    /// The planes of the other face than a plane's, by their place among `turns`.
+    pub fn of_other_face(&self, plane: usize) -> impl Iterator<Item = usize> {
+        (0..self.turns.len()).filter(move |k| self.is_outer[*k] != self.is_outer[plane])
     }
 
     /// Standard deviation of the line's direction towards a unit vector across it, radians.

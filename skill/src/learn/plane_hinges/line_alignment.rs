@@ -199,7 +199,8 @@ mod tests {
             let (out, up) = (f64::from(i % 12) + 0.5, f64::from(i / 12) - 5.5);
             Point3::new(x + WIDTH_M / 12.0 * out, 0.08 * up, z)
         };
-        Surface { points: (0..144).map(at).collect(), normal: -Vector3::z() }
+        let points = (0..144).map(at).collect();
+        Surface { points, normal: -Vector3::z(), back: Vec::new() }
     }
 
     fn distance(line: &JointGeometry) -> f64 {

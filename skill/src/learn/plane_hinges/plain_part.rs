@@ -12,7 +12,7 @@ use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
 use crate::learn::line_step::with_shared_errors;
 use crate::learn::recording::Recording;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
-use nalgebra::{Matrix6, Point3};
+use nalgebra::Matrix6;
 use std::collections::BTreeMap;
 
 /// Fewest keyframes that show the part.
@@ -36,6 +36,8 @@ const SAME_TURN_RAD: f64 = 0.12;
 /// counts where the first shows no part or less of it: a lid that leans against what is behind it has no
 /// plane of its own there.
 const BEYOND_RAD: [f64; 2] = [0.1, 1.6];
+/// Largest difference between the turn of a plate and that of the planes of its two faces, radians.
+const SAME_TURN_OF_FACES_RAD: f64 = 0.2;
 /// Share of the keyframes that must show it.
 const LEAST_KEYFRAMES: f64 = 0.7;
 /// Largest share of its points that may be seen through where fewer than half of the keyframes have a
@@ -171,13 +173,21 @@ fn best_followed(
     recording: &Recording,
 ) -> Followed {
     let [low, high] = rough.range();
-    let within = |beyond: f64| {
+    let of_surfaces = |beyond: f64, surface_of: &dyn Fn(usize) -> Option<Surface>| {
         let search = SearchSpace { range: [low - beyond, high + beyond], is_bounded };
         let parts = rough.ends().into_iter().filter_map(|seed| {
-            let surface = surface_of(seed, rough, candidate, patches);
-            followed(&surface, rough, search, candidate, patches, recording)
+            followed(&surface_of(seed)?, rough, search, candidate, patches, recording)
         });
         parts.map(Followed::of).fold(Followed::Nothing, Followed::better)
+    };
+    let within = |beyond: f64| {
+        let of_face = |seed| Some(face_of(seed, rough, candidate, patches));
+        match of_surfaces(beyond, &of_face) {
+            part @ Followed::Part(_) => part,
+            other => {
+                other.better(of_surfaces(beyond, &|seed| plate_of(seed, rough, candidate, patches)))
+            }
+        }
     };
     let [beside, beyond] = BEYOND_RAD;
     let near = within(beside);
@@ -195,17 +205,31 @@ fn best_followed(
     }
 }
 
+/// Fewest planes that show the other face of a plate.
+const MIN_OF_OTHER_FACE: usize = 3;
+
 /// The surface of one of the planes about a line, at configuration 0.
-fn surface_of(
+fn face_of(plane: usize, rough: &Hinge, candidate: &Candidate, patches: &[PlanePatch]) -> Surface {
+    let patch = &patches[candidate.support[plane]];
+    let back = rough.geometry().motion(-rough.turns[plane].1);
+    let points = patch.points.iter().map(|p| back * p).collect();
+    Surface { points, normal: back * patch.normal, back: Vec::new() }
+}
+
+/// The same with the surface of the largest plane of its other face: no face of a thick lid is in sight both
+/// when it is closed and when it is open. `None` where few planes are of another face.
+fn plate_of(
     plane: usize,
     rough: &Hinge,
     candidate: &Candidate,
     patches: &[PlanePatch],
-) -> Surface {
-    let patch = &patches[candidate.support[plane]];
-    let back = rough.geometry().motion(-rough.turns[plane].1);
-    let points: Vec<Point3<f64>> = patch.points.iter().map(|p| back * p).collect();
-    Surface { points, normal: back * patch.normal }
+) -> Option<Surface> {
+    let others: Vec<usize> = rough.of_other_face(plane).collect();
+    let size = |k: &usize| patches[candidate.support[*k]].points.len();
+    let largest = others.iter().copied().max_by_key(size)?;
+    let back = || face_of(largest, rough, candidate, patches).points;
+    let face = face_of(plane, rough, candidate, patches);
+    (others.len() >= MIN_OF_OTHER_FACE).then(|| Surface { back: back(), ..face })
 }
 
 /// Where a part is looked for.
@@ -323,6 +347,7 @@ impl PlainPart {
         let reasons = [
             (high - low < least_turn, "it hardly turns"),
             (self.turn_of_planes() < least_turn_of_planes, "its planes do not turn"),
+            (self.turns_unlike_its_planes(), "its two faces are not those of one plate"),
             (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
             (seen.free_space_violation() > max_violation, "it is seen through"),
@@ -339,6 +364,14 @@ impl PlainPart {
         let is_unknown = self.hinge.place_sigma_in_face() > MAX_PLACE_SIGMA_M
             || high - low < LARGE_TURN_RAD && !self.hinge.has_near_edge;
         is_unknown.then_some(Doubt::LineUnknown)
+    }
+
+    /// Of two faces that are of one plate the planes turn by as much as the plate does. The front and the
+    /// back of an arm do not.
+    fn turns_unlike_its_planes(&self) -> bool {
+        let [low, high] = self.followed.range();
+        let apart = (high - low) - self.turn_of_planes();
+        !self.surface.back.is_empty() && apart.abs() > SAME_TURN_OF_FACES_RAD
     }
 
     /// At least half of the keyframes have a plane of it: the planes bear it out, even where a door
@@ -454,7 +487,7 @@ mod tests {
     use super::super::test_data::{HINGE_M, door_recording, turn};
     use super::*;
     use crate::math::rigid::{distance_to_line, line_angle};
-    use nalgebra::Vector3;
+    use nalgebra::{Point3, Vector3};
 
     /// What is found about the line that most planes of a recording turn about.
     fn found(recording: &Recording) -> Followed {
