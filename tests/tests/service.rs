@@ -304,6 +304,27 @@ fn hostile_traffic_harms_nothing_and_is_counted() {
 }
 
 #[test]
+fn a_service_outlives_who_reads_its_log_and_ends_in_order_when_its_terminal_closes() {
+    let url = network(7716);
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("objects.linkage");
+    let source = text(&simulated("drawer", true, 1));
+    let (reader, log) = std::io::pipe().unwrap();
+    let service = Service::start_logging(&url, &source, &store, &["--repeat"], log);
+    drop(reader);
+    let lcm = Lcm::new(&url).unwrap();
+    // Each is worth a line in the log.
+    for refused in 1..=3 {
+        lcm.publish_bytes("LINKAGE_COMMAND", b"no command").unwrap();
+        let mut statuses = Listener::new(&url, "LINKAGE_STATUS");
+        let is_counted = |status: &Status| status.refused >= refused;
+        statuses.wait("LINKAGE_STATUS", Duration::from_secs(10), is_counted);
+    }
+    let (status, took) = service.end("-HUP");
+    assert!(status.success() && took < Duration::from_secs(10), "{status}, {took:?}");
+}
+
+#[test]
 fn without_multicast_the_service_says_what_to_do() {
     let dir = tempfile::tempdir().unwrap();
     let recording = text(&simulated("drawer", true, 1));
