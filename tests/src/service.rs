@@ -21,6 +21,9 @@ pub fn known_drawer(dir: &Path) -> PathBuf {
     store
 }
 
+/// Longest time that a service may take to end.
+const LONGEST_END: Duration = Duration::from_secs(60);
+
 /// A service in a process of its own; killed when a test fails.
 pub struct Service {
     process: Child,
@@ -95,7 +98,13 @@ impl Service {
         let pid = self.process.id().to_string();
         let killed = Command::new("kill").args([signal, &pid]).status();
         assert!(killed.is_ok_and(|s| s.success()), "the service runs until it is told to end");
-        (self.process.wait().expect("it ends"), start.elapsed())
+        while start.elapsed() < LONGEST_END {
+            if let Some(status) = self.process.try_wait().expect("it can be waited for") {
+                return (status, start.elapsed());
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("it does not end within {LONGEST_END:?} of {signal}");
     }
 }
 
