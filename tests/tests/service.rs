@@ -110,7 +110,8 @@ fn over_lcm_alone_a_drawer_is_learned_met_again_and_planned() {
     let prediction = predictions.wait::<Prediction>("LINKAGE_PREDICTION", wait, |_| true);
     assert_eq!(prediction.trajectories[0].position.last(), Some(&0.0));
     let last = predictions.wait::<Setpoint>("LINKAGE_SETPOINT", wait, |s| s.last);
-    assert_eq!((last.position.as_slice(), last.velocity.as_slice()), (&[0.0][..], &[0.0][..]));
+    let rest = (last.position.as_slice(), last.velocity.as_slice());
+    assert_eq!(rest, (&[0.0][..], &[0.0][..]), "it ends because of: {}", last.reason);
 
     if let Some(mut checker) = checker.take() {
         // It says what it misses if it has not seen all of it by now.
