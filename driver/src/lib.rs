@@ -36,7 +36,8 @@ mod yuv;
 pub use camera_file::read_camera_file;
 pub use error::{FrameError, PictureFault, SourceError};
 pub use linkage_frames::{
-    CameraError, ColorImage, DepthImage, PinholeCamera, RgbdFrame, camera, depth, frame, text_table,
+    CameraError, ColorImage, DepthImage, PinholeCamera, RgbdFrame, camera, depth, frame,
+    plain_text, text_table,
 };
 pub use rgbd_source::{Awaited, RgbdSource};
 pub use source::{SourceOptions, open, open_with};

@@ -3,6 +3,7 @@
 use crate::channel;
 use crate::service::{COMMAND_SCHEMA, CommandKey};
 use linkage_driver::live::host_utime;
+use linkage_driver::plain_text::harmless;
 use linkage_lcm::messages::linkage;
 use linkage_lcm::{Lcm, LcmError, decode};
 use std::time::{Duration, Instant};
@@ -43,6 +44,9 @@ const AGAIN_AFTER: Duration = Duration::from_millis(400);
 /// Time without any answer after which a command is sent under a new name: the service takes the
 /// old one no more by then.
 const ANEW_AFTER: Duration = Duration::from_millis(1500);
+
+/// Longest answer that is shown, bytes.
+const TEXT_LENGTH: usize = 2000;
 
 /// Speaks to a service.
 pub struct Client {
@@ -112,7 +116,12 @@ impl Client {
 
     fn status(&mut self, wait: Duration) -> Result<Option<linkage::Status>, LcmError> {
         let packet = self.lcm.receive(wait)?;
-        Ok(packet.and_then(|p| decode(&p.bytes).ok()))
+        let status = packet.and_then(|p| decode::<linkage::Status>(&p.bytes).ok());
+        // Anybody may publish a status: its words are shown to people.
+        Ok(status.map(|status| {
+            let command_answer = harmless(&status.command_answer, TEXT_LENGTH);
+            linkage::Status { command_answer, ..status }
+        }))
     }
 
     fn addressed(&self, command: &linkage::Command, session: i64) -> linkage::Command {

@@ -21,6 +21,9 @@ pub fn known_drawer(dir: &Path) -> PathBuf {
     store
 }
 
+/// Longest time that a service may take to end.
+const LONGEST_END: Duration = Duration::from_secs(60);
+
 /// A service in a process of its own; killed when a test fails.
 pub struct Service {
     process: Child,
@@ -30,13 +33,24 @@ pub struct Service {
 impl Service {
     /// Starts one on an LCM network and waits until it tells its status.
     pub fn start(url: &str, source: &str, store: &Path, options: &[&str]) -> Self {
+        Self::start_logging(url, source, store, options, Stdio::null())
+    }
+
+    /// Starts one whose log is written there.
+    pub fn start_logging(
+        url: &str,
+        source: &str,
+        store: &Path,
+        options: &[&str],
+        log: impl Into<Stdio>,
+    ) -> Self {
         build();
         let mut listener = Listener::new(url, "LINKAGE_STATUS");
         let process = Command::new(program())
             .args(["serve", "--quiet", "--source", source, "--publish", url, "--store"])
             .arg(store)
             .args(options)
-            .stderr(Stdio::null())
+            .stderr(log)
             .spawn()
             .expect("the built program starts");
         let service = Self { process, url: url.to_owned() };
@@ -74,12 +88,23 @@ impl Service {
     }
 
     /// Asks it to end; how it did, and how long that took.
-    pub fn terminate(mut self) -> (ExitStatus, Duration) {
+    pub fn terminate(self) -> (ExitStatus, Duration) {
+        self.end("-TERM")
+    }
+
+    /// Asks it to end by a signal; how it did, and how long that took.
+    pub fn end(mut self, signal: &str) -> (ExitStatus, Duration) {
         let start = Instant::now();
         let pid = self.process.id().to_string();
-        let killed = Command::new("kill").args(["-TERM", &pid]).status();
+        let killed = Command::new("kill").args([signal, &pid]).status();
         assert!(killed.is_ok_and(|s| s.success()), "the service runs until it is told to end");
-        (self.process.wait().expect("it ends"), start.elapsed())
+        while start.elapsed() < LONGEST_END {
+            if let Some(status) = self.process.try_wait().expect("it can be waited for") {
+                return (status, start.elapsed());
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("it does not end within {LONGEST_END:?} of {signal}");
     }
 }
 

@@ -110,7 +110,8 @@ fn over_lcm_alone_a_drawer_is_learned_met_again_and_planned() {
     let prediction = predictions.wait::<Prediction>("LINKAGE_PREDICTION", wait, |_| true);
     assert_eq!(prediction.trajectories[0].position.last(), Some(&0.0));
     let last = predictions.wait::<Setpoint>("LINKAGE_SETPOINT", wait, |s| s.last);
-    assert_eq!((last.position.as_slice(), last.velocity.as_slice()), (&[0.0][..], &[0.0][..]));
+    let rest = (last.position.as_slice(), last.velocity.as_slice());
+    assert_eq!(rest, (&[0.0][..], &[0.0][..]), "it ends because of: {}", last.reason);
 
     if let Some(mut checker) = checker.take() {
         // It says what it misses if it has not seen all of it by now.
@@ -301,6 +302,31 @@ fn hostile_traffic_harms_nothing_and_is_counted() {
     service.done(&["cancel"]);
     assert!(service.done(&["predict", "drawer"]).contains("planned drawer"));
     assert!(service.terminate().0.success());
+}
+
+#[test]
+fn a_service_outlives_who_reads_its_log_and_ends_in_order_when_its_terminal_closes() {
+    let url = network(7716);
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("objects.linkage");
+    let source = text(&simulated("drawer", true, 1));
+    let (reader, log) = std::io::pipe().unwrap();
+    let service = Service::start_logging(&url, &source, &store, &["--repeat"], log);
+    drop(reader);
+    let lcm = Lcm::new(&url).unwrap();
+    // Each is worth a line in the log.
+    for refused in 1..=3 {
+        lcm.publish_bytes("LINKAGE_COMMAND", b"no command").unwrap();
+        let mut statuses = Listener::new(&url, "LINKAGE_STATUS");
+        let is_counted = |status: &Status| status.refused >= refused;
+        statuses.wait("LINKAGE_STATUS", Duration::from_secs(10), is_counted);
+    }
+    // What is started with nohup ignores it, as it should.
+    let ignored = std::fs::read_to_string("/proc/self/status").unwrap();
+    let ignored = ignored.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
+    let ignores_hangup = u64::from_str_radix(ignored.trim(), 16).unwrap() & 1 == 1;
+    let (status, took) = service.end(if ignores_hangup { "-TERM" } else { "-HUP" });
+    assert!(status.success() && took < Duration::from_secs(10), "{status}, {took:?}");
 }
 
 #[test]

@@ -347,8 +347,9 @@ enum Work {
     Serve,
 }
 
-/// Starts some work on a store and kills it at some moment. `true` if it was acknowledged before.
-fn killed(work: Work, store: &Path, other: &Path, after: Duration, port: u16) -> bool {
+/// Starts some work on a store and kills it at some moment. `true` if it was acknowledged before,
+/// and how long it had.
+fn killed(work: Work, store: &Path, other: &Path, after: Duration, port: u16) -> (bool, Duration) {
     let recording = text(&simulated("drawer", false, 1));
     let (store_text, other) = (text(store), text(other));
     let arguments: Vec<&str> = match work {
@@ -361,16 +362,17 @@ fn killed(work: Work, store: &Path, other: &Path, after: Duration, port: u16) ->
     let begun = Instant::now();
     while begun.elapsed() < after {
         if let Some(status) = child.try_wait().unwrap() {
-            return status.success();
+            return (status.success(), begun.elapsed());
         }
         std::thread::sleep(Duration::from_millis(1));
     }
     child.kill().unwrap();
-    child.wait().unwrap().success()
+    (child.wait().unwrap().success(), after)
 }
 
-/// A service that watches, learns and is killed. `true` if it said that it had learned.
-fn killed_service(store: &Path, after: Duration, port: u16) -> bool {
+/// A service that watches, learns and is killed. `true` if it said that it had learned, and how
+/// long it had for that.
+fn killed_service(store: &Path, after: Duration, port: u16) -> (bool, Duration) {
     let url = format!("udpm://239.255.76.67:{port}?ttl=0");
     let recording = text(&simulated("drawer", false, 1));
     let service = Service::start(&url, &recording, store, &["--repeat", "--rate", "4"]);
@@ -381,13 +383,14 @@ fn killed_service(store: &Path, after: Duration, port: u16) -> bool {
     while begun.elapsed() < after && finish.try_wait().unwrap().is_none() {
         std::thread::sleep(Duration::from_millis(5));
     }
+    let had = begun.elapsed();
     service.kill();
     // An answer that was sent is on its way no longer than this.
     std::thread::sleep(Duration::from_millis(300));
     let answer = finish.try_wait().unwrap();
     let _ = finish.kill();
     let _ = finish.wait();
-    answer.is_some_and(|status| status.success())
+    (answer.is_some_and(|status| status.success()), had)
 }
 
 #[test]
@@ -399,16 +402,20 @@ fn a_kill_at_any_moment_of_learn_merge_remove_and_serve_loses_nothing_that_was_a
     Store::open_or_create(&other).unwrap().put(&another).unwrap();
     let kept = drawer(&store);
     let kills: u32 = std::env::var("LINKAGE_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(12);
+    let works = [Work::Merge, Work::Remove, Work::Learn, Work::Serve];
+    // How long each takes on this machine, so that it is killed at all of its moments, and soon after.
+    let (_scratch, untouched) = with_drawer();
+    let taken = works.map(|work| {
+        let (done, took) = killed(work, &untouched, &other, Duration::from_secs(120), 7710);
+        assert!(done, "{work:?} is done where nothing kills it");
+        took
+    });
     let (mut is_there, mut is_live, mut acknowledged) = (false, 0, 0);
     for kill in 0..kills {
-        let work = [Work::Merge, Work::Remove, Work::Learn, Work::Serve][kill as usize % 4];
-        let longest_ms = match work {
-            Work::Learn => 6_000,
-            Work::Serve => 4_000,
-            Work::Merge | Work::Remove => 60,
-        };
-        let after = Duration::from_millis((u64::from(kill) * 7_919) % longest_ms);
-        let done = killed(work, &store, &other, after, 7710);
+        let work = works[kill as usize % 4];
+        let longest_us = taken[kill as usize % 4].as_micros() as u64 * 3 / 2;
+        let after = Duration::from_micros((u64::from(kill) * 7_919_000) % longest_us.max(1));
+        let (done, _) = killed(work, &store, &other, after, 7710);
         acknowledged += u32::from(done);
         let store = Store::open(&store).unwrap();
         let names = store.names().unwrap();
@@ -430,4 +437,8 @@ fn a_kill_at_any_moment_of_learn_merge_remove_and_serve_loses_nothing_that_was_a
         is_live = live;
     }
     println!("{kills} kills, {acknowledged} acknowledged, nothing lost");
+    assert!(
+        acknowledged >= kills / 12,
+        "{acknowledged} of {kills} were acknowledged: too few to lose"
+    );
 }

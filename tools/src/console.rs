@@ -2,7 +2,9 @@
 
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use std::io::IsTerminal;
+use linkage_driver::plain_text::harmless;
+use std::fmt::Display;
+use std::io::{IsTerminal, Write};
 
 /// How log events are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -18,7 +20,11 @@ pub enum LogFormat {
 pub fn start_logging(format: LogFormat) {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // An event that cannot be written is lost: to tell that on standard error would panic.
+    let builder = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .log_internal_errors(false);
     match format {
         LogFormat::Text => builder.with_ansi(shows_colours()).init(),
         LogFormat::Json => builder.with_ansi(false).json().init(),
@@ -31,10 +37,15 @@ fn shows_colours() -> bool {
     std::io::stderr().is_terminal() && !unwanted
 }
 
-/// Says why a command failed, as the log's format has it.
+/// Writes a line to standard error. That nobody can read there any more is no fault of the work.
+pub fn say(line: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Says why a command failed, as the log's format has it. It may quote foreign files and messages.
 pub fn report_failure(format: LogFormat, cause: &anyhow::Error) {
     match format {
-        LogFormat::Text => eprintln!("linkage: {cause:#}"),
+        LogFormat::Text => say(format!("linkage: {}", harmless(&format!("{cause:#}"), usize::MAX))),
         LogFormat::Json => tracing::error!("{cause:#}"),
     }
 }
@@ -79,7 +90,7 @@ impl Progress {
     pub fn finish(self, outcome: &str) {
         self.bar.finish_and_clear();
         if self.plain {
-            eprintln!("{}: {outcome}", self.label);
+            say(format!("{}: {outcome}", self.label));
         }
     }
 }

@@ -1,12 +1,13 @@
-//! Ctrl-C and SIGTERM.
+//! Ctrl-C, SIGTERM, and SIGHUP of a terminal that closes.
 //!
 //! While frames are taken, the first signal ends them, and the program decides what that means: see
 //! [`stopped`]. A second signal ends the program at once, and so does any that comes when no frames
-//! are taken. The exit status is then 128 plus the signal's number: 130 for Ctrl-C, 143 for SIGTERM.
+//! are taken. The exit status is then 128 plus the signal's number: 130 for Ctrl-C, 143
+//! for SIGTERM, 129 for SIGHUP. Where SIGHUP is ignored, as nohup has it, it stays so.
 
 use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::fmt::Display;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -36,7 +37,8 @@ fn flags() -> &'static Flags {
 
 /// Handlers are called in the order in which they are registered.
 fn install(flags: &Flags) -> std::io::Result<()> {
-    for signal in [SIGINT, SIGTERM] {
+    let signals = [SIGINT, SIGTERM, SIGHUP];
+    for signal in signals.into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP)) {
         let status = status_of(signal).into();
         flag::register_conditional_shutdown(signal, status, Arc::clone(&flags.is_fatal))?;
         flag::register_conditional_shutdown(signal, status, Arc::clone(&flags.stop))?;
@@ -46,6 +48,14 @@ fn install(flags: &Flags) -> std::io::Result<()> {
     Ok(())
 }
 
+/// Whoever started the program had a signal ignored.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
 /// A signal that came while frames were taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Signal(i32);
@@ -53,7 +63,11 @@ pub struct Signal(i32);
 impl Signal {
     /// The failure of a command that it ended.
     pub fn failure(self, what: impl Display) -> Failure {
-        let name = if self.0 == SIGINT { "Ctrl-C" } else { "SIGTERM" };
+        let name = match self.0 {
+            SIGINT => "Ctrl-C",
+            SIGHUP => "SIGHUP",
+            _ => "SIGTERM",
+        };
         Failure { status: status_of(self.0), cause: anyhow!("stopped by {name}: {what}") }
     }
 }
@@ -80,7 +94,7 @@ pub fn unwatch() -> Option<Signal> {
 }
 
 /// Frames are over. Ctrl-C is how one says that a live camera has shown enough; a recording that a
-/// signal cut short, and a camera whose program is told to go by SIGTERM, have not shown what was
+/// signal cut short, and a camera whose program is told to go by SIGTERM or whose terminal closed, have not shown what was
 /// asked for.
 ///
 /// # Errors
@@ -108,7 +122,7 @@ mod tests {
 
     #[test]
     fn a_signal_has_the_status_that_shells_give_it() {
-        assert_eq!((status_of(SIGINT), status_of(SIGTERM)), (130, 143));
+        assert_eq!([SIGHUP, SIGINT, SIGTERM].map(status_of), [129, 130, 143]);
     }
 
     #[test]
@@ -122,6 +136,9 @@ mod tests {
         assert_eq!(after(SIGINT, false), Some(130));
         assert_eq!(after(SIGTERM, true), Some(143));
         assert_eq!(after(SIGTERM, false), Some(143));
+        if !is_ignored(SIGHUP) {
+            assert_eq!(after(SIGHUP, true), Some(129));
+        }
         watch();
         assert!(stopped("source", false).is_ok());
         // What comes while something is stored is no matter.

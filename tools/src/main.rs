@@ -26,7 +26,6 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     allocator::keep_for_the_next_frame();
-    sigpipe::reset();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
@@ -35,6 +34,10 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { 2 } else { 0 });
         }
     };
+    // A command ends where nobody reads on, as `head` does; the service outlives who reads its log.
+    if !matches!(cli.command, Command::Serve(_)) {
+        sigpipe::reset();
+    }
     let log_format = cli.common.log_format;
     console::start_logging(log_format);
     match run(cli) {

@@ -9,6 +9,7 @@ pub mod depth;
 mod depth_noise;
 pub mod frame;
 pub mod frame_error;
+pub mod plain_text;
 pub mod text_table;
 
 pub use camera::{CameraError, PinholeCamera};

@@ -11,7 +11,7 @@ use crate::bag::reader::{BagMessage, BagReader, MAX_MESSAGE_BYTES, MAX_TOPICS, T
 use crate::error::SourceError;
 use crate::mcap_file::McapReader;
 use metadata::{Metadata, Storage};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -19,16 +19,18 @@ use std::path::{Path, PathBuf};
 pub struct Rosbag2Reader {
     metadata: Metadata,
     topics: Vec<Topic>,
+    /// Places of topics by their names.
+    places: BTreeMap<String, usize>,
     selected: Option<Vec<usize>>,
     /// Files that are not opened yet.
     waiting: VecDeque<PathBuf>,
     current: Option<Part>,
 }
 
-/// A file, and the places of its topics among all.
+/// A file, and the places of its topics among all; topics above the limit have none.
 struct Part {
     reader: Box<dyn BagReader>,
-    places: Vec<usize>,
+    places: Vec<Option<usize>>,
 }
 
 impl Rosbag2Reader {
@@ -39,28 +41,29 @@ impl Rosbag2Reader {
     pub fn open(dir: &Path) -> Result<Self, SourceError> {
         let metadata = metadata::read(dir)?;
         let mut topics: Vec<Topic> = Vec::new();
+        let mut places = BTreeMap::new();
         for file in &metadata.files {
             for topic in open_file(file, metadata.storage)?.topics() {
-                if topics.len() < MAX_TOPICS && !topics.iter().any(|t| t.name == topic.name) {
+                if topics.len() < MAX_TOPICS && !places.contains_key(&topic.name) {
+                    places.insert(topic.name.clone(), topics.len());
                     topics.push(topic.clone());
                 }
             }
         }
         let waiting = metadata.files.iter().cloned().collect();
-        Ok(Self { metadata, topics, selected: None, waiting, current: None })
+        Ok(Self { metadata, topics, places, selected: None, waiting, current: None })
     }
 
     fn open_next(&mut self) -> Result<bool, SourceError> {
         let Some(file) = self.waiting.pop_front() else { return Ok(false) };
         let mut reader = open_file(&file, self.metadata.storage)?;
-        let place = |topic: &Topic| self.topics.iter().position(|t| t.name == topic.name);
-        let places: Vec<usize> =
-            reader.topics().iter().map(|t| place(t).unwrap_or(usize::MAX)).collect();
-        if let Some(selected) = &self.selected {
-            let here = places.iter().enumerate().filter(|(_, place)| selected.contains(place));
-            let here: Vec<usize> = here.map(|(topic, _)| topic).collect();
-            reader.select(&here)?;
-        }
+        let places: Vec<Option<usize>> =
+            reader.topics().iter().map(|topic| self.places.get(&topic.name).copied()).collect();
+        let is_asked =
+            |place: usize| self.selected.as_ref().is_none_or(|asked| asked.contains(&place));
+        let here: Vec<usize> =
+            (0..places.len()).filter(|topic| places[*topic].is_some_and(is_asked)).collect();
+        reader.select(&here)?;
         self.current = Some(Part { reader, places });
         Ok(true)
     }
@@ -83,7 +86,8 @@ impl BagReader for Rosbag2Reader {
                     self.current = None;
                     continue;
                 };
-                message.topic = part.places[message.topic];
+                let Some(place) = part.places[message.topic] else { continue };
+                message.topic = place;
                 if self.metadata.has_compressed_messages {
                     message.bytes = unpacked(&message.bytes);
                 }
@@ -121,7 +125,8 @@ mod tests {
 
     /// A file of messages: number and name of topics, then topic, time in microseconds and bytes.
     fn write_file(path: &Path, topics: &[(u32, &str)], messages: &[(u32, i64, &[u8])]) {
-        let file = Connection::open(path).unwrap();
+        let mut connection = Connection::open(path).unwrap();
+        let file = connection.transaction().unwrap();
         let tables = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, \
             serialization_format TEXT, offered_qos_profiles TEXT);
             CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);";
@@ -134,6 +139,7 @@ mod tests {
             let sql = "INSERT INTO messages(topic_id, timestamp, data) VALUES(?1, ?2, ?3)";
             file.execute(sql, (topic, 1000 * utime, bytes)).unwrap();
         }
+        file.commit().unwrap();
     }
 
     /// A bag of two files that number their topics otherwise.
@@ -186,6 +192,24 @@ mod tests {
         reader.select(&[1]).unwrap();
         let bytes: Vec<Vec<u8>> = read(reader).into_iter().map(|(_, bytes)| bytes).collect();
         assert_eq!(bytes, [b"right 1".to_vec(), b"right 2".to_vec()]);
+    }
+
+    #[test]
+    fn messages_of_topics_above_the_limit_are_left_out() {
+        let dir = bag("");
+        let names: Vec<String> = (0..MAX_TOPICS).map(|i| format!("/topic{i}")).collect();
+        let topics: Vec<(u32, &str)> = (1..).zip(names.iter().map(String::as_str)).collect();
+        std::fs::remove_file(dir.path().join("a.db3")).unwrap();
+        let messages: [(u32, i64, &[u8]); 2] = [(1, 10, b"first"), (10_000, 20, b"last")];
+        write_file(&dir.path().join("a.db3"), &topics, &messages);
+        let reader = Rosbag2Reader::open(dir.path()).unwrap();
+        assert_eq!(reader.topics().len(), MAX_TOPICS);
+        let bytes: Vec<Vec<u8>> = read(reader).into_iter().map(|(_, bytes)| bytes).collect();
+        assert_eq!(
+            bytes,
+            [b"first".to_vec(), b"last".to_vec()],
+            "those of the second file have no place"
+        );
     }
 
     #[test]

@@ -5,6 +5,7 @@ use super::publisher::{Answer, Note, Outbox};
 use crate::channel;
 use crossbeam_channel::{Sender, TrySendError};
 use linkage_driver::live::host_utime;
+use linkage_driver::plain_text::is_control;
 use linkage_lcm::messages::linkage;
 use linkage_lcm::{DecodeError, Lcm, LcmError, Packet, decode};
 use linkage_skill::predict::{PredictError, Target};
@@ -133,7 +134,7 @@ impl Action {
 }
 
 fn named(what: &'static str, name: &str) -> Result<String, Fault> {
-    let fits = !name.is_empty() && name.len() <= MAX_NAME && !name.chars().any(char::is_control);
+    let fits = !name.is_empty() && name.len() <= MAX_NAME && !name.contains(is_control);
     if fits { Ok(name.to_owned()) } else { Err(Fault::Name(what)) }
 }
 

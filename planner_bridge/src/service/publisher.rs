@@ -6,6 +6,7 @@ use super::observer::Observer;
 use crate::channel;
 use crate::messages::STATUS_MESSAGE_SCHEMA;
 use linkage_driver::live::{LatestReader, LatestWriter, RecvError, host_utime};
+use linkage_driver::plain_text::harmless;
 use linkage_lcm::messages::linkage;
 use linkage_lcm::{Lcm, Message, encode};
 use std::collections::VecDeque;
@@ -276,27 +277,16 @@ impl Publisher {
     }
 }
 
-/// A text that may be sent and shown, whatever it quotes: control characters are written as their
-/// escapes, and its length is bounded.
+/// A text that may be sent and shown, whatever it quotes.
 fn sanitised(text: &str) -> String {
-    let mut out = String::new();
-    for c in text.chars() {
-        if out.len() >= TEXT_LENGTH {
-            out.push('…');
-            break;
-        }
-        match c.is_control() {
-            true => out.extend(c.escape_default()),
-            false => out.push(c),
-        }
-    }
-    out
+    harmless(text, TEXT_LENGTH)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use linkage_driver::live::latest;
+    use linkage_driver::plain_text::is_control;
 
     fn publisher() -> Publisher {
         let (_, packets) = latest(4);
@@ -311,7 +301,9 @@ mod tests {
     #[test]
     fn whatever_was_quoted_every_status_can_be_sent() {
         let mut publisher = publisher();
-        for hostile in ["\0", "a\0b\u{1b}[31m", "\r\n", &"x".repeat(100_000)] {
+        for hostile in
+            ["\0", "a\0b\u{1b}[31m", "\r\n", "\u{202e}", "\u{2028}", &"x".repeat(100_000)]
+        {
             publisher.take(Note::Error(format!("{hostile} is no channel")));
             publisher.take(Note::Answer(Answer { text: hostile.to_owned(), ..answer(1, false) }));
             publisher.take(Note::Situation(Situation {
@@ -322,7 +314,7 @@ mod tests {
             let status = publisher.status();
             assert!(encode(&status).unwrap().len() < 4096);
             let told = [&status.last_error, &status.command_answer, &status.object];
-            assert!(told.into_iter().all(|t| !t.is_empty() && !t.contains(char::is_control)));
+            assert!(told.into_iter().all(|t| !t.is_empty() && !t.contains(is_control)));
         }
     }
 

@@ -5,6 +5,7 @@ use super::model::{
     Joint, LARGEST_VARIANCE, MODEL_SCHEMA, ObjectModel, Part, ROUNDING, ReferenceFrame,
     is_covariance,
 };
+use linkage_frames::plain_text::is_control;
 use std::collections::HashSet;
 use std::fmt::Display;
 
@@ -77,14 +78,14 @@ pub fn check_name(name: &str) -> Result<(), String> {
     if name.len() > LONGEST_NAME {
         return Err(format!("the name has {} bytes, at most {LONGEST_NAME} can be", name.len()));
     }
-    match name.chars().find(|c| c.is_control()) {
+    match name.chars().find(|c| is_control(*c)) {
         Some(c) => Err(format!("the name {name:?} has the control character {c:?}")),
         None => Ok(()),
     }
 }
 
 fn check_text(place: &str, text: &str) -> Checked {
-    let is_plain = text.len() <= LONGEST_NAME && !text.chars().any(char::is_control);
+    let is_plain = text.len() <= LONGEST_NAME && !text.contains(is_control);
     ensure(is_plain, place, "it is too long, or has control characters")
 }
 

@@ -106,6 +106,11 @@ pub struct Placed {
 
 /// Nearer than this no depth camera sees, metres.
 pub const NEAREST_M: f64 = 0.3;
+/// Cosine between its normal and the direction to the camera below which a surface is not compared:
+/// its depth tells no normal.
+const LEAST_COSINE: f64 = 0.2;
+/// Share of a part's surfels that are not compared where it turns its edge to the camera.
+const EDGE_ON_SHARE: f64 = 0.9;
 /// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
 const BUFFER_PX: usize = 4;
 
@@ -191,9 +196,24 @@ pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     placed.retain(|p| {
         let slack = 0.03 + 0.02 * (1.0 - p.cosine.clamp(0.0, 1.0));
         let (own, other) = buffer.nearest(p.pixel, p.part);
-        p.cosine > 0.2 && p.point.z <= own + slack && p.point.z <= other + 0.005
+        p.cosine > LEAST_COSINE && p.point.z <= own + slack && p.point.z <= other + 0.005
     });
     placed
+}
+
+/// By part: it turns its edge to the camera, so that hardly any of its surface can be compared.
+pub fn edge_on(cloud: &Cloud, poses: &[Pose]) -> Vec<bool> {
+    let mut counts = vec![(0, 0); poses.len()];
+    for s in &cloud.surfels {
+        let (point, normal) = (poses[s.part] * s.point, poses[s.part] * s.normal);
+        let cosine = normal.dot(&point.coords) / point.coords.norm();
+        let (all, grazing) = &mut counts[s.part];
+        *all += 1;
+        *grazing += usize::from(cosine.abs() < LEAST_COSINE);
+    }
+    let is_edge_on =
+        |(all, grazing): (usize, usize)| all > 0 && grazing as f64 >= EDGE_ON_SHARE * all as f64;
+    counts.into_iter().map(is_edge_on).collect()
 }
 
 /// An edge of a part's surface, in the object frame at configuration 0, metres.
@@ -251,6 +271,25 @@ mod tests {
         let slanted = Vector3::new(0.3, 0.0, -1.0).normalize();
         let cloud = Cloud::of([-Vector3::z(), Vector3::x(), slanted].map(surfel).into());
         assert_eq!(cloud.patches, [0, 1, 0]);
+    }
+
+    #[test]
+    fn a_thin_part_is_edge_on_where_none_of_its_sides_faces_the_camera() {
+        let side = |normal| {
+            move |i| CloudPoint {
+                part: 0,
+                point: Point3::new(0.0, 0.01 * f64::from(i), 1.0),
+                normal,
+                lab: [50.0, 0.0, 0.0],
+            }
+        };
+        let sides = (0..10).map(side(Vector3::x())).chain((0..10).map(side(-Vector3::x())));
+        let rim = side(-Vector3::z())(0);
+        let cloud = Cloud::of(sides.chain([rim]).collect());
+        let beside = |x| [Pose::translation(x, 0.0, 0.0)];
+        assert_eq!(edge_on(&cloud, &beside(0.0)), [true]);
+        assert_eq!(edge_on(&cloud, &beside(0.5)), [false], "one side is seen");
+        assert_eq!(edge_on(&Cloud::of(Vec::new()), &beside(0.0)), [false], "nothing is known");
     }
 
     #[test]

@@ -4,6 +4,7 @@ use crate::cli::{DoctorArgs, SourceArgs};
 use crate::outcome::{Failure, Outcome};
 use crate::source::{losses, open, repairs};
 use anyhow::{Context, bail};
+use linkage_driver::plain_text::harmless;
 use linkage_driver::{RgbdSource, freenect, openni2, v4l};
 use linkage_lcm::{Lcm, Reception};
 use linkage_planner_bridge::Rig;
@@ -51,14 +52,16 @@ pub fn run(args: &DoctorArgs) -> Outcome {
     if let Some(source) = &args.source {
         checks.push(("source", measure(source, &args.take).into()));
     }
+    // What is found may quote a device or a recording.
+    let shown = |text: &str| harmless(text, usize::MAX);
     let mut broken = 0;
     for (what, finding) in checks {
         match finding {
-            Fine(found) => println!("ok    {what}: {found}"),
+            Fine(found) => println!("ok    {what}: {}", shown(&found)),
             Absent(hint) => println!("-     {what}: {hint}"),
             Broken(problem) => {
                 broken += 1;
-                println!("FAIL  {what}: {problem}");
+                println!("FAIL  {what}: {}", shown(&problem));
             }
         }
     }

@@ -4,6 +4,7 @@ use crate::cli::ListenArgs;
 use crate::interrupt;
 use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
+use linkage_driver::plain_text::harmless;
 use linkage_lcm::messages::linkage::{
     Joint, JointTrajectory, Model, Prediction, Recognition, Setpoint, Status,
 };
@@ -15,6 +16,8 @@ use std::time::{Duration, Instant};
 
 /// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(100);
+/// Longest text of a line, bytes.
+const LINE_LENGTH: usize = 4000;
 /// Time between two lines of one channel that say nothing but other figures.
 const FIGURES_EVERY: Duration = Duration::from_secs(1);
 
@@ -44,8 +47,7 @@ pub fn run(args: &ListenArgs) -> Outcome {
         });
         if args.all || printed.is_news(&packet.channel, &line) {
             let name = packet.channel.trim_start_matches("LINKAGE_").to_lowercase();
-            let Line { topic, figures, .. } = line;
-            println!("{:8.2} s  {name:<12} {topic}{figures}", start.elapsed().as_secs_f64());
+            println!("{:8.2} s  {name:<12} {}", start.elapsed().as_secs_f64(), line.shown());
         }
     }
     if heard {
@@ -97,6 +99,11 @@ impl Line {
                 last: false,
             },
         })
+    }
+
+    /// Anybody may publish what stands in it.
+    fn shown(&self) -> String {
+        harmless(&format!("{}{}", self.topic, self.figures), LINE_LENGTH)
     }
 
     fn of_status(status: &Status) -> Self {
@@ -210,6 +217,7 @@ fn trajectory(joint: &JointTrajectory) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use linkage_driver::plain_text::is_control;
     use linkage_lcm::encode;
     use linkage_lcm::messages::linkage::Match;
 
@@ -244,6 +252,17 @@ mod tests {
             Line::of(&recognition(false, 0.0)).unwrap().topic,
             "fridge (joint1 unknown: hidden)"
         );
+    }
+
+    #[test]
+    fn what_others_publish_does_nothing_to_a_terminal() {
+        let forged = "\u{1b}]0;root\u{7}\r\nidle\u{202e}";
+        let status =
+            Status { state: forged.into(), last_error: forged.into(), ..Status::default() };
+        let line = Line::of_status(&status).shown();
+        assert!(line.contains(r"\u{1b}]0;root") && !line.contains(is_control), "{line}");
+        let endless = Status { last_error: "x".repeat(1 << 20), ..Status::default() };
+        assert!(Line::of_status(&endless).shown().len() < 5000);
     }
 
     #[test]

@@ -1,6 +1,7 @@
-//! `linkage serve`: the live skill until Ctrl-C or SIGTERM.
+//! `linkage serve`: the live skill until Ctrl-C, SIGTERM, or its terminal closes.
 
 use crate::cli::{Common, ServeArgs};
+use crate::console::say;
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::report::describe_stream;
@@ -44,7 +45,7 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
     };
     let name = args.source.clone();
     if !common.quiet {
-        eprintln!("serving {name} on {}; Ctrl-C ends it", config.url);
+        say(format!("serving {name} on {}; Ctrl-C ends it", config.url));
     }
     let serve = move |observer| {
         serve_observed(Box::new(move || open_with(&name, &options)), &config, &stop, observer)
@@ -66,7 +67,7 @@ pub fn run(args: &ServeArgs, common: &Common) -> Outcome {
         }
     };
     if !common.quiet {
-        eprint!("{}", summary(&report));
+        say(summary(&report).trim_end());
     }
     Ok(())
 }

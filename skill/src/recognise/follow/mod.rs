@@ -10,7 +10,8 @@
 //! deviation grows with time. [`Follower::is_unsure`] then says that recognition should be asked
 //! again, and [`Follower::consider`] takes its answer. A configuration that was not told before is
 //! tested for ambiguity, as in recognition. A base that the moving part hides is where it was as long
-//! as the camera stands still ([`EdgeView`]).
+//! as the camera stands still ([`EdgeView`]). A part that is not where it was expected, as one that
+//! turned its edge to the camera and then shows its other side, is looked for along all of its joint.
 
 mod align;
 mod answer;
@@ -25,10 +26,11 @@ use super::evidence::{Detection, evident_joints};
 use super::kinematics::{Articulated, State};
 use super::known_object::KnownObject;
 use super::refine::Refiner;
+use super::render_cloud::{Cloud, edge_on};
 use super::result::{Recognised, report};
 use super::scene::Scene;
 use super::stillness::EdgeView;
-use super::verdict::Verdict;
+use super::verdict::{PartVerdict, Verdict};
 use super::verify::verify;
 use crate::object::joint_geometry::JointKind;
 use crate::vision_error::VisionError;
@@ -91,6 +93,15 @@ pub struct Follower {
     answer: Option<Answer>,
 }
 
+/// A state that was aligned with a picture.
+struct Aligned {
+    fit: f64,
+    state: State,
+    verdict: Verdict,
+}
+
+/// Most steps along a joint whose part is looked for.
+const MOST_ALONG: f64 = 60.0;
 /// Steps of the alignment a frame.
 const STEPS: usize = 8;
 /// Share of the last step of a configuration that is expected again.
@@ -202,19 +213,51 @@ impl Follower {
     /// guess, standing still another one, and what recognition found a third one.
     fn best_state(&self, scene: &Scene, answer: Option<&Answer>) -> (State, Verdict) {
         let starts = [self.expected(), self.state.clone()];
-        let aligner = self.aligner(scene);
-        starts
-            .into_iter()
-            .chain(answer.map(|c| c.state.clone()))
-            .map(|start| {
-                let state = aligner.align(start, STEPS);
-                let verdict = verify(scene, &self.articulated, &self.object.cloud, &state);
-                let fit = verdict.fit() - self.articulated.range_penalty(&state);
-                (fit, state, verdict)
-            })
+        let starts = starts.into_iter().chain(answer.map(|c| c.state.clone()));
+        let mut best = starts
+            .map(|start| self.aligned(scene, start))
+            .max_by(|a, b| a.fit.total_cmp(&b.fit))
+            .expect("two states are tried");
+        for joint in 0..self.articulated.joints.len() {
+            let stands: Vec<bool> = best.verdict.parts.iter().map(PartVerdict::stands).collect();
+            if evident_joints(&self.articulated, &stands)[joint] {
+                continue;
+            }
+            let elsewhere = self.aligned(scene, self.best_along(scene, &best.state, joint));
+            if elsewhere.fit > best.fit {
+                best = elsewhere;
+            }
+        }
+        (best.state, best.verdict)
+    }
+
+    /// A state, aligned with the picture.
+    fn aligned(&self, scene: &Scene, start: State) -> Aligned {
+        let state = self.aligner(scene).align(start, STEPS);
+        let (fit, verdict) = self.judged(scene, &self.object.cloud, &state);
+        Aligned { fit, state, verdict }
+    }
+
+    /// The state with the configuration of one joint that explains most of the picture.
+    fn best_along(&self, scene: &Scene, state: &State, joint: usize) -> State {
+        let j = &self.articulated.joints[joint];
+        let steps = ((j.high - j.low) / self.limit(joint)).ceil().clamp(1.0, MOST_ALONG);
+        let at = |i: usize| {
+            let mut q = state.q.clone();
+            q[joint] = j.low + (j.high - j.low) * i as f64 / steps;
+            State { q, ..state.clone() }
+        };
+        (0..=steps as usize)
+            .map(at)
+            .map(|state| (self.judged(scene, &self.object.coarse, &state).0, state))
             .max_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, state, verdict)| (state, verdict))
-            .expect("two states are tried")
+            .map_or_else(|| state.clone(), |(_, state)| state)
+    }
+
+    /// How well a state fits the picture.
+    fn judged(&self, scene: &Scene, cloud: &Cloud, state: &State) -> (f64, Verdict) {
+        let verdict = verify(scene, &self.articulated, cloud, state);
+        (verdict.fit() - self.articulated.range_penalty(state), verdict)
     }
 
     /// What the picture says of each joint.
@@ -225,7 +268,12 @@ impl Follower {
         seen: bool,
         answer: Option<&Answer>,
     ) -> Detection {
-        let mut stands: Vec<bool> = verdict.parts.iter().map(|p| seen && p.stands()).collect();
+        // Of a part that turns its edge to the camera nothing but its rim is seen.
+        let edge_on = edge_on(&self.object.cloud, &self.articulated.poses(&self.state));
+        let stands = |(part, edge_on): (&PartVerdict, &bool)| {
+            seen && (part.stands() || *edge_on && !part.is_missing())
+        };
+        let mut stands: Vec<bool> = verdict.parts.iter().zip(&edge_on).map(stands).collect();
         // A base that is hidden stays where it was while the camera does.
         stands[0] |= seen && self.base_view.as_ref().is_some_and(|view| view.is_still(scene));
         let looks_right: Vec<bool> = verdict.parts.iter().map(|p| seen && p.is_seen()).collect();
@@ -277,7 +325,8 @@ impl Follower {
     }
 
     /// Standard deviation of each configuration: by depth and lightness in this frame, or by what
-    /// was known before and may have changed since, whichever is less.
+    /// was known before and may have changed since, whichever is less. What was moving may have
+    /// stopped, or gone on.
     fn deviations(&self, scene: &Scene, answer: Option<&Answer>) -> Vec<Option<f64>> {
         let measured = self.aligner(scene).deviations(&self.state, &self.base_deviations);
         let gap_us = self.last_utime.map_or(0, |last| scene.frame.utime.saturating_sub(last));
@@ -287,8 +336,8 @@ impl Follower {
                 JointKind::Prismatic => UNSEEN_SLIDE_RATE,
                 _ => UNSEEN_TURN_RATE,
             };
-            let carried =
-                self.deviations[j].filter(|_| self.told[j]).map(|d| d.hypot(rate * gap_s));
+            let moved = (rate * gap_s).max(self.step[j].abs());
+            let carried = self.deviations[j].filter(|_| self.told[j]).map(|d| d.hypot(moved));
             let confirmed = answer.and_then(|c| c.confirms(j, self.state.q[j], self.limit(j)));
             [measured[j], carried, confirmed].into_iter().flatten().min_by(f64::total_cmp)
         };
@@ -325,6 +374,7 @@ mod tests {
     use crate::object::joint_geometry::JointGeometry;
     use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
     use crate::recognise::matching::FeatureTable;
+    use crate::recognise::render_cloud::CloudPoint;
     use crate::recognise::test_data::{BOARD_M, PLATE_M, on_board, on_plate, slider_surface};
     use crate::test_data::seen;
     use linkage_frames::ColorImage;
@@ -360,7 +410,12 @@ mod tests {
             (false, true) => PLATE_M,
             (false, false) => 2.5,
         };
-        let frame = seen(0, depth);
+        striped(depth)
+    }
+
+    /// What has this depth, with stripes on all of it.
+    fn striped(depth: impl Fn(f64, f64) -> f64) -> RgbdFrame {
+        let frame = seen(0, &depth);
         let camera = &frame.camera;
         let grey = |i: usize| {
             let x = ((i % camera.width) as f64 - camera.cx) / camera.fx;
@@ -402,5 +457,76 @@ mod tests {
     #[test]
     fn a_configuration_that_was_told_is_told_on() {
         assert!(told(Some(0.0), false).is_some());
+    }
+
+    /// Distance of a gate's hinge from the camera, metres.
+    const HINGE_M: f64 = 1.2;
+
+    /// A gate that turns about an upright hinge, above a plate that faces the camera: at 0 one
+    /// side of it faces the camera, at half a turn the other.
+    fn gate() -> Arc<KnownObject> {
+        let hinge = JointGeometry::hinge(-Vector3::y_axis(), Point3::new(0.0, 0.0, HINGE_M));
+        let model = ObjectModel {
+            schema: MODEL_SCHEMA.to_owned(),
+            object: "gate".to_owned(),
+            reference_frame: ReferenceFrame::at_camera(0.0),
+            parts: vec![Part::new(0, "base", 1), Part::new(1, "gate", 1)],
+            joints: vec![Joint { range: [0.3, 2.8], ..Joint::of(&hinge) }],
+            demonstrations: 1,
+            profile: "default".to_owned(),
+            version: String::new(),
+        };
+        let surfel = |part, x: i32, y: i32, z, normal| {
+            let point = Point3::new(0.015 * f64::from(x), 0.015 * f64::from(y), z);
+            let lightness = 100.0 * stripes(point.y) as f32;
+            CloudPoint { part, point, normal, lab: [lightness, 0.0, 0.0] }
+        };
+        let back = -Vector3::z();
+        let base = (-20..=20).flat_map(|x| (14..=26).map(move |y| (x, y)));
+        let base = base.map(|(x, y)| surfel(0, x, y, HINGE_M, back));
+        let sides = [(HINGE_M, back), (HINGE_M, -back)];
+        let leaf = (1..=26).flat_map(|x| (-10..=10).map(move |y| (x, y)));
+        let leaf = leaf.flat_map(|(x, y)| sides.map(|(z, normal)| surfel(1, x, y, z, normal)));
+        let cloud = Cloud::of(base.chain(leaf).collect());
+        let table = FeatureTable::new(&Appearance::default());
+        Arc::new(KnownObject::of(model, table, cloud, Vec::new()))
+    }
+
+    /// The gate turned so far before a wall.
+    fn gate_at(q: f64) -> RgbdFrame {
+        striped(|x, y| {
+            // Where the ray meets the gate's plane, and how far that is from the hinge.
+            let z = HINGE_M * q.cos() / (q.cos() - x * q.sin());
+            let along = z * x * q.cos() + (z - HINGE_M) * q.sin();
+            if z > 0.0 && (0.0..0.4).contains(&along) && (z * y).abs() < 0.16 {
+                return z;
+            }
+            let on_base = (HINGE_M * x).abs() < 0.31 && (0.2..0.4).contains(&(HINGE_M * y));
+            if on_base { HINGE_M } else { 3.0 }
+        })
+    }
+
+    #[test]
+    fn a_part_that_shows_its_other_side_is_found_along_its_joint() {
+        let object = gate();
+        let articulated = Articulated::new(&object.model);
+        let found = Detection {
+            state: State { camera_from_object: Pose::identity(), q: vec![1.0] },
+            score: 1.0,
+            inliers: 0,
+            verdict: Verdict::default(),
+            placed: vec![true; 2],
+            evident: vec![true],
+            deviations: vec![Some(0.01)],
+        };
+        let found = report(&object, &articulated, &found);
+        let mut follower = Follower::new(object, &found).unwrap();
+        // The third picture shows its edge alone, to which it came too fast to be followed.
+        for (q, is_told) in [(1.0, true), (2.2, true), (1.55, false), (0.7, true)] {
+            let followed = follower.follow(&gate_at(q)).unwrap();
+            let told = followed.recognised.joints[0].configuration;
+            assert_eq!(told.is_some(), is_told, "{q}: {told:?}");
+            assert!(told.is_none_or(|told| (told - q).abs() < 0.03), "{q}: {told:?}");
+        }
     }
 }

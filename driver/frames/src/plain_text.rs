@@ -1,0 +1,52 @@
+//! Text of files and networks that is shown to people.
+//!
+//! In: any text. Out: one line that does nothing to a terminal, and reads in the order in which it
+//! is written.
+
+/// What is not shown but does something: control characters, ends of lines and paragraphs, and
+/// what turns the direction of reading.
+pub fn is_control(c: char) -> bool {
+    let turns_direction = matches!(
+        c,
+        '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
+    );
+    c.is_control() || matches!(c, '\u{2028}' | '\u{2029}') || turns_direction
+}
+
+/// A text whose control characters are written as their escapes; one of more than `most` bytes is
+/// cut, which an ellipsis tells.
+pub fn harmless(text: &str, most: usize) -> String {
+    let mut out = String::new();
+    for c in text.chars() {
+        if out.len() >= most {
+            out.push('…');
+            break;
+        }
+        match is_control(c) {
+            true => out.extend(c.escape_default()),
+            false => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_acts_on_a_terminal_is_written_as_its_escape() {
+        let acts = "a\u{1b}[31m\r\n\0\u{9b}\u{202e}\u{2066}\u{2028}z";
+        let shown = harmless(acts, 100);
+        assert!(!shown.contains(is_control), "{shown}");
+        assert_eq!(shown, r"a\u{1b}[31m\r\n\u{0}\u{9b}\u{202e}\u{2066}\u{2028}z");
+    }
+
+    #[test]
+    fn words_of_any_language_stay_as_they_are_and_long_ones_are_cut() {
+        for text in ["tiroir n° 2", "抽屉", "درج", "ดลิ้นชัก", "𝕏"] {
+            assert_eq!(harmless(text, 100), text);
+        }
+        assert_eq!(harmless(&"x".repeat(1000), 10), format!("{}…", "x".repeat(10)));
+    }
+}
