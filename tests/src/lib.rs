@@ -10,6 +10,9 @@ use std::process::{Command, Output};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::UNIX_EPOCH;
 
+/// The name of a store in a scratch folder.
+const STORE: &str = "objects.linkage";
+
 static BUILT: OnceLock<()> = OnceLock::new();
 
 /// The built program.
@@ -55,32 +58,52 @@ pub fn failure(output: &Output) -> (i32, String) {
 
 /// A simulated take, rendered once for all tests of this build of the program.
 pub fn simulated(scene: &str, encounter: bool, seed: u64) -> PathBuf {
-    // Tests of one binary run side by side and share what is rendered.
-    static RENDERING: Mutex<()> = Mutex::new(());
-    let _one_at_a_time = RENDERING.lock().unwrap_or_else(PoisonError::into_inner);
     let take = if encounter { "encounter" } else { "demonstration" };
+    made_once(&format!("{scene}-{take}-{seed}"), |out| {
+        let (out, seed) = (out.display().to_string(), seed.to_string());
+        let arguments = ["simulate", "--quiet", "--scene", scene, "--out", &out, "--seed", &seed];
+        let output =
+            linkage(&[&arguments[..], if encounter { &["--encounter"] } else { &[] }].concat());
+        assert!(output.status.success(), "{}", failure(&output).1);
+    })
+}
+
+/// A copy in `dir` of the store that knows a scene's object, which is called after the scene. It is
+/// learned from the first demonstration, once for all tests of this build of the program.
+pub fn learned(scene: &str, dir: &Path) -> PathBuf {
+    let recording = simulated(scene, false, 1).display().to_string();
+    let made = made_once(&format!("{scene}-learned"), |out| {
+        let store = out.join(STORE).display().to_string();
+        let arguments = ["learn", &recording, "--object", scene, "--quiet", "--store", &store];
+        let output = linkage(&arguments);
+        assert!(output.status.success(), "{}", failure(&output).1);
+    });
+    std::fs::create_dir_all(dir).expect("a scratch folder can be made");
+    let store = dir.join(STORE);
+    std::fs::copy(made.join(STORE), &store).expect("a scratch file can be written");
+    store
+}
+
+/// A folder that `make` fills, once for all tests of this build of the program.
+fn made_once(name: &str, make: impl FnOnce(&Path)) -> PathBuf {
+    // Tests of one binary run side by side and share what is made.
+    static MAKING: Mutex<()> = Mutex::new(());
+    let _one_at_a_time = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
     let takes = takes();
-    let dir = takes.join(format!("{scene}-{take}-{seed}"));
+    let dir = takes.join(name);
     if dir.exists() {
         return dir;
     }
     let unfinished = tempfile::tempdir_in(takes).expect("a scratch folder can be made");
-    let (out, seed) = (unfinished.path().display().to_string(), seed.to_string());
-    let mut arguments =
-        vec!["simulate", "--quiet", "--scene", scene, "--out", &out, "--seed", &seed];
-    if encounter {
-        arguments.push("--encounter");
-    }
-    let output = linkage(&arguments);
-    assert!(output.status.success(), "{}", failure(&output).1);
-    // Where another test's process was faster, its take is as good.
+    make(unfinished.path());
+    // Where another test's process was faster, what it made is as good.
     let renamed = std::fs::rename(unfinished.path(), &dir);
-    assert!(dir.exists(), "a finished take can be renamed: {renamed:?}");
+    assert!(dir.exists(), "a finished folder can be renamed: {renamed:?}");
     dir
 }
 
-/// The folder of the takes that this build rendered, beside the program; those of earlier
-/// builds are removed.
+/// The folder of what this build rendered and learned, beside the program; those of earlier builds
+/// are removed.
 fn takes() -> &'static Path {
     static TAKES: OnceLock<PathBuf> = OnceLock::new();
     TAKES.get_or_init(|| {
