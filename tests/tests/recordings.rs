@@ -259,7 +259,16 @@ fn trajectories_of_parts_are_read_by_evo() {
     let scratch = tempfile::tempdir().unwrap();
     let dir = scratch.path().join("poses");
     let source = demonstration();
-    run(&["learn", text(&source), "--object", "drawer", "--tum", text(&dir), "--quiet"]);
+    run(&[
+        "learn",
+        text(&source),
+        "--object",
+        "drawer",
+        "--tum",
+        text(&dir),
+        "--no-store",
+        "--quiet",
+    ]);
     let lines = |name: &str| -> Vec<Vec<f64>> {
         let text = fs::read_to_string(dir.join(name)).unwrap();
         let rows = text.lines().filter(|line| !line.starts_with('#'));
