@@ -17,6 +17,7 @@ pub fn text(path: &Path) -> &str {
 }
 
 /// The one joint that is learned from a source.
+#[derive(Debug, Clone)]
 pub struct Joint {
     /// Direction, in the frame of the first picture.
     pub axis: [f64; 3],

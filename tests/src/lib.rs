@@ -5,10 +5,14 @@ pub mod fixtures;
 pub mod joint;
 pub mod service;
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::UNIX_EPOCH;
+
+/// The name of a store in a scratch folder.
+const STORE: &str = "objects.linkage";
 
 static BUILT: OnceLock<()> = OnceLock::new();
 
@@ -53,52 +57,118 @@ pub fn failure(output: &Output) -> (i32, String) {
     (output.status.code().unwrap_or(-1), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-/// A simulated take, rendered once for all tests of this build of the program.
+/// A simulated take, rendered once for all tests until the simulator changes.
 pub fn simulated(scene: &str, encounter: bool, seed: u64) -> PathBuf {
-    // Tests of one binary run side by side and share what is rendered.
-    static RENDERING: Mutex<()> = Mutex::new(());
-    let _one_at_a_time = RENDERING.lock().unwrap_or_else(PoisonError::into_inner);
     let take = if encounter { "encounter" } else { "demonstration" };
-    let takes = takes();
-    let dir = takes.join(format!("{scene}-{take}-{seed}"));
+    made_once(&shared().takes, &format!("{scene}-{take}-{seed}"), |out| {
+        let (out, seed) = (out.display().to_string(), seed.to_string());
+        let arguments = ["simulate", "--quiet", "--scene", scene, "--out", &out, "--seed", &seed];
+        let output =
+            linkage(&[&arguments[..], if encounter { &["--encounter"] } else { &[] }].concat());
+        assert!(output.status.success(), "{}", failure(&output).1);
+    })
+}
+
+/// A copy in `dir` of the store that knows a scene's object, which is called after the scene. It is
+/// learned from the first demonstration, once for all tests of this build of the program.
+pub fn learned(scene: &str, dir: &Path) -> PathBuf {
+    let recording = simulated(scene, false, 1).display().to_string();
+    let made = made_once(&shared().learned, scene, |out| {
+        let store = out.join(STORE).display().to_string();
+        let arguments = ["learn", &recording, "--object", scene, "--quiet", "--store", &store];
+        let output = linkage(&arguments);
+        assert!(output.status.success(), "{}", failure(&output).1);
+    });
+    std::fs::create_dir_all(dir).expect("a scratch folder can be made");
+    let store = dir.join(STORE);
+    std::fs::copy(made.join(STORE), &store).expect("a scratch file can be written");
+    store
+}
+
+/// A folder below `all` that `make` fills, if no test has done so.
+fn made_once(all: &Path, name: &str, make: impl FnOnce(&Path)) -> PathBuf {
+    // Tests of one binary run side by side and share what is made.
+    static MAKING: Mutex<()> = Mutex::new(());
+    let _one_at_a_time = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
+    let dir = all.join(name);
     if dir.exists() {
         return dir;
     }
-    let unfinished = tempfile::tempdir_in(takes).expect("a scratch folder can be made");
-    let (out, seed) = (unfinished.path().display().to_string(), seed.to_string());
-    let mut arguments =
-        vec!["simulate", "--quiet", "--scene", scene, "--out", &out, "--seed", &seed];
-    if encounter {
-        arguments.push("--encounter");
-    }
-    let output = linkage(&arguments);
-    assert!(output.status.success(), "{}", failure(&output).1);
-    // Where another test's process was faster, its take is as good.
+    let unfinished = tempfile::tempdir_in(all).expect("a scratch folder can be made");
+    make(unfinished.path());
+    // Where another test's process was faster, what it made is as good.
     let renamed = std::fs::rename(unfinished.path(), &dir);
-    assert!(dir.exists(), "a finished take can be renamed: {renamed:?}");
+    assert!(dir.exists(), "a finished folder can be renamed: {renamed:?}");
     dir
 }
 
-/// The folder of the takes that this build rendered, beside the program; those of earlier
-/// builds are removed.
-fn takes() -> &'static Path {
-    static TAKES: OnceLock<PathBuf> = OnceLock::new();
-    TAKES.get_or_init(|| {
+/// Folders of what tests share, beside the program.
+struct Shared {
+    /// What this simulator rendered.
+    takes: PathBuf,
+    /// What this build of the program learned.
+    learned: PathBuf,
+}
+
+/// These folders; those of other simulators and earlier builds are removed.
+fn shared() -> &'static Shared {
+    static SHARED: OnceLock<Shared> = OnceLock::new();
+    SHARED.get_or_init(|| {
         BUILT.get_or_init(build);
         let built = std::fs::metadata(program()).and_then(|m| m.modified());
         let since = built.expect("the program lies on a file system that knows times");
         let age = since.duration_since(UNIX_EPOCH).expect("the program was built after 1970");
-        let all = program().with_file_name("simulated-takes");
-        let these = all.join(age.as_nanos().to_string());
+        let all = program().with_file_name("shared-by-tests");
+        let folder = |name: String| all.join(name);
+        let shared = Shared {
+            takes: folder(format!("takes-{:016x}", simulator())),
+            learned: folder(format!("learned-{}", age.as_nanos())),
+        };
         for old in std::fs::read_dir(&all).into_iter().flatten().flatten() {
-            if old.path() != these {
+            if old.path() != shared.takes && old.path() != shared.learned {
                 // One that cannot be removed is tried again by the next run.
                 let _ = std::fs::remove_dir_all(old.path());
             }
         }
-        std::fs::create_dir_all(&these).expect("a scratch folder can be made");
-        these
+        for folder in [&shared.takes, &shared.learned] {
+            std::fs::create_dir_all(folder).expect("a scratch folder can be made");
+        }
+        shared
     })
+}
+
+/// What a rendered picture depends on: the simulator, cameras and files of pictures, motions of joints,
+/// and the libraries below.
+const SIMULATOR: [&str; 9] = [
+    "tools/src/simulate",
+    "tools/src/tags",
+    "tools/src/truth.rs",
+    "tools/src/steps.rs",
+    "driver/frames/src",
+    "driver/src/image_file.rs",
+    "skill/src/object/joint_geometry.rs",
+    "skill/src/math/rigid.rs",
+    "Cargo.lock",
+];
+
+/// A digest of the simulator's sources.
+fn simulator() -> u64 {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut hasher = DefaultHasher::new();
+    SIMULATOR.iter().for_each(|source| add_to_digest(&root.join(source), &mut hasher));
+    hasher.finish()
+}
+
+/// Adds the name and the bytes of a file, or all files of a folder.
+fn add_to_digest(path: &Path, hasher: &mut DefaultHasher) {
+    if let Ok(entries) = std::fs::read_dir(path) {
+        let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        files.sort();
+        files.iter().for_each(|file| add_to_digest(file, hasher));
+        return;
+    }
+    path.file_name().hash(hasher);
+    std::fs::read(path).expect("the simulator's sources are there").hash(hasher);
 }
 
 /// Third-party recordings and logs; `None`, with a message, where they are missing.

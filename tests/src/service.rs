@@ -1,25 +1,11 @@
 //! A running `linkage serve`, and what it publishes.
 
-use crate::{build, failure, linkage, program, simulated};
+use crate::{build, linkage, program};
 use linkage_lcm::messages::linkage::Status;
 use linkage_lcm::{Lcm, Message, Packet, decode};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::time::{Duration, Instant};
-
-/// A store that knows a drawer, learned from its simulated recording.
-///
-/// # Panics
-/// When it cannot be learned.
-pub fn known_drawer(dir: &Path) -> PathBuf {
-    let store = dir.join("objects.linkage");
-    let recording = simulated("drawer", false, 1).display().to_string();
-    let path = store.display().to_string();
-    let arguments = ["learn", &recording, "--object", "drawer", "--quiet", "--store", &path];
-    let output = linkage(&arguments);
-    assert!(output.status.success(), "{}", failure(&output).1);
-    store
-}
 
 /// Longest time that a service may take to end.
 const LONGEST_END: Duration = Duration::from_secs(60);

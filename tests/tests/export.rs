@@ -4,7 +4,7 @@
 //! The simulators are Python packages: MuJoCo and USD by tools/setup, PyBullet and Drake where they
 //! are available.
 
-use linkage_tests::{failure, linkage, python_with, shared_data, simulated};
+use linkage_tests::{failure, learned, linkage, python_with, shared_data, simulated};
 use nalgebra::{
     Isometry3, Matrix3, Point3, Quaternion, SymmetricEigen, Translation3, UnitQuaternion, Vector2,
     Vector3,
@@ -24,13 +24,9 @@ fn text(path: &Path) -> String {
     path.display().to_string()
 }
 
-/// Learns an object and says in which store it is.
-fn learned(recording: &Path, object: &str, dir: &Path) -> PathBuf {
-    let store = dir.join("objects.linkage");
-    let (recording, at) = (text(recording), text(&store));
-    let output = linkage(&["learn", &recording, "--object", object, "--store", &at, "--quiet"]);
-    assert!(output.status.success(), "{}", failure(&output).1);
-    store
+/// A store in a folder that knows a drawer.
+fn drawer(dir: &Path) -> PathBuf {
+    learned("drawer", dir)
 }
 
 /// Exports an object; with meshes where they are wanted.
@@ -59,17 +55,18 @@ fn checked(python: &Path, simulator: &str, file: &Path) -> Value {
     serde_json::from_str(said.lines().last().unwrap_or_default()).expect("it prints JSON")
 }
 
-/// Loads all formats of an object in a simulator; tells how far joints fell in all.
+/// Loads all formats of an object in a simulator; tells how far joints fell in all. `learn` makes the
+/// store that knows it in a folder.
 fn accepts(
     simulator: &str,
     package: &str,
     formats: &[&str],
     object: &str,
-    recording: &Path,
+    learn: impl FnOnce(&Path) -> PathBuf,
 ) -> f64 {
     let Some(python) = python_with(&[package]) else { return f64::INFINITY };
     let dir = tempfile::tempdir().unwrap();
-    let store = learned(recording, object, dir.path());
+    let store = learn(dir.path());
     let mut fallen = 0.0;
     for format in formats {
         for has_meshes in [false, true] {
@@ -90,35 +87,39 @@ fn accepts(
 
 #[test]
 fn a_drawer_rests_and_falls_in_mujoco() {
-    let fallen =
-        accepts("mujoco", "mujoco", &["mjcf", "urdf"], "drawer", &simulated("drawer", false, 1));
+    let fallen = accepts("mujoco", "mujoco", &["mjcf", "urdf"], "drawer", drawer);
     assert!(fallen > 0.1, "the drawer is stuck");
 }
 
 #[test]
 fn a_drawer_is_sound_usd() {
-    accepts("usd", "pxr", &["usd"], "drawer", &simulated("drawer", false, 1));
+    accepts("usd", "pxr", &["usd"], "drawer", drawer);
 }
 
 #[test]
 fn a_drawer_rests_and_falls_in_pybullet() {
-    let fallen =
-        accepts("pybullet", "pybullet", &["urdf"], "drawer", &simulated("drawer", false, 1));
+    let fallen = accepts("pybullet", "pybullet", &["urdf"], "drawer", drawer);
     assert!(fallen > 0.1, "the drawer is stuck");
 }
 
 #[test]
 fn a_drawer_rests_and_falls_in_drake() {
     let package = "pydrake.multibody.plant";
-    let fallen =
-        accepts("drake", package, &["urdf", "sdf"], "drawer", &simulated("drawer", false, 1));
+    let fallen = accepts("drake", package, &["urdf", "sdf"], "drawer", drawer);
     assert!(fallen > 0.1, "the drawer is stuck");
 }
 
 #[test]
 fn a_cabinet_of_which_one_door_was_hardly_seen_rests_and_falls_in_mujoco() {
     let Some(recording) = shared_data("demos/hingecab_demo1") else { return };
-    let fallen = accepts("mujoco", "mujoco", &["mjcf", "urdf"], "cabinet", &recording);
+    let learn = |dir: &Path| {
+        let (recording, store) = (text(&recording), dir.join("objects.linkage"));
+        let arguments = ["learn", &recording, "--object", "cabinet", "--quiet", "--store"];
+        let output = linkage(&[&arguments[..], &[&text(&store)]].concat());
+        assert!(output.status.success(), "{}", failure(&output).1);
+        store
+    };
+    let fallen = accepts("mujoco", "mujoco", &["mjcf", "urdf"], "cabinet", learn);
     assert!(fallen > 0.1, "the doors are stuck");
 }
 
@@ -133,7 +134,7 @@ fn meshes_lie_on_the_true_surface_and_plain_faces_are_closed() {
     for (thing, most_holes) in [("drawer", 0.01), ("fridge", 0.02), ("laptop", 0.05)] {
         let dir = tempfile::tempdir().unwrap();
         let recording = simulated(thing, false, 1);
-        let store = learned(&recording, thing, dir.path());
+        let store = learned(thing, dir.path());
         let description = exported(&store, thing, "urdf", true);
         let model = exported(&store, thing, "json", false);
         let truth = TrueSurface::read(&recording.join("truth.json"));
@@ -329,7 +330,7 @@ impl TrueSurface {
 #[test]
 fn meshes_need_a_file_and_lie_beside_it() {
     let dir = tempfile::tempdir().unwrap();
-    let store = learned(&simulated("drawer", false, 1), "drawer", dir.path());
+    let store = drawer(dir.path());
     let output =
         linkage(&["export", "drawer", "--store", &text(&store), "--format", "urdf", "--mesh"]);
     assert_eq!(failure(&output).0, 2, "{}", failure(&output).1);

@@ -8,10 +8,10 @@
 use linkage_lcm::decode;
 use linkage_lcm::messages::linkage::Recognition;
 use linkage_tests::service::{Listener, Service};
-use linkage_tests::{failure, linkage, simulated};
+use linkage_tests::{failure, learned, linkage, simulated};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 const DEFAULT_SCENES: [&str; 3] = ["drawer", "fridge", "microwave"];
@@ -44,17 +44,6 @@ fn scenes() -> Vec<String> {
 
 fn text(path: &Path) -> String {
     path.display().to_string()
-}
-
-/// A store that knows one object.
-fn learned(scene: &str, dir: &Path) -> PathBuf {
-    let store = dir.join(format!("{scene}.linkage"));
-    let recording = text(&simulated(scene, false, 1));
-    let (store_text, name) = (text(&store), scene.to_owned());
-    let output =
-        linkage(&["learn", &recording, "--object", &name, "--quiet", "--store", &store_text]);
-    assert!(output.status.success(), "{}", failure(&output).1);
-    store
 }
 
 /// Joints whose configuration one look at a recording's last frame tells.
@@ -98,7 +87,7 @@ fn what_rests_is_known_in_every_frame_and_predicted_whenever_that_is_asked_for()
     let mut short = Vec::new();
     for (i, scene) in scenes().iter().enumerate() {
         let url = format!("udpm://239.255.76.72:{}?ttl=0", 7740 + i);
-        let store = learned(scene, dir.path());
+        let store = learned(scene, &dir.path().join(scene));
         // A door that is nearly closed may hide all of what holds it: then another encounter is taken.
         let telling = |seed: u64| {
             let encounter = simulated(scene, true, seed);
@@ -138,7 +127,7 @@ fn what_a_person_moves_is_followed_without_losing_it() {
     let mut short = Vec::new();
     for (i, scene) in scenes().iter().enumerate() {
         let url = format!("udpm://239.255.76.73:{}?ttl=0", 7740 + i);
-        let store = learned(scene, dir.path());
+        let store = learned(scene, &dir.path().join(scene));
         let recording = simulated(scene, false, 1);
         let service =
             Service::start(&url, &text(&recording), &store, &["--repeat", "--rate", "0.7"]);

@@ -3,8 +3,8 @@
 
 use linkage_lcm::decode;
 use linkage_lcm::messages::linkage::{Setpoint, Status};
-use linkage_tests::service::{Listener, Service, known_drawer};
-use linkage_tests::{linkage, simulated};
+use linkage_tests::service::{Listener, Service};
+use linkage_tests::{learned, linkage, simulated};
 use std::path::Path;
 use std::time::Duration;
 
@@ -31,7 +31,7 @@ fn text(path: &Path) -> String {
 
 /// A service that knows the drawer and is slow, before a camera.
 fn serving(url: &str, dir: &Path, source: &str, options: &[&str]) -> Service {
-    let store = known_drawer(dir);
+    let store = learned("drawer", dir);
     let rig = dir.join("slow.toml");
     std::fs::write(&rig, RIG).unwrap();
     let common = ["--stream-hz", "200", "--rig", &text(&rig)];

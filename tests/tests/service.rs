@@ -6,8 +6,8 @@ use linkage_lcm::messages::linkage::{
 };
 use linkage_lcm::{Lcm, decode, encode};
 use linkage_planner_bridge::client::addressed;
-use linkage_tests::service::{Listener, Service, known_drawer};
-use linkage_tests::{failure, linkage, python_with, simulated};
+use linkage_tests::service::{Listener, Service};
+use linkage_tests::{failure, learned, linkage, python_with, simulated};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -133,7 +133,7 @@ fn over_lcm_alone_a_drawer_is_learned_met_again_and_planned() {
 fn a_drawer_that_moves_is_seen_moving_and_its_loss_is_said() {
     let url = network(7712);
     let dir = tempfile::tempdir().unwrap();
-    let store = known_drawer(dir.path());
+    let store = learned("drawer", dir.path());
     let recording = simulated("drawer", false, 1);
     let service = Service::start(&url, &text(&recording), &store, &["--rate", "0.5"]);
     let mut listener = Listener::new(&url, "LINKAGE_RECOGNITION|LINKAGE_STATUS");
@@ -162,7 +162,7 @@ fn a_drawer_that_moves_is_seen_moving_and_its_loss_is_said() {
 fn what_cannot_be_done_is_refused_with_its_reason() {
     let url = network(7713);
     let dir = tempfile::tempdir().unwrap();
-    let store = known_drawer(dir.path());
+    let store = learned("drawer", dir.path());
     let encounter = simulated("drawer", true, 1);
     let service = Service::start(&url, &text(&encounter), &store, &["--repeat"]);
     let refusal = |words: &[&str]| {
@@ -189,7 +189,7 @@ fn what_cannot_be_done_is_refused_with_its_reason() {
 fn a_command_that_comes_again_is_answered_and_not_done_again() {
     let url = network(7714);
     let dir = tempfile::tempdir().unwrap();
-    let store = known_drawer(dir.path());
+    let store = learned("drawer", dir.path());
     let service = Service::start(&url, &text(&simulated("drawer", true, 1)), &store, &["--repeat"]);
     let mut listener = Listener::new(&url, "LINKAGE_STATUS|LINKAGE_PREDICTION");
     let lcm = Lcm::new(&url).unwrap();
@@ -261,7 +261,7 @@ fn send_malformed(lcm: &Lcm, order: &Order, seed: &mut u64) {
 fn hostile_traffic_harms_nothing_and_is_counted() {
     let url = network(7715);
     let dir = tempfile::tempdir().unwrap();
-    let store = known_drawer(dir.path());
+    let store = learned("drawer", dir.path());
     let service = Service::start(&url, &text(&simulated("drawer", true, 1)), &store, &["--repeat"]);
     let lcm = Lcm::new(&url).unwrap();
     let mut seed = 9;

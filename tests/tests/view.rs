@@ -25,8 +25,8 @@ mod without {
 #[cfg(feature = "view")]
 mod with {
     use linkage_lcm::messages::linkage::Status;
-    use linkage_tests::service::{Listener, Service, known_drawer};
-    use linkage_tests::{failure, linkage, python_with, simulated};
+    use linkage_tests::service::{Listener, Service};
+    use linkage_tests::{failure, learned, linkage, python_with, simulated};
     use serde_json::Value;
     use std::io::{BufRead, BufReader};
     use std::net::TcpListener;
@@ -106,7 +106,7 @@ mod with {
     fn a_recognition_is_one_moment_with_the_surface_where_it_is() {
         let Some(python) = python_with(&["mcap"]) else { return };
         let dir = tempfile::tempdir().unwrap();
-        let (store, file) = (known_drawer(dir.path()), dir.path().join("met.mcap"));
+        let (store, file) = (learned("drawer", dir.path()), dir.path().join("met.mcap"));
         let met = text(&simulated("drawer", true, 3));
         let arguments = ["recognise", &met, "--store", &text(&store), "--mcap", &text(&file)];
         let output = linkage(&arguments);
@@ -135,7 +135,7 @@ mod with {
         let address = free.expect("a port is free").to_string();
         let met: PathBuf = simulated("drawer", true, 3);
         let options = ["--repeat", "--view", &address];
-        let service = Service::start(network, &text(&met), &known_drawer(dir), &options);
+        let service = Service::start(network, &text(&met), &learned("drawer", dir), &options);
         (service, format!("ws://{address}"))
     }
 

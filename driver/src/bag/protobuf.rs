@@ -1,8 +1,10 @@
 //! The fields of a protobuf message, one after the other, in the order in which they were written.
 //!
 //! In: the bytes of a message. Out: each field's number and value, which borrows from the bytes:
-//! nothing is copied, so that a picture is not. Numbers that a reader does not know are for it to
-//! pass over; groups, which no writer uses any more, are errors.
+//! nothing is copied, so that a picture is not, though its message is read twice: for its time stamp when
+//! it comes, and for its pixels. `prost`, which the feature `view` brings along, owns what it reads and
+//! would copy each picture twice. Numbers that a reader does not know are for it to pass over; groups,
+//! which no writer uses any more, are errors.
 
 use super::wire::WireError;
 

@@ -208,55 +208,50 @@ fn time_column(names: &[&str], roles: &[Option<Role>]) -> Option<TimeColumn> {
     Some(TimeColumn { index, scale, nanoseconds })
 }
 
+/// Words in names of columns that hold no position, orientation or time.
+const OF_OTHER_THINGS: [&str; 24] = [
+    "velocity",
+    "vel",
+    "twist",
+    "linear",
+    "angular",
+    "accel",
+    "acceleration",
+    "covariance",
+    "cov",
+    "euler",
+    "rpy",
+    "force",
+    "torque",
+    "normal",
+    "size",
+    "pixel",
+    "color",
+    "colour",
+    "gyro",
+    "acc",
+    "v",
+    "b",
+    "a",
+    "omega",
+];
+/// Words in names of columns that hold an orientation.
+const OF_ORIENTATION: [&str; 9] =
+    ["orientation", "rotation", "quaternion", "quat", "q", "rot", "ori", "orient", "attitude"];
+
 /// What a name says, whichever of the common ways it is written: `qx`, `q_x`, `rotation.x`,
 /// `field.pose.orientation.x`, `q_RS_x []`, `timestamp [ns]`, `posX`, `utime`.
 fn role_of(name: &str) -> Option<Role> {
     let (words, unit) = words_of(name);
-    const OTHER: [&str; 24] = [
-        "velocity",
-        "vel",
-        "twist",
-        "linear",
-        "angular",
-        "accel",
-        "acceleration",
-        "covariance",
-        "cov",
-        "euler",
-        "rpy",
-        "force",
-        "torque",
-        "normal",
-        "size",
-        "pixel",
-        "color",
-        "colour",
-        "gyro",
-        "acc",
-        "v",
-        "b",
-        "a",
-        "omega",
-    ];
     let (last, context) = words.split_last()?;
-    if words.iter().any(|w| OTHER.contains(&w.as_str())) {
+    if words.iter().any(|w| OF_OTHER_THINGS.contains(&w.as_str())) {
         return None;
     }
     if let Some(role) = time_role(last, context, unit.as_deref()) {
         return Some(role);
     }
     let is_any_of = |known: &[&str]| context.iter().any(|w| known.contains(&w.as_str()));
-    let turned = is_any_of(&[
-        "orientation",
-        "rotation",
-        "quaternion",
-        "quat",
-        "q",
-        "rot",
-        "ori",
-        "orient",
-        "attitude",
-    ]);
+    let turned = is_any_of(&OF_ORIENTATION);
     let axis_of = |letter: &str| ["x", "y", "z", "w"].iter().position(|a| *a == letter);
     if let Some(letter) = ["quat", "q", "rot"].iter().find_map(|p| last.strip_prefix(p))
         && let Some(axis) = axis_of(letter)

@@ -168,6 +168,14 @@ struct TrackEquations {
     frames: Vec<FrameTerms>,
 }
 
+/// Derivatives of a moved point.
+struct Derivatives {
+    /// By the line.
+    jacobian: SMatrix<f64, 3, LINE>,
+    /// By the configuration.
+    velocity: Vector3<f64>,
+}
+
 impl TrackEquations {
     fn of(
         joint: &JointEstimate,
@@ -199,21 +207,20 @@ impl TrackEquations {
                 let information = s.precision.matrix() * w;
                 let jacobian = line_jacobian(dof, sides, &arm, q, turn);
                 let pull = information * (moved - s.point);
-                equations.add(f, &information, &jacobian, &pull, &dof.velocity(&moved), turn);
+                let derivatives = Derivatives { jacobian, velocity: dof.velocity(&moved) };
+                equations.add(f, &information, &derivatives, &pull, turn);
             }
         }
         equations
     }
 
-    /// Adds an observation: the derivatives of the moved point by the line (`jacobian`) and by the
-    /// configuration (`velocity`), and its weighted residual (`pull`).
+    /// Adds an observation: the derivatives of the moved point, and its weighted residual (`pull`).
     fn add(
         &mut self,
         frame: usize,
         information: &Matrix3<f64>,
-        jacobian: &SMatrix<f64, 3, LINE>,
+        Derivatives { jacobian, velocity }: &Derivatives,
         pull: &Vector3<f64>,
-        velocity: &Vector3<f64>,
         turn: &Turn,
     ) {
         let (weighed, weighed_velocity) = (information * jacobian, information * velocity);
