@@ -488,7 +488,7 @@ mod tests {
         let leaf = (1..=26).flat_map(|x| (-10..=10).map(move |y| (x, y)));
         let leaf = leaf.flat_map(|(x, y)| sides.map(|(z, normal)| surfel(1, x, y, z, normal)));
         let cloud = Cloud::of(base.chain(leaf).collect());
-        let table = FeatureTable::new(&Appearance::default());
+        let table = FeatureTable::new(&[]);
         Arc::new(KnownObject::of(model, table, cloud, Vec::new()))
     }
 
