@@ -6,7 +6,7 @@ use linkage_skill::internals::Record;
 use linkage_skill::object::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use linkage_skill::recognise::KnownObject;
 
-fuzz_target!(|data: (Vec<u8>, Vec<u8>)| {
+fuzz_target!(|data: (Vec<u8>, Vec<u8>, Vec<u8>)| {
     let model = ObjectModel {
         schema: MODEL_SCHEMA.to_owned(),
         object: "door".to_owned(),
@@ -18,8 +18,8 @@ fuzz_target!(|data: (Vec<u8>, Vec<u8>)| {
         version: "0".to_owned(),
     };
     let model = serde_json::to_string(&model).expect("a model can be written");
-    let (appearance, edges) = data;
-    let record = Record { model, appearance, edges, provenance: Vec::new() };
+    let (appearance, edges, room) = data;
+    let record = Record { model, appearance, edges, room, provenance: Vec::new() };
     if let Ok(object) = record.object("door") {
         KnownObject::new(object.model, &object.appearance);
     }
