@@ -6,7 +6,7 @@
 //! elsewhere.
 
 use super::elimination::told_within;
-use super::evidence::{Detection, evident_joints};
+use super::evidence::{Detection, RefinedPose, configuration_deviations, evident_joints};
 use super::hypothesis::fit_of_inliers;
 use super::kinematics::State;
 use super::refine::{FEATURE_WORTH, Refiner};
@@ -19,6 +19,30 @@ use rayon::prelude::*;
 const STEPS: usize = 25;
 /// Share of what a configuration explains from which another one explains about as much.
 const AS_GOOD: f64 = 0.9;
+
+/// What of a state can be told whose parts in `placed` are where it puts them: the configurations that the
+/// surface tells well, and of which no other one explains the picture about as well.
+pub fn told_by_surface(refiner: &Refiner, refined: RefinedPose, placed: Vec<bool>) -> Detection {
+    let articulated = refiner.articulated;
+    let RefinedPose { state, score, inliers, verdict } = refined;
+    let deviations = configuration_deviations(articulated, &refiner.system(&state));
+    let is_well_told: Vec<bool> = articulated
+        .joints
+        .iter()
+        .zip(&deviations)
+        .map(|(joint, deviation)| deviation.is_some_and(|d| d < told_within(joint.geometry.kind)))
+        .collect();
+    let well_told = |evident: Vec<bool>| -> Vec<bool> {
+        evident.iter().zip(&is_well_told).map(|(evident, told)| *evident && *told).collect()
+    };
+    let evident = well_told(evident_joints(articulated, &placed));
+    let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
+    if refiner.config.check_rivals {
+        withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
+        found.evident = well_told(std::mem::take(&mut found.evident));
+    }
+    found
+}
 
 /// Withdraws parts that could as well be elsewhere by one of these joints, and the configurations
 /// that rested on them.

@@ -5,11 +5,8 @@
 //! object can be told, as a [`Detection`]. The room tells where to look; whether the object is there, and
 //! at which configurations, its own surface tells alone.
 
-use super::ambiguity::withdraw_ambiguous;
-use super::elimination::told_within;
-use super::evidence::{
-    Detection, RefinedPose, configuration_deviations, evident_joints, is_believed,
-};
+use super::ambiguity::told_by_surface;
+use super::evidence::{Detection, RefinedPose, is_believed};
 use super::hypothesis::{self, Hypothesis, agrees};
 use super::matching::Match;
 use super::refine::Refiner;
@@ -91,21 +88,9 @@ fn refined(refiner: &Refiner, contours: Contours, hypothesis: &Hypothesis) -> Op
 /// Decides what of a state can be told: the room tells where the base is, and each part that stands where
 /// the state puts it tells its configuration, unless it could as well be elsewhere.
 fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detection {
-    let articulated = refiner.articulated;
-    let RefinedPose { state, score, inliers, verdict } = refined;
-    let in_sight = ends_in_sight(refiner.scene, articulated, contours, &state);
-    let placed = placed_in_room(&verdict, &in_sight);
-    let deviations = configuration_deviations(articulated, &refiner.system(&state));
-    let mut evident = evident_joints(articulated, &placed);
-    for (j, deviation) in deviations.iter().enumerate() {
-        evident[j] &=
-            deviation.is_some_and(|d| d < told_within(articulated.joints[j].geometry.kind));
-    }
-    let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
-    if refiner.config.check_rivals {
-        withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
-    }
-    found
+    let in_sight = ends_in_sight(refiner.scene, refiner.articulated, contours, &refined.state);
+    let placed = placed_in_room(&refined.verdict, &in_sight);
+    told_by_surface(refiner, refined, placed)
 }
 
 /// Parts that are where the state puts them: the base by its room, the others by their surface and their

@@ -7,11 +7,8 @@
 //! The limits are ours, chosen on demonstrations and encounters of ten plain things (doors, drawers, lids,
 //! a chair) with about 380 wrong pairs, of which none is reported.
 
-use super::ambiguity::withdraw_ambiguous;
-use super::elimination::told_within;
-use super::evidence::{
-    Detection, RefinedPose, configuration_deviations, evident_joints, is_believed,
-};
+use super::ambiguity::told_by_surface;
+use super::evidence::{Detection, RefinedPose, is_believed};
 use super::hypothesis::Hypothesis;
 use super::normal_equations::System;
 use super::refine::Refiner;
@@ -67,21 +64,9 @@ fn best(refiner: &Refiner, contours: Contours) -> Option<RefinedPose> {
 /// Decides what of a state can be told that was found by shape: where a part stands tells where it
 /// is, whatever it looks like, unless it could as well be elsewhere.
 fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detection {
-    let articulated = refiner.articulated;
-    let RefinedPose { state, score, inliers, verdict } = refined;
-    let in_sight = ends_in_sight(refiner.scene, articulated, contours, &state);
-    let placed = placed_by_shape(&verdict, &in_sight);
-    let deviations = configuration_deviations(articulated, &refiner.system(&state));
-    let mut evident = evident_joints(articulated, &placed);
-    for (j, deviation) in deviations.iter().enumerate() {
-        evident[j] &=
-            deviation.is_some_and(|d| d < told_within(articulated.joints[j].geometry.kind));
-    }
-    let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
-    if refiner.config.check_rivals {
-        withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
-    }
-    found
+    let in_sight = ends_in_sight(refiner.scene, refiner.articulated, contours, &refined.state);
+    let placed = placed_by_shape(&refined.verdict, &in_sight);
+    told_by_surface(refiner, refined, placed)
 }
 
 /// Parts that stand and end where the state puts them, whatever they look like.
