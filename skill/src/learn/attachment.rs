@@ -5,11 +5,12 @@
 //! Measured on rendered demonstrations: of the lines of true hinges at most 1 % was in the air or outside
 //! the pictures, of that of a leaning trunk all.
 
+use super::free_space::{Probe, probe_point};
 use super::recording::Recording;
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
 use linkage_frames::RgbdFrame;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// Largest share of a hinge's line that may be in the air or outside the pictures.
 pub const MAX_UNATTACHED: f64 = 0.4;
@@ -17,6 +18,11 @@ pub const MAX_UNATTACHED: f64 = 0.4;
 const PLACES: usize = 11;
 /// Distance from the line up to which a surface holds it, metres: half the thickness of furniture.
 const NEAR_M: f64 = 0.12;
+/// Distance beside a place, in the picture, at which a surface that stays holds it too, metres: the hinge of a
+/// thing that hangs at a wall is at its border.
+const BESIDE_M: f64 = 0.025;
+/// Largest share of the keyframes that may see through what stays.
+const MAX_THROUGH: f64 = 0.1;
 
 /// Share of the places on a hinge's line beside its part, over all keyframes, that are in the air or
 /// outside the picture. `points` are on the part, in the frame of the line; `camera_from_line` is that
@@ -42,19 +48,48 @@ pub fn unattached_ratio(
         .iter()
         .map(|(frame, picture)| {
             let camera_from_line = camera_from_line(frame);
-            places.iter().filter(|p| is_unattached(picture, &(camera_from_line * *p))).count()
+            let stays = |in_camera: &Point3<f64>| stays(in_camera, frame, recording);
+            let is_unattached =
+                |p: &&Point3<f64>| is_unattached(picture, &(camera_from_line * **p), stays);
+            places.iter().filter(is_unattached).count()
         })
         .sum();
     unattached as f64 / (PLACES * recording.keyframes.len()).max(1) as f64
 }
 
-/// The picture shows only what is far behind a place, or not the place at all.
-fn is_unattached(picture: &RgbdFrame, in_camera: &Point3<f64>) -> bool {
-    let pixel = picture.camera.project(in_camera).filter(|px| picture.camera.sees(px, 3.0));
-    pixel.is_none_or(|px| {
-        let behind = |z: f32| f64::from(z) > in_camera.z + NEAR_M;
-        picture.depth.at_nearest(px.x, px.y).is_some_and(behind)
-    })
+/// The picture shows only what is far behind a place and nothing beside it that stays and could hold it, or not
+/// the place at all.
+fn is_unattached(
+    picture: &RgbdFrame,
+    in_camera: &Point3<f64>,
+    stays: impl Fn(&Point3<f64>) -> bool,
+) -> bool {
+    let camera = &picture.camera;
+    // What the picture shows at the pixel of a place; `None` outside of it.
+    let shown = |p: &Point3<f64>| {
+        let px = camera.project(p).filter(|px| camera.sees(px, 3.0))?;
+        let reading = |z: f32| camera.back_project(px.x, px.y, f64::from(z));
+        Some(picture.depth.at_nearest(px.x, px.y).map(reading))
+    };
+    let Some(at_place) = shown(in_camera) else { return true };
+    let beside = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+        .map(|(x, y)| in_camera + Vector3::new(x, y, 0.0) * BESIDE_M);
+    let holds = |p: &Point3<f64>| {
+        let is_near = |r: &Point3<f64>| (r.z - p.z).abs() <= NEAR_M;
+        shown(p).flatten().filter(is_near).is_some_and(|r| stays(&r))
+    };
+    at_place.is_some_and(|r| r.z > in_camera.z + NEAR_M) && !beside.iter().any(holds)
+}
+
+/// Hardly a keyframe sees through a place, in the camera frame of one of them.
+fn stays(in_camera: &Point3<f64>, frame: usize, recording: &Recording) -> bool {
+    let Recording { ego_motion: base, keyframes, .. } = recording;
+    let in_base = base.camera_from_base[frame].inverse() * in_camera;
+    let sees_through = |(other, picture): &(usize, &RgbdFrame)| {
+        probe_point(picture, &(base.camera_from_base[*other] * in_base)) == Probe::Through
+    };
+    let through = keyframes.iter().filter(sees_through).count();
+    through as f64 <= MAX_THROUGH * keyframes.len() as f64
 }
 
 #[cfg(test)]
@@ -64,15 +99,16 @@ mod tests {
     use crate::learn::keyframes::Keyframes;
     use crate::learn::tracking::TrackSet;
     use crate::test_data::{board, seen};
-    use nalgebra::{UnitVector3, Vector3};
+    use nalgebra::UnitVector3;
 
     /// The share for an upright line, of a board of half a metre's side 2 m before the camera and a wall
     /// at 4 m.
     fn unattached_at(x: f64, z: f64) -> f64 {
         let mut keyframes = Keyframes::new(3);
         (0..3).for_each(|f| keyframes.offer(f, &seen(f as i64, board(0.25, 2.0, 4.0))));
-        let recording =
-            Recording { tracks: TrackSet::default(), ego_motion: EgoMotion::default(), keyframes };
+        let camera_from_base = vec![Pose::identity(); 3];
+        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
+        let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
         let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(x, 0.0, z));
         let points: Vec<Point3<f64>> =
             (0..10).map(|k| Point3::new(0.0, 0.02 * f64::from(k) - 0.1, 2.0)).collect();
@@ -83,6 +119,12 @@ mod tests {
     fn a_line_on_a_surface_or_behind_it_is_attached() {
         assert_eq!(unattached_at(0.2, 2.05), 0.0);
         assert_eq!(unattached_at(0.2, 3.0), 0.0, "hidden: nothing is known");
+    }
+
+    #[test]
+    fn a_line_at_the_border_of_what_stands_before_a_wall_is_attached() {
+        assert_eq!(unattached_at(0.27, 2.0), 0.0);
+        assert_eq!(unattached_at(0.29, 2.0), 1.0);
     }
 
     #[test]

@@ -11,6 +11,7 @@ mod directions;
 mod hypotheses;
 mod moving_points;
 mod point_grid;
+mod rest_frame;
 mod rest_surface;
 #[cfg(test)]
 mod test_data;
@@ -29,6 +30,7 @@ use hypotheses::{Hypothesis, best_hypotheses};
 use moving_points::MovingPoints;
 use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
+use rest_frame::RestFrame;
 use rest_surface::{End, RestSurface, vacated_surfaces};
 use vacated_part::VacatedPart;
 use view::View;
@@ -48,6 +50,10 @@ const SIMPLER: f64 = 0.97;
 /// is built square, and of any.
 const SQUARE_RAD: f64 = 0.035;
 const ANY_RAD: f64 = 0.3;
+/// Largest angle between a slide and the normal of its flat front for which it is pulled along the normal, and
+/// standard deviation of the angle then, radians.
+const ALONG_RAD: f64 = 0.15;
+const FRONT_RAD: f64 = 0.012;
 /// Agreement that any direction must have more than the square one, as a factor.
 const BETTER: f64 = 1.03;
 /// Lines that make a smaller angle and are closer are one, radians and metres.
@@ -66,6 +72,8 @@ const EXPLAINED_FOUND: f64 = 0.3;
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     let LearnedJoints { mut joints, rejections, turning } = found;
     let views = View::all(recording);
+    // Slides that nothing holds: another drawer of the cabinet may be found later.
+    let mut waiting: Vec<(RestSurface, LearnedJoint)> = Vec::new();
     for end in [End::First, End::Last] {
         let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
         for surface in vacated_surfaces(&views, end, |frame| places_on(&joints, frame))
@@ -73,35 +81,43 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
             .filter(small)
             .take(MOST_SURFACES)
         {
-            if let Some(mut learned) = new_joint(&surface, &joints, &turning, recording, &views) {
-                learned.joint.child = joints.len() + 1;
-                learned.joint.name = format!("joint{}", joints.len() + 1);
-                joints.push(learned);
+            if joints.iter().any(|j| explains(j, &surface, recording, &views)) {
+                continue;
             }
+            let frame = RestFrame::of(&surface, &views);
+            tracing::debug!(?frame, "what is beside it");
+            let Some(part) = part_of(&surface, frame, &joints, &turning, recording, &views) else {
+                continue;
+            };
+            let learned = part.to_learned(&surface, recording);
+            if frame.is_set_in() || may_be_of(&learned.joint, &joints) {
+                add(learned, &mut joints);
+            } else {
+                waiting.push((surface, learned));
+            }
+        }
+    }
+    for (surface, learned) in waiting {
+        let is_explained = || joints.iter().any(|j| explains(j, &surface, recording, &views));
+        if may_be_of(&learned.joint, &joints) && !is_explained() {
+            add(learned, &mut joints);
         }
     }
     LearnedJoints { joints, rejections, turning }
 }
 
-/// The joint of the part that a surface is of, if it is none of the known ones.
-fn new_joint(
-    surface: &RestSurface,
-    joints: &[LearnedJoint],
-    turning: &[TurningPlane],
-    recording: &Recording,
-    views: &[View],
-) -> Option<LearnedJoint> {
-    if joints.iter().any(|j| explains(j, surface, recording, views)) {
-        return None;
-    }
-    let learned =
-        part_of(surface, joints, turning, recording, views)?.to_learned(surface, recording);
+/// Adds a joint, if it is none of the known ones.
+fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     // A hand that pulls a drawer slides along with it.
     let is_hand = |j: &LearnedJoint| {
         learned.joint.kind == JointKind::Prismatic && moves_together(j, &learned)
     };
     let is_same = |j: &LearnedJoint| is_about_one_line(&j.joint, &learned.joint) || is_hand(j);
-    (!joints.iter().any(is_same)).then_some(learned)
+    if !joints.iter().any(is_same) {
+        learned.joint.child = joints.len() + 1;
+        learned.joint.name = format!("joint{}", joints.len() + 1);
+        joints.push(learned);
+    }
 }
 
 /// A known joint turns about the line of a new hinge. Two parts may turn about one line, but what a known
@@ -139,6 +155,7 @@ fn explains(
 /// The part that a surface is of, with its joint.
 fn part_of(
     surface: &RestSurface,
+    frame: RestFrame,
     joints: &[LearnedJoint],
     turning: &[TurningPlane],
     recording: &Recording,
@@ -168,8 +185,7 @@ fn part_of(
         "vacated surface at rest"
     );
     let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
-    let best = best_part(surface, &hypotheses, &moving, recording)?;
-    (best.doubt().is_none() && may_be_of(best.geometry(), joints)).then_some(best)
+    best_part(surface, frame, &hypotheses, &moving, recording).filter(|best| best.doubt().is_none())
 }
 
 /// The lines that planes near a surface turned about. A part's other faces turn with it.
@@ -182,19 +198,22 @@ fn turning_near(
 }
 
 /// A hinge shows what holds it; a slide does not, and a person who steps aside slides as well. The drawers of a
-/// cabinet are parallel: a slide is believed where tracks showed one along the same direction.
-fn may_be_of(geometry: &JointGeometry, joints: &[LearnedJoint]) -> bool {
+/// cabinet are parallel: a slide is believed where another is known along the same direction, as where what it
+/// moves closes an opening.
+fn may_be_of(joint: &Joint, joints: &[LearnedJoint]) -> bool {
     let is_parallel_slide = |j: &LearnedJoint| {
         j.joint.kind == JointKind::Prismatic
             && j.joint.parent == 0
-            && line_angle(&j.joint.axis.into(), &geometry.axis) < PARALLEL_RAD
+            && line_angle(&j.joint.axis.into(), &joint.axis.into()) < PARALLEL_RAD
     };
-    geometry.kind == JointKind::Revolute || joints.iter().any(is_parallel_slide)
+    joint.kind == JointKind::Revolute || joints.iter().any(is_parallel_slide)
 }
 
-/// Of the parts that a surface may be of, that which explains most.
+/// Of the parts that a surface may be of, that which explains most. Where nothing beside the
+/// surface is open, a line far away is no rival of a slide: what hardly turns about it moves as what slides.
 fn best_part(
     surface: &RestSurface,
+    frame: RestFrame,
     hypotheses: &[Hypothesis],
     moving: &[MovingPoints],
     recording: &Recording,
@@ -202,11 +221,23 @@ fn best_part(
     let follow = |h: &Hypothesis, direction_sigma: f64| {
         VacatedPart::follow(surface, h, direction_sigma, moving, recording)
     };
-    let square = hypotheses.par_iter().map(|h| (*h, follow(h, SQUARE_RAD)));
+    let front = surface.flat_normal();
+    let square = hypotheses.par_iter().map(|h| match front.filter(|n| is_along(h, n)) {
+        Some(normal) => {
+            let mut along = *h;
+            along.geometry.axis = normal;
+            (along, follow(&along, FRONT_RAD))
+        }
+        None => (*h, follow(h, SQUARE_RAD)),
+    });
     let square: Vec<(Hypothesis, VacatedPart)> = square.collect();
     square.iter().for_each(|(_, part)| part.trace());
-    let (hypothesis, square) =
-        square.into_iter().max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
+    let slides = frame.is_closed()
+        && square.iter().any(|(_, part)| is_slide(part) && part.doubt().is_none());
+    let (hypothesis, square) = square
+        .into_iter()
+        .filter(|(_, part)| !(slides && part.hardly_turns()))
+        .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
     let any = follow(&hypothesis, ANY_RAD);
     any.trace();
     Some(if value(&any) > BETTER * value(&square) { any } else { square })
@@ -223,13 +254,24 @@ fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
 
 /// How well a part's joint explains what was seen.
 fn value(part: &VacatedPart) -> f64 {
-    let is_slide = part.geometry().kind == JointKind::Prismatic;
-    part.agreement() / if is_slide { SIMPLER } else { 1.0 }
+    part.agreement() / if is_slide(part) { SIMPLER } else { 1.0 }
+}
+
+/// A slide along a normal.
+fn is_along(hypothesis: &Hypothesis, normal: &UnitVector3<f64>) -> bool {
+    hypothesis.geometry.kind == JointKind::Prismatic
+        && line_angle(&hypothesis.geometry.axis, normal) < ALONG_RAD
+}
+
+fn is_slide(part: &VacatedPart) -> bool {
+    part.geometry().kind == JointKind::Prismatic
 }
 
 #[cfg(test)]
 mod tests {
-    use super::test_data::{FRAMES, PIVOT_M, lever, recording as recording_with, slider, turn};
+    use super::test_data::{
+        FRAMES, PIVOT_M, drawer, lever, recording as recording_with, slider, turn,
+    };
     use super::*;
 
     fn joints(recording: &Recording) -> Vec<LearnedJoint> {
@@ -292,6 +334,17 @@ mod tests {
         assert!(beside_a_moving_slide(&opened, [1.0, 0.0, 0.0], with_it).is_empty(), "a hand");
         let hardly = slider(|frame| 0.04 * turn(frame));
         assert!(beside_a_slide(&hardly, [1.0, 0.02, 0.0]).is_empty(), "it may as well turn");
+    }
+
+    #[test]
+    fn a_plain_drawer_is_learned_alone_where_its_front_is_set_in_its_cabinet() {
+        let learned = joints(&drawer(|frame| 0.25 * turn(frame), 0.2));
+        assert_eq!(learned.len(), 1);
+        let joint = &learned[0].joint;
+        assert_eq!(joint.kind, JointKind::Prismatic);
+        assert!(joint.axis[2].abs() > 0.999, "{:?}", joint.axis);
+        assert!((joint.range[1] - joint.range[0] - 0.3).abs() < 0.02, "{:?}", joint.range);
+        assert!(joints(&drawer(|frame| 0.25 * turn(frame), 0.0)).is_empty(), "nothing holds it");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::point_grid::{PointGrid, cell_of};
 use super::view::View;
 use crate::learn::free_space::Probe;
 use crate::math::rigid::plane_through;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 use std::collections::BTreeMap;
 
 /// Keyframes on end in which a surface must rest.
@@ -30,6 +30,9 @@ const MAX_POINTS: usize = 100;
 /// Radius of the neighbourhood that tells a normal, metres, and its fewest places.
 const NORMAL_RADIUS_M: f64 = 0.015;
 const NORMAL_PLACES: usize = 5;
+
+/// Four fifths of the places of a flat surface are no farther from its plane, metres.
+const FLAT_M: f64 = 0.01;
 
 /// The end of a recording at which a surface rests.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,6 +59,16 @@ impl RestSurface {
     pub fn centre(&self) -> Point3<f64> {
         let sum: Vector3<f64> = self.points.iter().map(|p| p.coords).sum();
         Point3::from(sum / self.points.len().max(1) as f64)
+    }
+
+    /// The normal of a flat surface, towards the camera; `None` for one that is not flat.
+    pub fn flat_normal(&self) -> Option<UnitVector3<f64>> {
+        let (mean, normal) = plane_through(&self.points);
+        let mut off: Vec<f64> = self.points.iter().map(|p| normal.dot(&(p - mean)).abs()).collect();
+        off.sort_by(f64::total_cmp);
+        let most = off.get(off.len() * 4 / 5)?;
+        let sense = if normal.dot(self.normals.first()?) < 0.0 { -1.0 } else { 1.0 };
+        (*most < FLAT_M).then(|| UnitVector3::new_normalize(normal * sense))
     }
 
     /// Largest distance of a place from the middle, metres.

@@ -16,6 +16,8 @@ const LENGTH_M: f64 = 0.3;
 const WIDTH_M: f64 = 0.06;
 /// Distance of the wall behind it.
 const WALL_M: f64 = 1.6;
+/// Distance of a drawer's cabinet.
+const CABINET_M: f64 = 1.2;
 /// Time between two frames, microseconds.
 const FRAME_US: i64 = 100_000;
 /// Frames of a recording.
@@ -65,6 +67,30 @@ pub fn slider(way: impl Fn(usize) -> f64) -> Recording {
         move |x, y| {
             let is_plate = (1.2 * x - middle).abs() < 0.06 && (1.2 * y).abs() < 0.06;
             if is_plate { 1.2 } else { WALL_M }
+        }
+    })
+}
+
+/// A recording of a front of 40 by 16 cm, 30 cm below the camera, that comes forwards out of a cabinet, by its
+/// way in each frame, metres, with a hand that comes to it first. The cabinet reaches `beside` metres beyond the
+/// front to all sides; above the front its opening is seen.
+pub fn drawer(way: impl Fn(usize) -> f64, beside: f64) -> Recording {
+    recorded(|frame| {
+        let front = CABINET_M - way(frame);
+        let hand_x = 0.35 - 0.07 * frame.min(5) as f64;
+        move |x, y| {
+            let hand = front - 0.06;
+            if (hand * x - hand_x).abs() < 0.03 && (hand * y - 0.3).abs() < 0.03 {
+                return hand;
+            }
+            let within =
+                |z: f64, more: f64| (z * x).abs() < 0.2 + more && (z * y - 0.3).abs() < 0.08 + more;
+            match (within(front, 0.0), within(CABINET_M, 0.0), within(CABINET_M, beside)) {
+                (true, ..) => front,
+                (_, true, _) => CABINET_M + 0.35,
+                (_, _, true) => CABINET_M + 0.01,
+                _ => CABINET_M + 0.4,
+            }
         }
     })
 }

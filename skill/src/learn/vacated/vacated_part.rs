@@ -29,8 +29,10 @@ const LEAST_KEYFRAMES: f64 = 0.7;
 const END: f64 = 0.1;
 /// Largest share of its points that may be seen through.
 const MAX_VIOLATION: f64 = 0.1;
-/// Largest median distance of its points from the readings next to them, metres.
+/// Largest median distance of its points from the readings next to them, metres, and a metre of the distance at
+/// which it is seen: readings are the farther apart the farther the surface is.
 const MAX_MEDIAN_M: f64 = 0.006;
+const MAX_MEDIAN: f64 = 0.0032;
 /// Distance from which a reading next to a point says nothing for it, metres.
 const OWN_M: f64 = 0.0125;
 /// Least agreement while it is away from its rest.
@@ -64,6 +66,8 @@ pub struct VacatedPart {
     seen: Vec<Seen>,
     /// Median distance of points from the readings next to them, metres.
     median_m: f64,
+    /// How far from the camera it rests, metres.
+    distance_m: f64,
     /// Distance of the farthest point from the line; 1 for a slide.
     reach: f64,
     /// Largest distance of a point from the middle of the surface, metres.
@@ -117,7 +121,18 @@ impl VacatedPart {
         let lead_s = lead_of_others(surface, &aligned.q, reach, moving);
         let is_alone = is_alone(surface, &aligned, moving);
         let radius = surface.radius();
-        Self { aligned, seen, median_m, reach, radius, unattached_ratio, lead_s, is_alone }
+        let distance_m = moving[surface.keyframe].distance_of(&surface.centre());
+        Self {
+            aligned,
+            seen,
+            median_m,
+            distance_m,
+            reach,
+            radius,
+            unattached_ratio,
+            lead_s,
+            is_alone,
+        }
     }
 
     /// The joint's line.
@@ -134,23 +149,41 @@ impl VacatedPart {
     pub fn doubt(&self) -> Option<&'static str> {
         let keyframes = self.seen.len() as f64;
         let shown = self.shown().count() as f64;
-        let turn = span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>());
+        let turn = self.turn();
         let (found, through) =
             self.seen.iter().fold((0, 0), |(f, t), s| (f + s.found, t + s.through));
-        let is_hinge = self.geometry().kind == JointKind::Revolute;
+        let is_hinge = self.is_hinge();
         let reasons = [
-            (is_hinge && turn < MIN_TURN_RAD, "it hardly turns"),
+            (self.hardly_turns(), "it hardly turns"),
             (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
             (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
             (!is_hinge && turn < MIN_SLIDE_RADII * self.radius, "it may as well turn"),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
-            (self.median_m > MAX_MEDIAN_M, "it does not keep its shape"),
+            (self.median_m > self.max_median_m(), "it does not keep its shape"),
             (self.agreement_elsewhere() < MIN_AGREEMENT, "it is not found elsewhere"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
             (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+    }
+
+    /// It is a hinge about which hardly anything turns.
+    pub fn hardly_turns(&self) -> bool {
+        self.is_hinge() && self.turn() < MIN_TURN_RAD
+    }
+
+    fn is_hinge(&self) -> bool {
+        self.geometry().kind == JointKind::Revolute
+    }
+
+    /// Between the configurations that keyframes show, radians or metres.
+    fn turn(&self) -> f64 {
+        span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>())
+    }
+
+    fn max_median_m(&self) -> f64 {
+        MAX_MEDIAN_M.max(MAX_MEDIAN * self.distance_m)
     }
 
     /// Agreement of the keyframes in which it is far from its rest.
@@ -177,7 +210,6 @@ impl VacatedPart {
 
     /// For looking at what was found and why it is believed or not.
     pub fn trace(&self) {
-        let turn = span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>());
         tracing::debug!(
             kind = self.geometry().kind.name(),
             agreement = self.agreement(),
@@ -188,7 +220,7 @@ impl VacatedPart {
             unattached = self.unattached_ratio,
             lead = self.lead_s,
             alone = self.is_alone,
-            turn,
+            turn = self.turn(),
             reach = self.reach,
             axis = ?self.geometry().axis.as_slice(),
             origin = ?self.geometry().origin.coords.as_slice(),

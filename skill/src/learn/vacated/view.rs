@@ -38,6 +38,13 @@ impl<'r> View<'r> {
         Some(self.base_from_camera * camera.back_project(u as f64, v as f64, f64::from(z)))
     }
 
+    /// The surface at a place's pixel, base frame.
+    pub fn surface_near(&self, place: &Point3<f64>) -> Option<Point3<f64>> {
+        let camera = &self.picture.camera;
+        let pixel = self.pixel_of(place).filter(|px| camera.sees(px, BORDER_PX))?;
+        self.surface_at(pixel.x.round() as usize, pixel.y.round() as usize)
+    }
+
     /// Where the camera is, base frame.
     pub fn camera_place(&self) -> Point3<f64> {
         self.base_from_camera * Point3::origin()

@@ -1,0 +1,139 @@
+//! Is a surface at rest set into something? The front of a drawer closes its opening: beside its border there
+//! is what stays, as near to the camera. A person stands before things: beside the border is only what is far
+//! behind.
+//!
+//! In: a surface at rest and the keyframes. Out: of the directions from its middle to all sides, in how many its
+//! border meets something that stays, and in how many there is only what is far behind.
+
+use super::rest_surface::RestSurface;
+use super::view::View;
+use crate::learn::free_space::Probe;
+use crate::math::rigid::{orthonormal_basis, plane_through};
+use nalgebra::{Point3, Vector3};
+use std::f64::consts::TAU;
+
+/// Directions that are asked about.
+const DIRECTIONS: usize = 16;
+/// How far beside the border something is sought, and steps to there, metres.
+const BESIDE_M: f64 = 0.05;
+const BESIDE_STEPS: usize = 5;
+/// Largest distance of what meets the border from where the surface would go on, metres: fronts stand out by
+/// their thickness.
+const MEETS_M: f64 = 0.035;
+/// Fewest directions in which something must meet what is set in, and most in which nothing does, as a share of
+/// these.
+const MIN_MEETS: usize = 3;
+const MAX_FREE: f64 = 0.5;
+/// Share of the surface's points that a keyframe must see through for the surface to be away.
+const AWAY: f64 = 0.5;
+/// Largest share of the keyframes in which the surface is away that may see through what stays.
+const MAX_THROUGH: f64 = 0.05;
+/// Least share of them that must show it.
+const LEAST_SHOWN: f64 = 0.25;
+
+/// What is beside the border of a surface at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RestFrame {
+    /// Directions in which something meets it that stays when it goes away.
+    pub meets: usize,
+    /// Directions in which nothing meets it.
+    pub free: usize,
+}
+
+impl RestFrame {
+    /// Of a surface at rest. What meets it and is not seen once it is away counts for neither: it may be more of it.
+    pub fn of(surface: &RestSurface, views: &[View]) -> Self {
+        let centre = surface.centre();
+        let (_, normal) = plane_through(&surface.points);
+        let (u, v) = orthonormal_basis(&normal);
+        let rest = &views[surface.keyframe];
+        let away: Vec<&View> = views.iter().filter(|view| is_away(surface, view)).collect();
+        let mut frame = Self::default();
+        for k in 0..DIRECTIONS {
+            let angle = TAU * k as f64 / DIRECTIONS as f64;
+            let direction = u * angle.cos() + v * angle.sin();
+            let Some(border) = border(surface, &centre, &normal, &direction) else { continue };
+            let beside = places_beside(&border, &direction, rest);
+            frame.free += usize::from(beside.is_empty());
+            frame.meets += usize::from(beside.iter().any(|place| stays(place, &away)));
+        }
+        frame
+    }
+
+    /// Something holds the surface at several sides, and few are open.
+    pub fn is_set_in(self) -> bool {
+        self.meets >= MIN_MEETS && self.is_closed()
+    }
+
+    /// There is something at most of its sides.
+    pub fn is_closed(self) -> bool {
+        self.free as f64 <= MAX_FREE * self.meets as f64
+    }
+}
+
+/// The surface's farthest place in a direction, of those near the line from its middle.
+fn border(
+    surface: &RestSurface,
+    centre: &Point3<f64>,
+    normal: &Vector3<f64>,
+    direction: &Vector3<f64>,
+) -> Option<Point3<f64>> {
+    let along = |p: &Point3<f64>| direction.dot(&(p - centre));
+    let half_sector = (0.5 * TAU / DIRECTIONS as f64).tan();
+    let across = normal.cross(direction);
+    let in_sector = surface
+        .points
+        .iter()
+        .filter(|p| along(p) > 0.0 && across.dot(&(*p - centre)).abs() < half_sector * along(p));
+    in_sector.copied().max_by(|a, b| along(a).total_cmp(&along(b)))
+}
+
+/// What is seen beside the border, about where the surface would go on.
+fn places_beside(border: &Point3<f64>, direction: &Vector3<f64>, rest: &View) -> Vec<Point3<f64>> {
+    let beside = |k| border + direction * (BESIDE_M * k as f64 / BESIDE_STEPS as f64);
+    let near = |wanted: Point3<f64>| {
+        rest.surface_near(&wanted).filter(|place| (place - wanted).norm() < MEETS_M)
+    };
+    (1..=BESIDE_STEPS).map(beside).filter_map(near).collect()
+}
+
+fn is_away(surface: &RestSurface, view: &View) -> bool {
+    let through = surface.points.iter().filter(|p| view.probe(p) == Probe::Through).count();
+    through as f64 >= AWAY * surface.points.len() as f64
+}
+
+/// While the surface is away, keyframes show a place, and hardly one sees through it.
+fn stays(place: &Point3<f64>, away: &[&View]) -> bool {
+    let share = |holds: &dyn Fn(&View) -> bool| {
+        away.iter().filter(|view| holds(view)).count() as f64 / away.len().max(1) as f64
+    };
+    share(&|view| view.shows_behind(place)) <= MAX_THROUGH
+        && share(&|view| view.shows(place)) >= LEAST_SHOWN
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rest_surface::{End, vacated_surfaces};
+    use super::super::test_data::{drawer, slider, turn};
+    use super::*;
+    use crate::learn::recording::Recording;
+
+    fn frame(recording: &Recording) -> RestFrame {
+        let views = View::all(recording);
+        RestFrame::of(&vacated_surfaces(&views, End::First, |_| Vec::new())[0], &views)
+    }
+
+    #[test]
+    fn a_front_in_its_cabinet_is_set_in_and_a_plate_before_a_wall_is_not() {
+        let in_cabinet = frame(&drawer(|frame| 0.25 * turn(frame), 0.3));
+        assert!(in_cabinet.is_set_in() && in_cabinet.free == 0, "{in_cabinet:?}");
+        let before_a_wall = frame(&slider(|frame| 0.25 * turn(frame)));
+        assert_eq!(before_a_wall, RestFrame { meets: 0, free: DIRECTIONS });
+    }
+
+    #[test]
+    fn what_moves_along_with_it_holds_nothing() {
+        // The cabinet comes with its front: beside both is the wall.
+        assert!(!frame(&drawer(|frame| 0.25 * turn(frame), 0.0)).is_set_in());
+    }
+}
