@@ -28,6 +28,8 @@ const RESIDUAL_M: f64 = 0.003;
 /// Standard deviation of the line's distance from its part's face, metres: parts have a thickness, and
 /// hinges stand out.
 const OFFSET_M: f64 = 0.02;
+/// The same of the faces of a plate that shows both, one of which is farther by its thickness.
+const OFFSET_OF_PLATE_M: f64 = 0.04;
 /// Standard deviation of what is seen of an edge, metres, as if keyframes were independent.
 const EDGE_READING_M: f64 = 0.03;
 /// Standard deviation of the line's distance from the edge of its part's face, metres.
@@ -321,7 +323,8 @@ impl PlaceSystem {
             rows.push((plane.normal, face, 1.0, measured));
         }
         // A line lies near its plane, which small turns tell little of.
-        rows.extend((0..faces).map(|f| (Vector3::zeros(), 2 + f, RESIDUAL_M / OFFSET_M, 0.0)));
+        let offset = if both { OFFSET_OF_PLATE_M } else { OFFSET_M };
+        rows.extend((0..faces).map(|f| (Vector3::zeros(), 2 + f, RESIDUAL_M / offset, 0.0)));
         let nominal = CORRELATED * RESIDUAL_M;
         let reading = |column: usize| {
             move |(point, arm): &EdgePoint| {
@@ -433,6 +436,21 @@ impl Hinge {
         ends
     }
 
+    /// Most planes on end that keep one turn, up to so many radians.
+    pub fn longest_rest(&self, still: f64) -> usize {
+        let mut by_frame = self.turns.clone();
+        by_frame.sort_by_key(|(frame, _)| *frame);
+        let from = |start: usize| {
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            let stays = |(_, turn): &&(usize, f64)| {
+                (low, high) = (low.min(*turn), high.max(*turn));
+                high - low < still
+            };
+            by_frame[start..].iter().take_while(stays).count()
+        };
+        (0..by_frame.len()).map(from).max().unwrap_or(0)
+    }
+
     /// The planes of the other face than a plane's, by their place among `turns`.
     pub fn of_other_face(&self, plane: usize) -> impl Iterator<Item = usize> {
         (0..self.turns.len()).filter(move |k| self.is_outer[*k] != self.is_outer[plane])
@@ -514,6 +532,18 @@ mod tests {
         assert!((told.middle - Point3::new(0.445, -0.05, 1.5)).norm() < 0.1, "{}", told.middle);
         let few = &planes[..6];
         assert!(candidates(few, 1).iter().all(|c| c.turning_plane(few).is_none()));
+    }
+
+    #[test]
+    fn the_longest_rest_is_counted_in_planes_on_end_in_time_order() {
+        let (axis, origin) = (Vector3::y_axis(), Point3::new(-0.2, 0.1, 1.5));
+        let mut planes = patches(&axis, &origin);
+        planes.reverse();
+        let support: Vec<usize> = (0..20).collect();
+        let hinge = candidates(&planes, 1)[0].hinge(&planes, &support, &FaceEdges::default());
+        // It opens over 12 frames and rests for the other 8.
+        assert_eq!(hinge.as_ref().unwrap().longest_rest(0.01), 8);
+        assert_eq!(hinge.unwrap().longest_rest(10.0), 20);
     }
 
     #[test]

@@ -34,8 +34,8 @@ use extend_range::{extend, extend_to, pose_anew};
 use place_fusion::fuse_place;
 use plain_part::PlainPart;
 use plain_search::{PlainParts, search};
-pub use same_joint::moves_together;
-use same_joint::{is_known, is_meagre, is_same_hinge};
+use same_joint::{is_known, is_meagre};
+pub use same_joint::{is_same_hinge, moves_together};
 
 /// Share of the range of a plain part's hinge up to which tracks of the same hinge show less.
 const LESS_OF_THE_RANGE: f64 = 0.8;

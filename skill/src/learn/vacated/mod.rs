@@ -20,7 +20,7 @@ mod view;
 
 use super::free_space::{FreeSpaceCounts, count_free_space};
 use super::learned_joint::{LearnedJoint, LearnedJoints, TurningPlane};
-use super::plane_hinges::moves_together;
+use super::plane_hinges::{is_same_hinge, moves_together};
 use super::recording::Recording;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -56,6 +56,8 @@ const ALONG_RAD: f64 = 0.15;
 const FRONT_RAD: f64 = 0.012;
 /// Agreement that any direction must have more than the square one, as a factor.
 const BETTER: f64 = 1.03;
+/// A part that is shown in so many times as many keyframes is better known.
+const MANY_MORE: f64 = 1.3;
 /// Lines that make a smaller angle and are closer are one, radians and metres.
 const SAME_LINE_RAD: f64 = 0.2;
 const SAME_LINE_M: f64 = 0.06;
@@ -106,17 +108,32 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     LearnedJoints { joints, rejections, turning }
 }
 
-/// Adds a joint, if it is none of the known ones.
+/// Adds a joint, if it is none of the known ones. One that shows a plain part in many more keyframes takes the
+/// place of that which is known of it.
 fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     // A hand that pulls a drawer slides along with it.
     let is_hand = |j: &LearnedJoint| {
         learned.joint.kind == JointKind::Prismatic && moves_together(j, &learned)
     };
-    let is_same = |j: &LearnedJoint| is_about_one_line(&j.joint, &learned.joint) || is_hand(j);
-    if !joints.iter().any(is_same) {
+    // Both faces of a thick lid, of which the planes tell one.
+    let is_other_face =
+        |j: &LearnedJoint| is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned);
+    let is_same = |j: &LearnedJoint| {
+        is_about_one_line(&j.joint, &learned.joint) || is_hand(j) || is_other_face(j)
+    };
+    let Some(known) = joints.iter().position(is_same) else {
         learned.joint.child = joints.len() + 1;
         learned.joint.name = format!("joint{}", joints.len() + 1);
         joints.push(learned);
+        return;
+    };
+    let shown = |j: &LearnedJoint| j.joint.configuration.len() as f64;
+    let joint = &joints[known];
+    let is_plain = joint.tracks.is_empty() && joint.joint.parent == 0;
+    if is_plain && is_other_face(joint) && shown(&learned) > MANY_MORE * shown(joint) {
+        learned.joint.child = joint.joint.child;
+        learned.joint.name.clone_from(&joint.joint.name);
+        joints[known] = learned;
     }
 }
 
@@ -390,6 +407,26 @@ mod tests {
         known[0].joint.origin[0] += 0.02;
         let again = complete(LearnedJoints { joints: known, ..Default::default() }, &recording);
         assert_eq!(again.joints.len(), 1);
+    }
+
+    #[test]
+    fn the_other_face_of_a_lid_takes_the_place_of_the_first_where_it_is_shown_much_more() {
+        let recording = lever(turn);
+        let whole = joints(&recording).remove(0);
+        let other_face = |shown: usize| {
+            let mut face = whole.clone();
+            face.joint.name = "joint1".into();
+            face.joint.origin[0] += 0.1;
+            face.joint.configuration.truncate(shown);
+            face
+        };
+        for (shown, is_replaced) in [(FRAMES / 2, true), (FRAMES - 2, false)] {
+            let mut joints = vec![other_face(shown)];
+            add(whole.clone(), &mut joints);
+            assert_eq!(joints.len(), 1, "one lid is one joint");
+            assert_eq!(joints[0].joint.configuration.len() > shown, is_replaced);
+            assert_eq!(joints[0].joint.name, "joint1");
+        }
     }
 
     #[test]
