@@ -565,8 +565,8 @@ mod tests {
     }
 
     #[test]
-    fn what_sways_by_a_degree_at_either_end_of_its_turn_is_a_person() {
-        let sways = |f: usize| turn(f) + 0.025 * (1.9 * f as f64).sin();
+    fn what_sways_by_half_a_degree_at_either_end_of_its_turn_is_a_person() {
+        let sways = |f: usize| turn(f) + 0.012 * (1.9 * f as f64).sin();
         assert!(matches!(found(&door_recording(24, sways)), Followed::Nothing));
     }
 

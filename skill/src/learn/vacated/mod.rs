@@ -57,7 +57,7 @@ const FRONT_RAD: f64 = 0.012;
 /// Agreement that any direction must have more than the square one, as a factor.
 const BETTER: f64 = 1.03;
 /// A part that is shown in so many times as many keyframes is better known.
-const MANY_MORE: f64 = 1.3;
+const MANY_MORE: f64 = 1.2;
 /// Lines that make a smaller angle and are closer are one, radians and metres.
 const SAME_LINE_RAD: f64 = 0.2;
 const SAME_LINE_M: f64 = 0.06;
