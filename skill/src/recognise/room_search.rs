@@ -105,9 +105,7 @@ fn placed_in_room(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
 /// How well the object's own surface shows where the room says, 0 to 1: its colour, free space, where it
 /// ends, and how much of it is there.
 fn room_score(verdict: &Verdict, likeness: f64, in_sight: &[EndsInSight], placed: &[bool]) -> f64 {
-    let moving = in_sight.iter().skip(1).filter(|ends| ends.count() >= ENOUGH_ENDS);
-    let worst = moving.map(EndsInSight::share).fold(1.0, f64::min);
-    let ends = ((worst - FOUND.0) / (FOUND.1 - FOUND.0)).clamp(0.0, 1.0);
+    let ends = share_of_ends(in_sight.get(1..).unwrap_or_default());
     let base_known = placed.iter().skip(1).any(|placed| *placed);
     // The pattern of a wall may be that of another: something must end where the object does.
     let found = in_sight.iter().zip(placed).filter(|p| *p.1).map(|(ends, _)| ends.found);
@@ -118,6 +116,17 @@ fn room_score(verdict: &Verdict, likeness: f64, in_sight: &[EndsInSight], placed
         * verdict.coverage(base_known)
         * ends
         * evidence
+}
+
+/// How well the picture ends where the moving parts do, 0 to 1. All parts count together: a drawer that is closed
+/// has few ends, and of these the picture may miss all.
+fn share_of_ends(moving: &[EndsInSight]) -> f64 {
+    let of = |count: fn(&EndsInSight) -> usize| moving.iter().map(count).sum::<usize>();
+    let (found, all) = (of(|ends| ends.found), of(EndsInSight::count));
+    if all < ENOUGH_ENDS {
+        return 1.0;
+    }
+    ((found as f64 / all as f64 - FOUND.0) / (FOUND.1 - FOUND.0)).clamp(0.0, 1.0)
 }
 
 #[cfg(test)]
