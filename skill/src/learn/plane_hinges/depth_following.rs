@@ -146,12 +146,16 @@ impl Following {
         self.shown().count() as f64 / may_show.max(1) as f64
     }
 
-    /// Most keyframes of either end of the recording show it: parts stay, hands come and leave.
+    /// Most keyframes of either end of the recording show it, of those that do not see it from its edge: parts
+    /// stay, hands come and leave.
     pub fn is_there_throughout(&self) -> bool {
         let n =
             self.placements.len().div_ceil(PARTS_PER_END).max(MIN_END).min(self.placements.len());
         let (first, last) = (&self.placements[..n], &self.placements[self.placements.len() - n..]);
-        [first, last].iter().all(|end| 2 * end.iter().filter(|p| self.is_shown(p)).count() >= n)
+        [first, last].iter().all(|end| {
+            let may_show = end.iter().filter(|p| p.of > 0).count();
+            2 * end.iter().filter(|p| self.is_shown(p)).count() >= may_show
+        })
     }
 
     /// Largest change of the configuration from one keyframe to the next that shows the surface,
@@ -438,6 +442,25 @@ mod tests {
         // Of a face whose other side was never seen it is not known.
         let face = Surface { back: Vec::new(), ..lid };
         assert_eq!(face.in_sight(&turned(2.8)).len(), 1);
+    }
+
+    #[test]
+    fn an_end_that_shows_a_lid_from_its_edge_alone_does_not_tell_that_it_left() {
+        let placed = |of: usize, agrees: usize| Placement {
+            frame: 0,
+            q: 0.0,
+            found: FreeSpaceCounts { through: 0, agrees },
+            aside: FreeSpaceCounts::default(),
+            of,
+        };
+        let with_ends = |of: usize, agrees: usize| {
+            let mut placements = vec![placed(100, 90); 12];
+            placements[..4].fill(placed(of, agrees));
+            Following { placements }
+        };
+        assert!(with_ends(100, 90).is_there_throughout());
+        assert!(with_ends(0, 0).is_there_throughout(), "seen from its edge");
+        assert!(!with_ends(100, 0).is_there_throughout(), "it comes");
     }
 
     #[test]
