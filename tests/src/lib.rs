@@ -94,11 +94,15 @@ fn made_once(all: &Path, name: &str, make: impl FnOnce(&Path)) -> PathBuf {
     if dir.exists() {
         return dir;
     }
+    // And those of two binaries.
+    let lock = std::fs::File::create(all.join("lock")).expect("a scratch file can be written");
+    lock.lock().expect("the file system knows locks");
+    if dir.exists() {
+        return dir;
+    }
     let unfinished = tempfile::tempdir_in(all).expect("a scratch folder can be made");
     make(unfinished.path());
-    // Where another test's process was faster, what it made is as good.
-    let renamed = std::fs::rename(unfinished.path(), &dir);
-    assert!(dir.exists(), "a finished folder can be renamed: {renamed:?}");
+    std::fs::rename(unfinished.path(), &dir).expect("a finished folder can be renamed");
     dir
 }
 

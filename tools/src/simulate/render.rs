@@ -1,7 +1,7 @@
 //! Ray casting of solids: colour with light, motion blur and smooth edges; depth with normals
 //! and labels. Intersections come from parry3d; here is only what a camera adds.
 
-use super::world::Solid;
+use super::world::{Hit, Solid};
 use linkage_driver::PinholeCamera;
 use linkage_skill::Pose;
 use nalgebra::{Point3, Vector3};
@@ -14,9 +14,16 @@ struct Placed<'s> {
     origin: Vector3<f64>,
     /// Pixels that it may cover: left, top, right, bottom.
     bounds: [f64; 4],
+    /// No place of it is nearer to the camera's plane, metres.
+    nearest_m: f32,
+    /// Of two solids at the same place the one is seen that was named first.
+    number: usize,
 }
 
-/// All solids before one camera at one instant.
+/// What rounding may change in a distance, metres.
+const ROUNDING_M: f64 = 1e-3;
+
+/// All solids before one camera at one instant, the nearest first.
 pub struct View<'s> {
     camera: &'s PinholeCamera,
     world_from_camera: Pose,
@@ -54,35 +61,62 @@ impl<'s> View<'s> {
         camera_from_world: &Pose,
         solids: impl Iterator<Item = (&'s Solid, Pose)>,
     ) -> Self {
-        let placed = solids
-            .filter_map(|(solid, world_from_body)| {
+        let mut placed: Vec<Placed> = solids
+            .enumerate()
+            .filter_map(|(number, (solid, world_from_body))| {
                 let camera_from_solid = camera_from_world * world_from_body * solid.body_from_solid;
                 let centre = Point3::from(camera_from_solid.translation.vector);
-                let bounds = solid.corners().map_or_else(
-                    || bounds(camera, &centre, solid.bounding_radius()),
-                    |corners| corner_bounds(camera, &corners.map(|c| camera_from_solid * c)),
-                )?;
+                let corners = solid.corners().map(|all| all.map(|c| camera_from_solid * c));
+                let (bounds, nearest_m) = match corners {
+                    Some(corners) => (
+                        corner_bounds(camera, &corners)?,
+                        corners.iter().map(|c| c.z).fold(f64::INFINITY, f64::min),
+                    ),
+                    None => {
+                        let radius = solid.bounding_radius();
+                        (bounds(camera, &centre, radius)?, centre.z - radius)
+                    }
+                };
+                let nearest_m = (nearest_m - ROUNDING_M) as f32;
                 let solid_from_camera = camera_from_solid.inverse();
                 let origin = solid_from_camera.translation.vector;
-                Some(Placed { solid, solid_from_camera, origin, bounds })
+                Some(Placed { solid, solid_from_camera, origin, bounds, nearest_m, number })
             })
             .collect();
+        placed.sort_by(|a, b| a.nearest_m.total_cmp(&b.nearest_m));
         Self { camera, world_from_camera: camera_from_world.inverse(), placed }
     }
 
-    fn nearest(&self, u: f64, v: f64) -> Option<(&Placed<'s>, super::world::Hit, Vector3<f64>)> {
+    /// What may be seen in a row of the picture, the nearest first.
+    fn row(&self, v: f64) -> Vec<&Placed<'s>> {
+        self.placed.iter().filter(|p| v >= p.bounds[1] && v <= p.bounds[3]).collect()
+    }
+
+    /// What a pixel shows of its row.
+    fn nearest<'p>(
+        &self,
+        row: &[&'p Placed<'s>],
+        u: f64,
+        v: f64,
+    ) -> Option<(&'p Placed<'s>, Hit, Vector3<f64>)> {
         let ray = self.camera.back_project(u, v, 1.0).coords;
-        let mut best: Option<(&Placed, super::world::Hit)> = None;
-        for p in &self.placed {
-            let [l, t, r, b] = p.bounds;
-            if u < l || u > r || v < t || v > b {
+        let mut best: Option<(&Placed, Hit)> = None;
+        for p in row {
+            let limit = best.as_ref().map_or(20.0, |(_, h)| h.distance);
+            // The ray has unit depth: its length to a place is the place's depth.
+            if p.nearest_m > limit {
+                break;
+            }
+            if u < p.bounds[0] || u > p.bounds[2] {
                 continue;
             }
-            let limit = best.as_ref().map_or(20.0, |(_, h)| h.distance);
             let direction = p.solid_from_camera.rotation * ray;
             if let Some(hit) = p.solid.cast(&p.origin, &direction, limit)
-                && hit.distance < limit
                 && hit.distance > 0.0
+                && best.as_ref().is_none_or(|(before, h)| {
+                    hit.distance < h.distance
+                        || hit.distance == h.distance && p.number < before.number
+                })
             {
                 best = Some((p, hit));
             }
@@ -91,11 +125,10 @@ impl<'s> View<'s> {
     }
 
     /// The surface at a pixel.
-    pub fn surface(&self, u: f64, v: f64) -> Option<SurfacePoint> {
-        let (p, hit, ray) = self.nearest(u, v)?;
+    fn surface(&self, row: &[&Placed], u: f64, v: f64) -> Option<SurfacePoint> {
+        let (p, hit, ray) = self.nearest(row, u, v)?;
         let normal = p.solid_from_camera.rotation.inverse() * hit.normal;
         Some(SurfacePoint {
-            // The ray has unit depth: its length to the hit is the depth.
             z: f64::from(hit.distance),
             cosine: -normal.dot(&ray.normalize()),
             label: p.solid.label,
@@ -104,8 +137,8 @@ impl<'s> View<'s> {
     }
 
     /// Lit colour at a pixel, 0-255.
-    fn colour(&self, u: f64, v: f64, light: &Light) -> [f32; 3] {
-        let Some((p, hit, ray)) = self.nearest(u, v) else { return [30.0; 3] };
+    fn colour(&self, row: &[&Placed], u: f64, v: f64, light: &Light) -> [f32; 3] {
+        let Some((p, hit, ray)) = self.nearest(row, u, v) else { return [30.0; 3] };
         let (x, y) = p.solid.surface_coordinates(&hit);
         let paint = p.solid.material.texture.at(x, y);
         let in_camera = Point3::from(ray * f64::from(hit.distance));
@@ -121,10 +154,14 @@ impl<'s> View<'s> {
     /// Surfaces of all pixels.
     pub fn surfaces(&self) -> Vec<Option<SurfacePoint>> {
         let width = self.camera.width;
-        (0..width * self.camera.height)
-            .into_par_iter()
-            .map(|i| self.surface((i % width) as f64, (i / width) as f64))
-            .collect()
+        let mut all = vec![None; width * self.camera.height];
+        all.par_chunks_mut(width).enumerate().for_each(|(v, surfaces)| {
+            let row = self.row(v as f64);
+            for (u, surface) in surfaces.iter_mut().enumerate() {
+                *surface = self.surface(&row, u as f64, v as f64);
+            }
+        });
+        all
     }
 }
 
@@ -134,20 +171,21 @@ pub fn expose(views: &[View], light: &Light) -> Vec<[f32; 3]> {
     const PLACES: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, 0.25], [-0.25, 0.25], [0.25, -0.25]];
     let camera = views[0].camera;
     let width = camera.width;
-    (0..width * camera.height)
-        .into_par_iter()
-        .map(|i| {
-            let mut sum = [0.0; 3];
-            for (k, view) in views.iter().enumerate() {
-                let [du, dv] = PLACES[k % PLACES.len()];
-                let c = view.colour((i % width) as f64 + du, (i / width) as f64 + dv, light);
-                for (s, c) in sum.iter_mut().zip(c) {
-                    *s += c;
-                }
+    let mut all = vec![[0.0; 3]; width * camera.height];
+    all.par_chunks_mut(width).enumerate().for_each(|(v, colours)| {
+        for (view, [du, dv]) in views.iter().zip(PLACES.into_iter().cycle()) {
+            let v = v as f64 + dv;
+            let row = view.row(v);
+            for (u, sum) in colours.iter_mut().enumerate() {
+                let colour = view.colour(&row, u as f64 + du, v, light);
+                sum.iter_mut().zip(colour).for_each(|(s, c)| *s += c);
             }
-            sum.map(|s| s / views.len() as f32)
-        })
-        .collect()
+        }
+        for sum in colours {
+            *sum = sum.map(|s| s / views.len() as f32);
+        }
+    });
+    all
 }
 
 /// Pixels that a box may cover, from its corners; all of the picture where one of them is
