@@ -137,11 +137,11 @@ fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     }
 }
 
-/// A known joint turns about the line of a new hinge. Two parts may turn about one line, but what a known
-/// part's surface does not explain is more often that part, badly followed.
+/// A known joint turns about the line of a new hinge, or slides on the track of a new slide. Two parts may do so,
+/// but what a known part's surface does not explain is more often that part, badly followed.
 fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
     let axis = known.axis.into();
-    known.kind != JointKind::Prismatic
+    (known.kind != JointKind::Prismatic || new.kind == JointKind::Prismatic)
         && line_angle(&axis, &new.axis.into()) < SAME_LINE_RAD
         && distance_to_line(&known.origin.into(), &axis, &new.origin.into()) < SAME_LINE_M
 }
@@ -396,6 +396,18 @@ mod tests {
     fn what_moves_after_something_came_to_it_is_a_part() {
         let comes = |frame: usize| Some([0.35 - 0.03 * frame.min(5) as f64, -0.2]);
         assert_eq!(joints(&recording_with(turn, comes)).len(), 1);
+    }
+
+    #[test]
+    fn what_slides_on_the_track_of_a_known_slide_is_its_part_and_the_next_drawer_is_not() {
+        let slide = |origin: [f64; 3]| {
+            Joint::of(&JointGeometry::slide(Vector3::y_axis(), Point3::from(origin)))
+        };
+        let known = slide([0.0, 0.2, 1.7]);
+        assert!(is_about_one_line(&known, &slide([0.01, -0.11, 1.7])), "a shutter, further up");
+        assert!(!is_about_one_line(&known, &slide([0.15, 0.2, 1.7])), "the next drawer");
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.0, 0.0, 1.7));
+        assert!(!is_about_one_line(&known, &Joint::of(&hinge)));
     }
 
     #[test]

@@ -71,11 +71,6 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         (0..views.len()).into_par_iter().map(of).collect()
     }
 
-    /// How far a place is from the camera, metres.
-    pub fn distance_of(&self, place: &Point3<f64>) -> f64 {
-        (place - self.view.camera_place()).norm()
-    }
-
     fn of_view(
         k: usize,
         centre: &Point3<f64>,

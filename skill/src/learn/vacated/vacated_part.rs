@@ -29,10 +29,9 @@ const LEAST_KEYFRAMES: f64 = 0.7;
 const END: f64 = 0.1;
 /// Largest share of its points that may be seen through.
 const MAX_VIOLATION: f64 = 0.1;
-/// Largest median distance of its points from the readings next to them, metres, and a metre of the distance at
-/// which it is seen: readings are the farther apart the farther the surface is.
+/// Largest median distance of its points from the readings next to them, metres. It does not grow with the distance
+/// from the camera: of a gate 2.3 m away it was 6.6 mm, but of a person there 7.0.
 const MAX_MEDIAN_M: f64 = 0.006;
-const MAX_MEDIAN: f64 = 0.0032;
 /// Distance from which a reading next to a point says nothing for it, metres.
 const OWN_M: f64 = 0.0125;
 /// Least agreement while it is away from its rest.
@@ -66,8 +65,6 @@ pub struct VacatedPart {
     seen: Vec<Seen>,
     /// Median distance of points from the readings next to them, metres.
     median_m: f64,
-    /// How far from the camera it rests, metres.
-    distance_m: f64,
     /// Distance of the farthest point from the line; 1 for a slide.
     reach: f64,
     /// Largest distance of a point from the middle of the surface, metres.
@@ -121,18 +118,7 @@ impl VacatedPart {
         let lead_s = lead_of_others(surface, &aligned.q, reach, moving);
         let is_alone = is_alone(surface, &aligned, moving);
         let radius = surface.radius();
-        let distance_m = moving[surface.keyframe].distance_of(&surface.centre());
-        Self {
-            aligned,
-            seen,
-            median_m,
-            distance_m,
-            reach,
-            radius,
-            unattached_ratio,
-            lead_s,
-            is_alone,
-        }
+        Self { aligned, seen, median_m, reach, radius, unattached_ratio, lead_s, is_alone }
     }
 
     /// The joint's line.
@@ -160,7 +146,7 @@ impl VacatedPart {
             (!is_hinge && turn < MIN_SLIDE_RADII * self.radius, "it may as well turn"),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
-            (self.median_m > self.max_median_m(), "it does not keep its shape"),
+            (self.median_m > MAX_MEDIAN_M, "it does not keep its shape"),
             (self.agreement_elsewhere() < MIN_AGREEMENT, "it is not found elsewhere"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
             (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
@@ -180,10 +166,6 @@ impl VacatedPart {
     /// Between the configurations that keyframes show, radians or metres.
     fn turn(&self) -> f64 {
         span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>())
-    }
-
-    fn max_median_m(&self) -> f64 {
-        MAX_MEDIAN_M.max(MAX_MEDIAN * self.distance_m)
     }
 
     /// Agreement of the keyframes in which it is far from its rest.
