@@ -115,7 +115,7 @@ fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     let is_hand = |j: &LearnedJoint| {
         learned.joint.kind == JointKind::Prismatic && moves_together(j, &learned)
     };
-    // Both faces of a thick lid, of which the planes tell one.
+    // The planes may have told one face of a thick lid, and the new joint is of its other face.
     let is_other_face =
         |j: &LearnedJoint| is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned);
     let is_same = |j: &LearnedJoint| {
@@ -215,8 +215,8 @@ fn turning_near(
 }
 
 /// A hinge shows what holds it; a slide does not, and a person who steps aside slides as well. The drawers of a
-/// cabinet are parallel: a slide is believed where another is known along the same direction, as where what it
-/// moves closes an opening.
+/// cabinet are parallel: a slide is believed where another one is known along the same direction. (That its
+/// surface closes an opening is the other reason to believe it: [`RestFrame::is_set_in`].)
 fn may_be_of(joint: &Joint, joints: &[LearnedJoint]) -> bool {
     let is_parallel_slide = |j: &LearnedJoint| {
         j.joint.kind == JointKind::Prismatic
