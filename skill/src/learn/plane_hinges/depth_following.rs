@@ -71,13 +71,24 @@ impl Surface {
         let (Some(first), Some(_)) = (self.points.first(), self.back.first()) else {
             return &self.points;
         };
-        let to_camera = -(camera_from_part * first).coords;
-        let cosine = (camera_from_part * self.normal).dot(&to_camera) / to_camera.norm();
-        match cosine {
+        match self.cosine_at(first, camera_from_part) {
             c if c > EDGE_ON => &self.points,
             c if c < -EDGE_ON => &self.back,
             _ => &[],
         }
+    }
+
+    /// The face whose places are known is turned to the camera. Of a part that has turned over a picture shows its
+    /// other face, which lies elsewhere by its thickness.
+    pub fn is_turned_to_camera(&self, camera_from_part: &Pose) -> bool {
+        !self.back.is_empty()
+            || self.points.first().is_some_and(|p| self.cosine_at(p, camera_from_part) > EDGE_ON)
+    }
+
+    /// Cosine between the normal and the direction from a place to the camera.
+    fn cosine_at(&self, place: &Point3<f64>, camera_from_part: &Pose) -> f64 {
+        let to_camera = -(camera_from_part * place).coords;
+        (camera_from_part * self.normal).dot(&to_camera) / to_camera.norm()
     }
 }
 
@@ -301,7 +312,7 @@ fn aligned(
     for _ in 0..ALIGNMENTS {
         let motion = geometry.motion(q);
         let (mut right, mut left) = (0.0, 0.0);
-        for r in residuals(surface, &motion, picture, camera_from_base) {
+        for r in residuals(surface, 0.0, &motion, picture, camera_from_base) {
             let slope = r.normal.dot(&geometry.velocity(&(motion * r.point)));
             right += slope * r.distance;
             left += slope * slope;
@@ -324,9 +335,11 @@ pub struct Residual {
     pub distance: f64,
 }
 
-/// The residuals of a surface that are small enough to be its own (point to plane).
+/// The residuals of a surface that are small enough to be its own (point to plane). The surface is seen so far behind
+/// its places, metres: by the part's thickness where a picture shows its other face.
 pub fn residuals<'s>(
     surface: &'s Surface,
+    behind: f64,
     motion: &Pose,
     picture: &'s RgbdFrame,
     camera_from_base: &Pose,
@@ -341,7 +354,7 @@ pub fn residuals<'s>(
         }
         let z = picture.depth.at_nearest(pixel.x, pixel.y)?;
         let measured = picture.camera.back_project(pixel.x, pixel.y, f64::from(z));
-        let distance = in_camera.dot(&(measured - place));
+        let distance = in_camera.dot(&(measured - place)) + behind;
         (distance.abs() < MAX_RESIDUAL_M).then_some(Residual { point, normal, distance })
     })
 }
@@ -372,6 +385,22 @@ mod tests {
             })
             .collect();
         (Surface { points, normal: -Vector3::z(), back: Vec::new() }, geometry)
+    }
+
+    #[test]
+    fn a_part_that_has_turned_over_shows_its_other_face_behind_the_known_one() {
+        let (surface, _) = drawer();
+        assert!(surface.is_turned_to_camera(&Pose::identity()));
+        let axis = UnitVector3::new_normalize(Vector3::y());
+        let over = rotation_about(&Point3::new(0.0, 0.0, 2.0), &axis, std::f64::consts::PI);
+        assert!(!surface.is_turned_to_camera(&over));
+        let plate = Surface { back: surface.points.clone(), ..surface.clone() };
+        assert!(plate.is_turned_to_camera(&over), "both faces are known");
+        // Turned over, the plate of 3 cm shows its other face that much nearer to the camera.
+        let picture = plate_at(0.03);
+        let mut found = residuals(&surface, 0.03, &over, &picture, &Pose::identity()).peekable();
+        assert!(found.peek().is_some());
+        assert!(found.all(|r| r.distance.abs() < 1e-3));
     }
 
     fn followed(configurations: &[f64]) -> Following {

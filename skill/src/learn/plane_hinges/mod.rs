@@ -12,6 +12,7 @@
 mod axis_direction;
 mod carried_parts;
 mod depth_following;
+mod episodes;
 mod extend_range;
 mod face_edge;
 mod hinge;

@@ -1,5 +1,6 @@
 //! Flat pieces of what moves, keyframe by keyframe.
 
+use super::episodes::{AwayKeyframes, episodes};
 use crate::learn::ego_motion::EgoMotion;
 use crate::learn::recording::Recording;
 use crate::math::rigid::{distance_to_line, matrix_pose, plane_through};
@@ -22,6 +23,8 @@ pub enum Sampling {
 const MIN_SAMPLES: usize = 40;
 /// Patches in one keyframe, at most.
 const MAX_PATCHES: usize = 4;
+/// Fewest samples of the piece of a plane that leaves it in one episode.
+const MIN_OF_EPISODE: usize = 20;
 /// Planes that are tried for each patch.
 const TRIES: usize = 40;
 /// Samples that vote for one of these planes.
@@ -98,7 +101,9 @@ pub fn moving_patches(
             };
             let mut samples = samples(picture, base, frame, sampling, is_wanted);
             samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
-            patches(samples, frame, picture.camera.depth_sensor)
+            let camera_from_base = matrix_pose(&base.camera_from_base[frame]);
+            let away = |s: &Sample| away_keyframes(&(camera_from_base * s.point), &others);
+            patches(samples, frame, picture.camera.depth_sensor, away)
         })
         .collect()
 }
@@ -175,16 +180,7 @@ fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
         if needed > others.len() - i {
             return false;
         }
-        let p = other_from_camera * in_camera;
-        let through = picture
-            .camera
-            .project(&p)
-            .filter(|px| picture.camera.sees(px, 1.0))
-            .and_then(|px| picture.depth.at_nearest(px.x, px.y))
-            .is_some_and(|z| {
-                f64::from(z) > p.z + 0.03 + 2.0 * picture.camera.depth_sensor.feature_sigma(p.z)
-            });
-        needed -= usize::from(through);
+        needed -= usize::from(sees_through(picture, &(other_from_camera * in_camera)));
         if needed == 0 {
             return true;
         }
@@ -192,10 +188,33 @@ fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
     false
 }
 
-/// Takes planes out of the samples, the largest first.
-fn patches(mut samples: Vec<Sample>, frame: usize, sensor: DepthSensor) -> Vec<PlanePatch> {
+/// The others that see something behind the place.
+fn away_keyframes(in_camera: &Point3<f64>, others: &[Other]) -> AwayKeyframes {
+    let through = |(bit, other): (usize, &Other)| {
+        AwayKeyframes::from(sees_through(other.picture, &(other.other_from_camera * in_camera)))
+            << bit
+    };
+    others.iter().enumerate().map(through).sum()
+}
+
+/// A picture shows something behind a place in the camera frame.
+fn sees_through(picture: &RgbdFrame, p: &Point3<f64>) -> bool {
+    let camera = &picture.camera;
+    let shown = camera.project(p).filter(|px| camera.sees(px, 1.0));
+    let reading = shown.and_then(|px| picture.depth.at_nearest(px.x, px.y));
+    let behind = p.z + 0.03 + 2.0 * camera.depth_sensor.feature_sigma(p.z);
+    reading.is_some_and(|z| f64::from(z) > behind)
+}
+
+/// Takes planes out of the samples, the largest first. `away` are the keyframes in which a sample's place is empty.
+fn patches(
+    mut samples: Vec<Sample>,
+    frame: usize,
+    sensor: DepthSensor,
+    away: impl Fn(&Sample) -> AwayKeyframes,
+) -> Vec<PlanePatch> {
     let mut found = Vec::new();
-    while found.len() < MAX_PATCHES && samples.len() >= MIN_SAMPLES {
+    for _ in 0..MAX_PATCHES {
         let on = |s: &Sample, plane: &Sample| {
             plane.normal.dot(&s.normal) > SAME_NORMAL
                 && plane.normal.dot(&(s.point - plane.point)).abs()
@@ -209,9 +228,24 @@ fn patches(mut samples: Vec<Sample>, frame: usize, sensor: DepthSensor) -> Vec<P
             break;
         }
         samples = rest;
-        found.push(fitted(frame, &of_plane));
+        found.extend(parts_of(&of_plane, frame, &away));
     }
     found
+}
+
+/// The pieces of a plane that leave it in different episodes.
+fn parts_of(
+    samples: &[Sample],
+    frame: usize,
+    away: impl Fn(&Sample) -> AwayKeyframes,
+) -> impl Iterator<Item = PlanePatch> {
+    let episodes = episodes(&samples.iter().map(away).collect::<Vec<_>>());
+    let last = episodes.iter().copied().max().unwrap_or(0);
+    (0..=last).filter_map(move |episode| {
+        let of_it = samples.iter().zip(&episodes).filter(|(_, e)| **e == episode);
+        let of_it: Vec<Sample> = of_it.map(|(s, _)| *s).collect();
+        (of_it.len() >= MIN_OF_EPISODE).then(|| fitted(frame, &of_it))
+    })
 }
 
 /// At most so many of them, evenly spread.
@@ -249,7 +283,7 @@ mod tests {
     }
 
     fn patches_of(samples: Vec<Sample>) -> Vec<PlanePatch> {
-        patches(samples, 3, DepthSensor::default())
+        patches(samples, 3, DepthSensor::default(), |_| 1)
     }
 
     #[test]
@@ -262,6 +296,17 @@ mod tests {
         assert!((found[0].normal - front).norm() < 1e-6 && (found[0].offset + 2.0).abs() < 1e-6);
         assert!((found[1].normal - side).norm() < 1e-6 && (found[1].offset - 0.5).abs() < 1e-6);
         assert!(found.iter().all(|p| p.frame == 3));
+    }
+
+    #[test]
+    fn the_door_and_the_drawer_of_one_front_are_two_pieces_where_they_open_one_after_the_other() {
+        let front = square(16, Point3::new(0.0, 0.0, 2.0), -Vector3::z());
+        let away = |s: &Sample| if s.point.y < 0.04 { 0b0001_1100 } else { 0b0011_1000_0000_0000 };
+        let found = patches(front, 3, DepthSensor::default(), away);
+        assert_eq!(found.len(), 2);
+        let [door, drawer] = [0, 1].map(|k| &found[k].points);
+        assert_eq!(door.len() + drawer.len(), 256);
+        assert!(door.iter().all(|p| p.y < 0.04) && drawer.iter().all(|p| p.y > 0.04));
     }
 
     #[test]

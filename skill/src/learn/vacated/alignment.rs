@@ -7,7 +7,7 @@ use super::rest_surface::RestSurface;
 use crate::learn::line_step::moved_line;
 use crate::math::rigid::{nearest_on_line, orthonormal_basis};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
-use nalgebra::{Matrix3x4, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3x4, Matrix4, Point3, Vector3, Vector4};
 
 /// Gauss-Newton steps.
 const STEPS: usize = 8;
@@ -23,6 +23,8 @@ const SHARED_M: f64 = 0.004;
 const INDEPENDENT: f64 = 8.0;
 /// Standard deviation of a step of a line's place, metres: damps what the pictures do not tell.
 const PLACE_M: f64 = 0.5;
+/// Standard deviation of the place of a line that is that of a known joint, metres.
+const KNOWN_PLACE_M: f64 = 0.01;
 /// The same for a slide, whose place is any.
 const NO_PLACE_M: f64 = 1e-6;
 
@@ -36,13 +38,15 @@ pub struct Aligned {
     pub information: Matrix4<f64>,
 }
 
-/// What is known of a direction before anything is seen.
+/// What is known of a line before anything is seen.
 #[derive(Debug, Clone, Copy)]
-pub struct Direction {
+pub struct LinePrior {
     /// Unit vector.
-    pub mean: Vector3<f64>,
-    /// Standard deviation, radians.
-    pub sigma: f64,
+    pub direction: Vector3<f64>,
+    /// Its standard deviation, radians.
+    pub direction_sigma: f64,
+    /// A point that it goes through, where that is known, to within [`KNOWN_PLACE_M`].
+    pub place: Option<Point3<f64>>,
 }
 
 /// Aligns a joint to all keyframes, from its configurations in them.
@@ -50,7 +54,7 @@ pub fn align(
     surface: &RestSurface,
     geometry: &JointGeometry,
     q: &[f64],
-    direction: &Direction,
+    expected: &LinePrior,
     moving: &[MovingPoints],
 ) -> Aligned {
     let mut line = *geometry;
@@ -64,7 +68,7 @@ pub fn align(
             .filter_map(|(k, view)| Some((k, normal_equations(surface, &line, q[k], view)?)))
             .collect();
         let scale = INDEPENDENT.min(keyframes.len() as f64) / keyframes.len().max(1) as f64;
-        let (mut left, mut right) = prior(&line, direction);
+        let (mut left, mut right) = prior(&line, expected);
         for (_, n) in &keyframes {
             left += scale * (n.left - n.cross * n.cross.transpose() / n.own);
             right += scale * (n.right - n.cross * (n.own_right / n.own));
@@ -142,19 +146,24 @@ fn normal_equations(
     Some(all)
 }
 
-/// What is known of a line's direction before anything is seen, and the damping of its place. A slide has no
-/// place.
-fn prior(line: &JointGeometry, direction: &Direction) -> (Matrix4<f64>, Vector4<f64>) {
-    let sense = if direction.mean.dot(&line.axis) < 0.0 { -1.0 } else { 1.0 };
-    let apart = sense * direction.mean - line.axis.into_inner();
+/// Normal equations of what is known of a line before anything is seen, with the damping of its place. A slide has
+/// no place.
+fn prior(line: &JointGeometry, expected: &LinePrior) -> (Matrix4<f64>, Vector4<f64>) {
+    let sense = if expected.direction.dot(&line.axis) < 0.0 { -1.0 } else { 1.0 };
+    let turned = sense * expected.direction - line.axis.into_inner();
+    let shifted = expected.place.map_or(Vector3::zeros(), |place| place - line.origin);
+    let place_m = match (line.kind, expected.place) {
+        (JointKind::Revolute, Some(_)) => KNOWN_PLACE_M,
+        (JointKind::Revolute, None) => PLACE_M,
+        _ => NO_PLACE_M,
+    };
     let (u, v) = orthonormal_basis(&line.axis);
-    let of_direction = 1.0 / direction.sigma.powi(2);
-    let place_m = if line.kind == JointKind::Revolute { PLACE_M } else { NO_PLACE_M };
+    let of_direction = 1.0 / expected.direction_sigma.powi(2);
     let of_place = 1.0 / place_m.powi(2);
     let left =
         Matrix4::from_diagonal(&Vector4::new(of_direction, of_direction, of_place, of_place));
-    let right = of_direction * Vector4::new(u.dot(&apart), v.dot(&apart), 0.0, 0.0);
-    (left, right)
+    let right = Vector4::new(u.dot(&turned), v.dot(&turned), u.dot(&shifted), v.dot(&shifted));
+    (left, left * right)
 }
 
 #[cfg(test)]
@@ -165,7 +174,6 @@ mod tests {
     use super::super::view::View;
     use super::*;
     use crate::math::rigid::{distance_to_line, line_angle};
-    use nalgebra::Point3;
 
     #[test]
     fn a_line_beside_the_true_one_is_corrected() {
@@ -175,8 +183,8 @@ mod tests {
         let moving = MovingPoints::near(&surface.centre(), 0.6, &views, &|_| Vec::new());
         let off = moved_line(&hinge(), &Vector4::new(0.03, -0.02, 0.015, -0.01));
         let q: Vec<f64> = (0..FRAMES).map(|frame| turn(frame) - 0.05).collect();
-        let direction = Direction { mean: Vector3::z(), sigma: 0.3 };
-        let aligned = align(surface, &off, &q, &direction, &moving);
+        let expected = LinePrior { direction: Vector3::z(), direction_sigma: 0.3, place: None };
+        let aligned = align(surface, &off, &q, &expected, &moving);
         let line = aligned.geometry;
         assert!(line_angle(&line.axis, &Vector3::z()) < 0.02);
         let apart = distance_to_line(&line.origin, &line.axis, &Point3::from(PIVOT_M));

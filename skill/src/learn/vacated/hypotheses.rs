@@ -39,6 +39,8 @@ pub struct Hypothesis {
     pub geometry: JointGeometry,
     /// From -1 to 1.
     pub score: f64,
+    /// The line is that of a known joint.
+    pub is_known: bool,
     /// Distance between lines of its grid, metres.
     step: f64,
 }
@@ -58,8 +60,8 @@ fn elsewhere<'m, 'v, 'r>(
     (0..n).map(|k| all[k * (all.len() - 1) / (n - 1).max(1)]).collect()
 }
 
-/// The best hypotheses, at most `hinges` hinges that differ and `slides` slides; `lines` are tried beside
-/// the grid.
+/// The best hypotheses, at most `hinges` hinges that differ and `slides` slides; the lines of known joints are tried
+/// before the grid.
 pub fn best_hypotheses(
     surface: &RestSurface,
     directions: &[Vector3<f64>],
@@ -74,22 +76,18 @@ pub fn best_hypotheses(
     let step = surface.points.len().div_ceil(POINTS).max(1);
     let few: Vec<(Point3<f64>, Vector3<f64>)> =
         surface.points.iter().copied().zip(surface.normals.iter().copied()).step_by(step).collect();
+    let untried = |geometry, step, is_known| Hypothesis { geometry, score: -1.0, is_known, step };
+    let known = lines.iter().map(|&line| untried(line, 0.0, true));
     let grid = directions.iter().flat_map(|d| hinges_along(d, surface));
-    let known = lines.iter().map(|&line| (line, 0.0));
+    let grid = grid.map(|(line, step)| untried(line, step, false));
     let slide = |d: &Vector3<f64>| {
-        (JointGeometry::slide(UnitVector3::new_normalize(*d), surface.centre()), 0.0)
+        let direction = UnitVector3::new_normalize(*d);
+        untried(JointGeometry::slide(direction, surface.centre()), 0.0, false)
     };
-    let all: Vec<(JointGeometry, f64)> =
+    let mut scored: Vec<Hypothesis> =
         known.chain(grid).chain(directions.iter().map(slide)).collect();
-    let mut scored: Vec<Hypothesis> = all
-        .into_par_iter()
-        .map(|(geometry, step)| Hypothesis {
-            geometry,
-            score: score(&geometry, &few, &targets),
-            step,
-        })
-        .collect();
-    scored.sort_by(|a, b| b.score.total_cmp(&a.score));
+    scored.par_iter_mut().for_each(|h| h.score = score(&h.geometry, &few, &targets));
+    scored.sort_by(|a, b| b.is_known.cmp(&a.is_known).then(b.score.total_cmp(&a.score)));
     let mut chosen: Vec<Hypothesis> = Vec::new();
     for hypothesis in scored {
         let of_kind = |kind| chosen.iter().filter(move |c| c.geometry.kind == kind);

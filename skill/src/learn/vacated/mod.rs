@@ -44,7 +44,8 @@ const MOST_ALIGNED: [usize; 2] = [10, 2];
 /// How far a part may go, in radii of its surface, and metres.
 const TRAVEL_RADII: f64 = 3.0;
 const TRAVEL_M: f64 = 0.1;
-/// A slide that agrees nearly as well as a hinge is the simpler of both.
+/// A slide that agrees nearly as well as a hinge is the simpler of both, and so is a hinge on the line of a known one:
+/// doors above each other hang on one line.
 const SIMPLER: f64 = 0.97;
 /// Standard deviations of a direction from one that is square to the surroundings, radians: of a hinge that
 /// is built square, and of any.
@@ -61,6 +62,8 @@ const MANY_MORE: f64 = 1.2;
 /// Lines that make a smaller angle and are closer are one, radians and metres.
 const SAME_LINE_RAD: f64 = 0.2;
 const SAME_LINE_M: f64 = 0.06;
+/// Share of a part's places at either end along its line that are left out.
+const OUTERMOST: f64 = 0.05;
 /// Largest distance of a plane from the middle of a surface with which it may turn, in radii of the surface.
 const PLANES_RADII: f64 = 2.0;
 /// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
@@ -119,7 +122,9 @@ fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     let is_other_face =
         |j: &LearnedJoint| is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned);
     let is_same = |j: &LearnedJoint| {
-        is_about_one_line(&j.joint, &learned.joint) || is_hand(j) || is_other_face(j)
+        is_about_one_line(&j.joint, &learned.joint) && !are_beside_each_other(j, &learned)
+            || is_hand(j)
+            || is_other_face(j)
     };
     let Some(known) = joints.iter().position(is_same) else {
         learned.joint.child = joints.len() + 1;
@@ -137,13 +142,26 @@ fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     }
 }
 
-/// A known joint turns about the line of a new hinge, or slides on the track of a new slide. Two parts may do so,
-/// but what a known part's surface does not explain is more often that part, badly followed.
+/// A known joint turns about the line of a new hinge, or slides on the track of a new slide.
 fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
     let axis = known.axis.into();
     (known.kind != JointKind::Prismatic || new.kind == JointKind::Prismatic)
         && line_angle(&axis, &new.axis.into()) < SAME_LINE_RAD
         && distance_to_line(&known.origin.into(), &axis, &new.origin.into()) < SAME_LINE_M
+}
+
+/// Two parts on one line, each at its own place along it: doors above each other. What is elsewhere on the line, but
+/// not clearly apart, is more often the known part, badly followed.
+fn are_beside_each_other(known: &LearnedJoint, new: &LearnedJoint) -> bool {
+    let axis = Vector3::from(known.joint.axis);
+    let along = |j: &LearnedJoint| {
+        let mut places: Vec<f64> = j.plain_surface.iter().map(|p| axis.dot(&p.coords)).collect();
+        places.sort_by(f64::total_cmp);
+        let at = |share: f64| places.get((share * places.len() as f64) as usize).copied();
+        Some([at(OUTERMOST)?, at(1.0 - OUTERMOST)?])
+    };
+    let (Some([a, b]), Some([c, d])) = (along(known), along(new)) else { return false };
+    known.joint.kind == JointKind::Revolute && (c > b || a > d) && !moves_together(known, new)
 }
 
 /// A surface goes where a known joint's part goes.
@@ -169,7 +187,7 @@ fn explains(
     seen.share_through() < EXPLAINED_THROUGH && seen.agrees as f64 > EXPLAINED_FOUND * asked as f64
 }
 
-/// The part that a surface is of, with its joint.
+/// The part that a surface is of, with its joint, if it is believed.
 fn part_of(
     surface: &RestSurface,
     frame: RestFrame,
@@ -202,7 +220,7 @@ fn part_of(
         "vacated surface at rest"
     );
     let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
-    best_part(surface, frame, &hypotheses, &moving, recording).filter(|best| best.doubt().is_none())
+    best_part(surface, frame, &hypotheses, &moving, recording)
 }
 
 /// The lines that planes near a surface turned about. A part's other faces turn with it.
@@ -226,7 +244,7 @@ fn may_be_of(joint: &Joint, joints: &[LearnedJoint]) -> bool {
     joint.kind == JointKind::Revolute || joints.iter().any(is_parallel_slide)
 }
 
-/// Of the parts that a surface may be of, that which explains most. Where nothing beside the
+/// Of the parts that a surface may be of, that which explains most, if it is believed. Where nothing beside the
 /// surface is open, a line far away is no rival of a slide: what hardly turns about it moves as what slides.
 fn best_part(
     surface: &RestSurface,
@@ -248,16 +266,19 @@ fn best_part(
         None => (*h, follow(h, SQUARE_RAD)),
     });
     let square: Vec<(Hypothesis, VacatedPart)> = square.collect();
-    square.iter().for_each(|(_, part)| part.trace());
+    let held = square.iter().filter(|(_, part)| part.is_held_hinge());
+    let hinges = held.map(|(_, part)| part.agreement()).fold(0.0, f64::max);
+    square.iter().for_each(|(_, part)| part.trace(hinges));
     let slides = frame.is_closed()
-        && square.iter().any(|(_, part)| is_slide(part) && part.doubt().is_none());
+        && square.iter().any(|(_, part)| is_slide(part) && part.doubt(hinges).is_none());
     let (hypothesis, square) = square
         .into_iter()
         .filter(|(_, part)| !(slides && part.hardly_turns()))
         .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
     let any = follow(&hypothesis, ANY_RAD);
-    any.trace();
-    Some(if value(&any) > BETTER * value(&square) { any } else { square })
+    any.trace(hinges);
+    let best = if value(&any) > BETTER * value(&square) { any } else { square };
+    best.doubt(hinges).is_none().then_some(best)
 }
 
 /// Places on the plain parts that are known, in a frame.
@@ -271,7 +292,7 @@ fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
 
 /// How well a part's joint explains what was seen.
 fn value(part: &VacatedPart) -> f64 {
-    part.agreement() / if is_slide(part) { SIMPLER } else { 1.0 }
+    part.agreement() / if is_slide(part) || part.is_on_known_line { SIMPLER } else { 1.0 }
 }
 
 /// A slide along a normal.
@@ -408,6 +429,26 @@ mod tests {
         assert!(!is_about_one_line(&known, &slide([0.15, 0.2, 1.7])), "the next drawer");
         let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.0, 0.0, 1.7));
         assert!(!is_about_one_line(&known, &Joint::of(&hinge)));
+    }
+
+    #[test]
+    fn doors_above_each_other_on_one_line_are_two_parts() {
+        let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.0, 0.0, 1.7));
+        let door = |places: [f64; 2], opens: usize| {
+            let at = |k: usize| places[0] + (places[1] - places[0]) * k as f64 / 19.0;
+            let opened = |k: usize| if k.abs_diff(opens) < 4 { 0.9 } else { 0.0 };
+            let configuration = (0..20).map(|k| [k as f64, opened(k)]).collect();
+            LearnedJoint {
+                joint: Joint { configuration, ..Joint::of(&line) },
+                base_from_part: Vec::new(),
+                tracks: Vec::new(),
+                plain_surface: (0..20).map(|k| Point3::new(0.2, at(k), 1.7)).collect(),
+            }
+        };
+        let upper = door([-0.5, -0.02], 5);
+        assert!(are_beside_each_other(&upper, &door([0.02, 0.5], 14)));
+        assert!(!are_beside_each_other(&upper, &door([-0.3, 0.5], 14)), "not clearly apart");
+        assert!(!are_beside_each_other(&upper, &door([0.02, 0.5], 5)), "they turn together");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! A vacated surface as the part of a joint: it is followed through all keyframes, and believed where they
 //! bear it out.
 
-use super::alignment::{Aligned, Direction, align};
+use super::alignment::{Aligned, LinePrior, align};
 use super::hypotheses::{Hypothesis, configurations, margin, reach};
 use super::moving_points::{Evidence, MovingPoints};
 use super::rest_surface::RestSurface;
@@ -11,6 +11,7 @@ use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, span_of};
 use crate::learn::line_step::{line_covariance, with_shared_errors};
 use crate::learn::recording::Recording;
+use crate::math::robust::median;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Matrix6, Point3, Vector3};
 
@@ -32,6 +33,13 @@ const MAX_VIOLATION: f64 = 0.1;
 /// Largest median distance of its points from the readings next to them, metres. It does not grow with the distance
 /// from the camera: of a gate 2.3 m away it was 6.6 mm, but of a person there 7.0.
 const MAX_MEDIAN_M: f64 = 0.006;
+/// What is rigid keeps its shape as well away from its rest as at rest: it may be farther from the readings if that is
+/// so there too, up to a limit in metres. Away, doors and drawers 2.3 m from the camera had 0.75 to 1.08 times the
+/// distance that they had at rest; persons 1.25 to 1.75 times.
+const SAME_AT_REST: f64 = 1.12;
+const MAX_NOISY_MEDIAN_M: f64 = 0.008;
+/// Fewest points at rest that tell it, as a share of the points away.
+const TELLING_REST: f64 = 0.1;
 /// Distance from which a reading next to a point says nothing for it, metres.
 const OWN_M: f64 = 0.0125;
 /// Least agreement while it is away from its rest.
@@ -39,11 +47,15 @@ const MIN_AGREEMENT: f64 = 0.25;
 /// Least motion, radians and metres of its farthest point.
 const MIN_TURN_RAD: f64 = 0.35;
 const MIN_TRAVEL_M: f64 = 0.04;
-/// Least way of a slide, in radii of its surface. What goes as far about a line beside it turns by a radian, which
-/// is told from a slide; by a shorter way it looks much the same.
-const MIN_SLIDE_RADII: f64 = 1.0;
+/// Least way of a slide, in radii of its surface: what goes as far about a line beside it turns by a radian, which
+/// is told from a slide. By a shorter way it looks much the same: then no hinge that something holds may agree more
+/// than a share as well. Of a cooker's drawer it was 0.87, of a screen on an arm 1.14.
+const MIN_SLIDE_RADII: [f64; 2] = [0.6, 1.0];
+const UNLIKE_A_HINGE: f64 = 0.9;
 /// A surface that has moved less than this is still at rest, metres.
 const REST_M: f64 = 0.015;
+/// Keyframes that tell where it rests.
+const REST_KEYFRAMES: usize = 3;
 /// Fewest readings of something that has come: a hand has more.
 const MIN_ARRIVED: usize = 30;
 /// Least time for which a hand moves before it moves the part, seconds.
@@ -63,12 +75,14 @@ pub struct VacatedPart {
     aligned: Aligned,
     /// What each keyframe shows.
     seen: Vec<Seen>,
-    /// Median distance of points from the readings next to them, metres.
-    median_m: f64,
+    /// Distances of points from the readings next to them.
+    distances: Distances,
     /// Distance of the farthest point from the line; 1 for a slide.
     reach: f64,
     /// Largest distance of a point from the middle of the surface, metres.
     radius: f64,
+    /// Its line is that of a known joint.
+    pub is_on_known_line: bool,
     /// Share of the line that nothing holds.
     unattached_ratio: f64,
     /// How long something else moved near it while it still was at rest, seconds.
@@ -90,6 +104,33 @@ struct Seen {
     through: usize,
 }
 
+/// Median distances of points from the readings next to them, metres; infinite where there are none.
+#[derive(Debug, Clone, Copy)]
+struct Distances {
+    all: f64,
+    /// In keyframes in which the part is at its rest, and in the others.
+    at_rest: f64,
+    away: f64,
+    /// Enough points were seen at rest to compare both.
+    is_rest_told: bool,
+}
+
+impl Distances {
+    fn of(mut at_rest: Vec<f64>, mut away: Vec<f64>) -> Self {
+        let is_rest_told = at_rest.len() as f64 >= TELLING_REST * away.len() as f64;
+        let mut all: Vec<f64> = at_rest.iter().chain(&away).copied().collect();
+        let median_of = |all: &mut Vec<f64>| median(all).unwrap_or(f64::INFINITY);
+        let [all, at_rest, away] = [&mut all, &mut at_rest, &mut away].map(median_of);
+        Self { all, at_rest, away, is_rest_told }
+    }
+
+    /// What is seen away is the surface that rested.
+    fn are_of_one_shape(&self) -> bool {
+        let is_as_at_rest = self.is_rest_told && self.away <= SAME_AT_REST * self.at_rest;
+        self.all <= if is_as_at_rest { MAX_NOISY_MEDIAN_M } else { MAX_MEDIAN_M }
+    }
+}
+
 impl VacatedPart {
     /// Follows a surface along a hypothesis and aligns the line to what is seen, twice.
     pub fn follow(
@@ -99,13 +140,17 @@ impl VacatedPart {
         moving: &[MovingPoints],
         recording: &Recording,
     ) -> Self {
-        let direction =
-            Direction { mean: hypothesis.geometry.axis.into_inner(), sigma: direction_sigma };
-        let q = path(surface, &hypothesis.geometry, moving, recording);
-        let geometry = align(surface, &hypothesis.geometry, &q, &direction, moving).geometry;
+        let Hypothesis { geometry, is_known, .. } = *hypothesis;
+        let expected = LinePrior {
+            direction: geometry.axis.into_inner(),
+            direction_sigma,
+            place: is_known.then_some(geometry.origin),
+        };
         let q = path(surface, &geometry, moving, recording);
-        let aligned = align(surface, &geometry, &q, &direction, moving);
-        let (seen, median_m) = what_is_seen(surface, &aligned, moving);
+        let geometry = align(surface, &geometry, &q, &expected, moving).geometry;
+        let q = path(surface, &geometry, moving, recording);
+        let aligned = align(surface, &geometry, &q, &expected, moving);
+        let (seen, distances) = what_is_seen(surface, &aligned, moving);
         let camera_from_base = |frame: usize| recording.ego_motion.camera_from_base[frame];
         let line = &aligned.geometry;
         let unattached_ratio = match line.kind {
@@ -118,7 +163,17 @@ impl VacatedPart {
         let lead_s = lead_of_others(surface, &aligned.q, reach, moving);
         let is_alone = is_alone(surface, &aligned, moving);
         let radius = surface.radius();
-        Self { aligned, seen, median_m, reach, radius, unattached_ratio, lead_s, is_alone }
+        Self {
+            aligned,
+            seen,
+            distances,
+            reach,
+            radius,
+            is_on_known_line: is_known,
+            unattached_ratio,
+            lead_s,
+            is_alone,
+        }
     }
 
     /// The joint's line.
@@ -131,22 +186,25 @@ impl VacatedPart {
         self.seen.iter().map(|s| s.agreement).sum::<f64>() / self.seen.len().max(1) as f64
     }
 
-    /// Why it is no part; `None` where it is one.
-    pub fn doubt(&self) -> Option<&'static str> {
+    /// Why it is no part; `None` where it is one. `hinges` is how well keyframes agree with the best hinge of the
+    /// same surface that something holds.
+    pub fn doubt(&self, hinges: f64) -> Option<&'static str> {
         let keyframes = self.seen.len() as f64;
         let shown = self.shown().count() as f64;
         let turn = self.turn();
         let (found, through) =
             self.seen.iter().fold((0, 0), |(f, t), s| (f + s.found, t + s.through));
-        let is_hinge = self.is_hinge();
         let reasons = [
             (self.hardly_turns(), "it hardly turns"),
             (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
             (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
-            (!is_hinge && turn < MIN_SLIDE_RADII * self.radius, "it may as well turn"),
+            (
+                !self.is_hinge() && may_as_well_turn(turn / self.radius, self.agreement(), hinges),
+                "it may as well turn",
+            ),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
-            (self.median_m > MAX_MEDIAN_M, "it does not keep its shape"),
+            (!self.distances.are_of_one_shape(), "it does not keep its shape"),
             (self.agreement_elsewhere() < MIN_AGREEMENT, "it is not found elsewhere"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
             (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
@@ -157,6 +215,11 @@ impl VacatedPart {
     /// It is a hinge about which hardly anything turns.
     pub fn hardly_turns(&self) -> bool {
         self.is_hinge() && self.turn() < MIN_TURN_RAD
+    }
+
+    /// It is a hinge, and something holds its line.
+    pub fn is_held_hinge(&self) -> bool {
+        self.is_hinge() && self.unattached_ratio <= MAX_UNATTACHED
     }
 
     fn is_hinge(&self) -> bool {
@@ -191,12 +254,14 @@ impl VacatedPart {
     }
 
     /// For looking at what was found and why it is believed or not.
-    pub fn trace(&self) {
+    pub fn trace(&self, hinges: f64) {
         tracing::debug!(
             kind = self.geometry().kind.name(),
             agreement = self.agreement(),
             elsewhere = self.agreement_elsewhere(),
-            median = self.median_m,
+            median = self.distances.all,
+            rest = self.distances.at_rest,
+            away = self.distances.away,
             shown = self.shown().count(),
             keyframes = self.seen.len(),
             unattached = self.unattached_ratio,
@@ -206,7 +271,7 @@ impl VacatedPart {
             reach = self.reach,
             axis = ?self.geometry().axis.as_slice(),
             origin = ?self.geometry().origin.coords.as_slice(),
-            rejected = self.doubt().unwrap_or("no"),
+            rejected = self.doubt(hinges).unwrap_or("no"),
             "vacated surface"
         );
     }
@@ -218,7 +283,7 @@ impl VacatedPart {
             covariance: self.covariance(),
             points: &surface.points,
             configuration: self.shown().collect(),
-            rmse: self.median_m,
+            rmse: self.distances.all,
         };
         surface.into_learned(recording)
     }
@@ -228,6 +293,12 @@ impl VacatedPart {
         let covariance = line_covariance(self.geometry(), &self.aligned.information);
         with_shared_errors(covariance, self.geometry(), SYSTEMATIC_RAD, SYSTEMATIC_M)
     }
+}
+
+/// A slide whose way, in radii of its surface, is too short to tell it from a turn about the best hinge.
+fn may_as_well_turn(way_in_radii: f64, agreement: f64, of_hinges: f64) -> bool {
+    let [least, enough] = MIN_SLIDE_RADII;
+    way_in_radii < least || way_in_radii < enough && of_hinges > UNLIKE_A_HINGE * agreement
 }
 
 /// The configuration in each keyframe that all of them together agree with best; 0 where the surface rests.
@@ -257,12 +328,20 @@ fn path(
     best_path(&table, cost, &largest).into_iter().map(|i| configurations[i]).collect()
 }
 
+/// It has not moved since it was at rest, next to a keyframe. One keyframe alone tells badly where that was.
+fn is_at_rest(q: &[f64], keyframe: usize, k: usize, reach: f64) -> bool {
+    let first = keyframe.min(q.len().saturating_sub(REST_KEYFRAMES));
+    let beside = &q[first..(first + REST_KEYFRAMES).min(q.len())];
+    let rest = median(&mut beside.to_vec()).unwrap_or_default();
+    (q[k] - rest).abs() * reach < REST_M
+}
+
 /// How long something else moved near the surface while that still was at rest, seconds: from the keyframe
 /// that shows it at rest on, or from there back in time where it rests last. A hand takes its time to come
 /// to a part; a limb moves when the hand does.
 fn lead_of_others(surface: &RestSurface, q: &[f64], reach: f64, moving: &[MovingPoints]) -> f64 {
     let rest = &moving[surface.keyframe];
-    let at_rest = |k: &usize| q[*k].abs() * reach < REST_M;
+    let at_rest = |k: &usize| is_at_rest(q, surface.keyframe, *k, reach);
     let others_move = |k: &usize| moving[*k].arrived_since(rest) >= MIN_ARRIVED;
     let before: Vec<usize> = (0..surface.keyframe).rev().take_while(at_rest).collect();
     let after: Vec<usize> = (surface.keyframe..q.len()).take_while(at_rest).collect();
@@ -294,17 +373,20 @@ fn moved(
     surface.points.iter().zip(&surface.normals).map(|(p, n)| (motion * p, motion * n)).collect()
 }
 
-/// What each keyframe shows of the surface where the joint puts it, and the median distance of its points
-/// from the readings next to them.
+/// What each keyframe shows of the surface where the joint puts it, and the distances of its points from the
+/// readings next to them.
 fn what_is_seen(
     surface: &RestSurface,
     aligned: &Aligned,
     moving: &[MovingPoints],
-) -> (Vec<Seen>, f64) {
+) -> (Vec<Seen>, Distances) {
     let n = surface.points.len().max(1) as f64;
-    let mut distances = Vec::new();
+    let reach = reach(&aligned.geometry, &surface.points);
+    let (mut at_rest, mut away) = (Vec::new(), Vec::new());
     let mut seen = Vec::with_capacity(moving.len());
-    for (view, q) in moving.iter().zip(&aligned.q) {
+    for (k, (view, q)) in moving.iter().zip(&aligned.q).enumerate() {
+        let is_at_rest = is_at_rest(&aligned.q, surface.keyframe, k, reach);
+        let distances = if is_at_rest { &mut at_rest } else { &mut away };
         let mut one = Seen { frame: view.frame(), ..Seen::default() };
         for (p, normal) in moved(surface, &aligned.geometry, *q) {
             match view.evidence(&p, &normal) {
@@ -324,8 +406,7 @@ fn what_is_seen(
         one.margin = (one.found as f64 - one.through as f64) / n;
         seen.push(one);
     }
-    distances.sort_by(f64::total_cmp);
-    (seen, distances.get(distances.len() / 2).copied().unwrap_or(f64::INFINITY))
+    (seen, Distances::of(at_rest, away))
 }
 
 #[cfg(test)]
@@ -364,7 +445,7 @@ mod tests {
                 assert!((sense * q - turn(frame)).abs() < 0.06, "frame {frame}: {q}");
             }
             assert!(part.shown().count() as f64 > LEAST_KEYFRAMES * FRAMES as f64);
-            assert!(part.is_there_throughout() && part.median_m < MAX_MEDIAN_M);
+            assert!(part.is_there_throughout() && part.distances.all < MAX_MEDIAN_M);
         });
     }
 
@@ -386,16 +467,46 @@ mod tests {
     fn about_a_line_far_from_the_pivot_it_is_no_part() {
         let mut off = hinge();
         off.origin.y += 0.25;
-        followed(&lever(turn), &off, |part, _, _| assert!(part.doubt().is_some()));
+        followed(&lever(turn), &off, |part, _, _| assert!(part.doubt(0.0).is_some()));
     }
 
     #[test]
     fn what_slides_and_what_hardly_turns_is_refused_with_the_reason() {
         let slide = JointGeometry::slide(Vector3::x_axis(), Point3::from(PIVOT_M));
-        followed(&lever(turn), &slide, |part, _, _| assert!(part.doubt().is_some()));
+        followed(&lever(turn), &slide, |part, _, _| assert!(part.doubt(0.0).is_some()));
         followed(&lever(|f| 0.25 * turn(f)), &hinge(), |part, _, _| {
-            assert_eq!(part.doubt(), Some("it hardly turns"));
+            assert_eq!(part.doubt(0.0), Some("it hardly turns"));
         });
+    }
+
+    #[test]
+    fn what_is_as_far_from_its_readings_at_rest_as_away_is_rigid_far_from_the_camera() {
+        let seen = |at_rest: f64, away: f64| {
+            Distances::of(vec![at_rest; 40], vec![away; 60]).are_of_one_shape()
+        };
+        assert!(seen(0.004, 0.0055), "near the camera");
+        assert!(seen(0.0068, 0.0066), "a door 2.3 m away");
+        assert!(!seen(0.0055, 0.0072), "a person there");
+        assert!(!seen(0.009, 0.009));
+        let hardly_at_rest = Distances::of(vec![0.0068; 2], vec![0.0066; 98]);
+        assert!(!hardly_at_rest.are_of_one_shape());
+    }
+
+    #[test]
+    fn a_short_slide_is_believed_only_where_no_hinge_agrees_nearly_as_well() {
+        let is_doubted =
+            |way_in_radii: f64, hinges: f64| may_as_well_turn(way_in_radii, 1.0, hinges);
+        assert!(!is_doubted(1.2, 1.0), "it goes far");
+        assert!(is_doubted(0.8, 0.95) && !is_doubted(0.8, 0.85), "a drawer has no such hinge");
+        assert!(is_doubted(0.5, 0.0), "nothing tells so short a way from a turn");
+    }
+
+    #[test]
+    fn rest_is_what_the_first_keyframes_have_in_common() {
+        // The line is a little off: the keyframe of the surface itself is put apart from the others.
+        let q = [0.0, 0.05, 0.05, 0.05, 0.5, 1.0];
+        let at_rest: Vec<usize> = (0..6).filter(|k| is_at_rest(&q, 0, *k, 0.3)).collect();
+        assert_eq!(at_rest, [1, 2, 3]);
     }
 
     #[test]

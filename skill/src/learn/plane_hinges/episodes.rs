@@ -1,0 +1,103 @@
+//! Parts that share a plane while they rest: the doors and drawers of one front. Pictures see through the
+//! place of each while that part is away, and between the motions of two parts all of them rest: a plane is
+//! divided by the episode in which its samples were away.
+//!
+//! In: for each sample of a plane the keyframes that see through its place. Out: an episode for each sample. Two
+//! parts that are away at the same time are not told apart here.
+
+/// Keyframes that were asked and see something behind a place, as bits, in the order of time.
+pub type AwayKeyframes = u64;
+
+/// Least share of a plane's samples that are away for a keyframe to be of an episode.
+const LEAST_AWAY: f64 = 0.05;
+/// Fewest asked keyframes without motion between two episodes.
+const FEWEST_BETWEEN: usize = 2;
+/// Largest share of the samples that may be away in both of two episodes; more are of a part that moved twice.
+const MOST_IN_BOTH: f64 = 0.15;
+
+/// The episode of each sample, from 0 on.
+pub fn episodes(away: &[AwayKeyframes]) -> Vec<usize> {
+    let mut episodes = intervals(away);
+    while let Some((a, b)) = pair_of_one_part(&episodes, away) {
+        episodes[a] |= episodes[b];
+        episodes.remove(b);
+    }
+    let of = |sample: &AwayKeyframes| {
+        (0..episodes.len()).max_by_key(|e| (sample & episodes[*e]).count_ones()).unwrap_or(0)
+    };
+    away.iter().map(of).collect()
+}
+
+/// Times, as bits, between which hardly any sample is away.
+fn intervals(away: &[AwayKeyframes]) -> Vec<AwayKeyframes> {
+    let least = (LEAST_AWAY * away.len() as f64).max(1.0);
+    let is_away = |bit: usize| away.iter().filter(|a| *a >> bit & 1 == 1).count() as f64 >= least;
+    let mut found: Vec<AwayKeyframes> = Vec::new();
+    let mut rested = FEWEST_BETWEEN;
+    for bit in 0..AwayKeyframes::BITS as usize {
+        if !is_away(bit) {
+            rested += 1;
+            continue;
+        }
+        match found.last_mut() {
+            Some(last) if rested < FEWEST_BETWEEN => *last |= 1 << bit,
+            _ => found.push(1 << bit),
+        }
+        rested = 0;
+    }
+    found
+}
+
+/// Two episodes, the earlier first, in both of which many samples are away.
+fn pair_of_one_part(episodes: &[AwayKeyframes], away: &[AwayKeyframes]) -> Option<(usize, usize)> {
+    let in_both = |a: usize, b: usize| {
+        away.iter().filter(|s| *s & episodes[a] != 0 && *s & episodes[b] != 0).count()
+    };
+    let most = MOST_IN_BOTH * away.len() as f64;
+    let pairs = (0..episodes.len()).flat_map(|b| (0..b).map(move |a| (a, b)));
+    pairs.into_iter().find(|(a, b)| in_both(*a, *b) as f64 > most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As many samples as are asked for, away in some keyframes.
+    fn samples(n: usize, away: std::ops::Range<u32>) -> Vec<AwayKeyframes> {
+        vec![away.map(|bit| 1 << bit).sum(); n]
+    }
+
+    #[test]
+    fn two_doors_of_one_front_that_open_one_after_the_other_are_two_episodes() {
+        let mut away = samples(50, 3..9);
+        away.extend(samples(30, 14..20));
+        let found = episodes(&away);
+        assert!(found[..50].iter().all(|e| *e == found[0]));
+        assert!(found[50..].iter().all(|e| *e == found[50]));
+        assert_ne!(found[0], found[50]);
+    }
+
+    #[test]
+    fn a_door_that_opens_twice_is_one() {
+        let twice = samples(50, 3..9)[0] | samples(1, 14..20)[0];
+        // The side of the hinge leaves its place for a shorter time, once.
+        let mut away = vec![twice; 50];
+        away.extend(samples(20, 5..7));
+        assert!(episodes(&away).iter().all(|e| *e == 0));
+    }
+
+    #[test]
+    fn doors_that_are_open_at_the_same_time_are_not_told_apart() {
+        let mut away = samples(50, 3..20);
+        away.extend(samples(30, 10..20));
+        assert!(episodes(&away).iter().all(|e| *e == 0));
+    }
+
+    #[test]
+    fn a_single_keyframe_of_noise_is_no_episode() {
+        let mut away = samples(50, 3..9);
+        away[7] |= 1 << 30;
+        assert!(episodes(&away).iter().all(|e| *e == 0));
+        assert!(episodes(&[]).is_empty());
+    }
+}
