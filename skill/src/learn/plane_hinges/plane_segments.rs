@@ -103,7 +103,9 @@ pub fn moving_patches(
             samples.retain(|s| cylinder.is_none_or(|c| c.may_turn(&s.normal)));
             let camera_from_base = matrix_pose(&base.camera_from_base[frame]);
             let away = |s: &Sample| away_keyframes(&(camera_from_base * s.point), &others);
-            patches(samples, frame, picture.camera.depth_sensor, away)
+            let episodes =
+                |of_plane: &[Sample]| episodes(&of_plane.iter().map(away).collect::<Vec<_>>());
+            patches(samples, frame, picture.camera.depth_sensor, episodes)
         })
         .collect()
 }
@@ -206,12 +208,12 @@ fn sees_through(picture: &RgbdFrame, p: &Point3<f64>) -> bool {
     reading.is_some_and(|z| f64::from(z) > behind)
 }
 
-/// Takes planes out of the samples, the largest first. `away` are the keyframes in which a sample's place is empty.
+/// Takes planes out of the samples, the largest first. `episodes` tells when the samples of a plane leave it.
 fn patches(
     mut samples: Vec<Sample>,
     frame: usize,
     sensor: DepthSensor,
-    away: impl Fn(&Sample) -> AwayKeyframes,
+    episodes: impl Fn(&[Sample]) -> Vec<usize>,
 ) -> Vec<PlanePatch> {
     let mut found = Vec::new();
     for _ in 0..MAX_PATCHES {
@@ -228,21 +230,20 @@ fn patches(
             break;
         }
         samples = rest;
-        found.extend(parts_of(&of_plane, frame, &away));
+        found.extend(pieces(&of_plane, &episodes(&of_plane), frame));
     }
     found
 }
 
 /// The pieces of a plane that leave it in different episodes.
-fn parts_of(
+fn pieces(
     samples: &[Sample],
+    episodes: &[usize],
     frame: usize,
-    away: impl Fn(&Sample) -> AwayKeyframes,
 ) -> impl Iterator<Item = PlanePatch> {
-    let episodes = episodes(&samples.iter().map(away).collect::<Vec<_>>());
     let last = episodes.iter().copied().max().unwrap_or(0);
     (0..=last).filter_map(move |episode| {
-        let of_it = samples.iter().zip(&episodes).filter(|(_, e)| **e == episode);
+        let of_it = samples.iter().zip(episodes).filter(|(_, e)| **e == episode);
         let of_it: Vec<Sample> = of_it.map(|(s, _)| *s).collect();
         (of_it.len() >= MIN_OF_EPISODE).then(|| fitted(frame, &of_it))
     })
@@ -283,7 +284,7 @@ mod tests {
     }
 
     fn patches_of(samples: Vec<Sample>) -> Vec<PlanePatch> {
-        patches(samples, 3, DepthSensor::default(), |_| 1)
+        patches(samples, 3, DepthSensor::default(), |of_plane| vec![0; of_plane.len()])
     }
 
     #[test]
@@ -301,8 +302,9 @@ mod tests {
     #[test]
     fn the_door_and_the_drawer_of_one_front_are_two_pieces_where_they_open_one_after_the_other() {
         let front = square(16, Point3::new(0.0, 0.0, 2.0), -Vector3::z());
-        let away = |s: &Sample| if s.point.y < 0.04 { 0b0001_1100 } else { 0b0011_1000_0000_0000 };
-        let found = patches(front, 3, DepthSensor::default(), away);
+        let episode = |s: &Sample| usize::from(s.point.y > 0.04);
+        let episodes = |of_plane: &[Sample]| of_plane.iter().map(episode).collect();
+        let found = patches(front, 3, DepthSensor::default(), episodes);
         assert_eq!(found.len(), 2);
         let [door, drawer] = [0, 1].map(|k| &found[k].points);
         assert_eq!(door.len() + drawer.len(), 256);
