@@ -142,7 +142,10 @@ fn watch(lcm: &mut Lcm, limits: &MotionLimits, counts: &Disturbance) {
         if now.last && !now.reason.is_empty() {
             counts.braked.fetch_add(1, Ordering::Relaxed);
         }
-        if before.take().is_some_and(|before| is_jump(&before, &now, limits)) {
+        if let Some(before) = before.take()
+            && is_jump(&before, &now, limits)
+        {
+            tracing::error!("a jump from {before:?} to {now:?}");
             counts.jumps.fetch_add(1, Ordering::Relaxed);
         }
         before = (!now.last).then_some(now);
