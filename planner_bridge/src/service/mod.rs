@@ -84,6 +84,9 @@ const WAITING_FRAMES: usize = 8;
 const WAITING_COMMANDS: usize = 16;
 /// Packets that wait to be published; when more come, the oldest are dropped.
 const WAITING_PACKETS: usize = 64;
+/// The same of what the status is made of. A flood of refused commands makes some 200 a second, and no
+/// answer may be lost where a busy machine publishes nothing for some seconds.
+const WAITING_NOTES: usize = 4096;
 
 /// Serves until `stop` is set.
 ///
@@ -116,7 +119,7 @@ pub fn serve_observed(
     let source = open()?;
     let (frame_writer, frames) = latest(WAITING_FRAMES);
     let (packet_writer, packets) = latest(WAITING_PACKETS);
-    let (note_writer, notes) = latest(WAITING_PACKETS);
+    let (note_writer, notes) = latest(WAITING_NOTES);
     let (command_writer, commands) = crossbeam_channel::bounded(WAITING_COMMANDS);
     let out = publisher::Outbox { packets: packet_writer, notes: note_writer, observer };
 
