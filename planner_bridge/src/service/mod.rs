@@ -127,7 +127,6 @@ pub fn serve_observed(
     // The time at which it begins names this run.
     let session = host_utime();
     let authority = Authority::new(session, config.rig.safety.command_age, &config.rig.access)?;
-    let listener = Listener::new(&config.url, authority, command_writer, out.clone())?;
     let publisher = Publisher::new(lcm, session, packets, notes);
     let mut parts = StreamParts::default();
     let (streamer, orders) = config
@@ -136,6 +135,8 @@ pub fn serve_observed(
         .transpose()?
         .map_or((None, None), |(streamer, orders)| (Some(streamer), Some(orders)));
     streamer.as_ref().map_or(Ok(()), Streamer::self_test)?;
+    let pulse = orders.as_ref().map(Orders::pulse);
+    let listener = Listener::new(&config.url, authority, command_writer, pulse, out.clone())?;
     let heartbeat = orders
         .as_ref()
         .map(|orders| HeartbeatListener::new(&config.url, orders.pulse(), out.clone()))
@@ -157,7 +158,7 @@ fn known(store: &Path) -> Result<Library, StoreError> {
 /// What each thread of a service does.
 struct Threads<'q> {
     capture: Capture,
-    listener: Listener,
+    listener: Listener<'q>,
     publisher: Publisher,
     streamer: Option<Streamer<'q>>,
     heartbeat: Option<HeartbeatListener<'q>>,
