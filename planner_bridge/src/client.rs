@@ -77,25 +77,23 @@ impl Client {
     ) -> Result<String, ClientError> {
         let start = Instant::now();
         let session = self.session(timeout)?;
-        let mut order = self.addressed(command, session);
+        let mut sent_as = SentAs { now: self.addressed(command, session), before: Vec::new() };
         let (mut named_at, mut sent, mut progress) = (Instant::now(), None::<Instant>, None);
         while start.elapsed() < timeout {
             if progress.is_none() && named_at.elapsed() > ANEW_AFTER {
-                order = self.addressed(command, session);
+                sent_as.rename(self.addressed(command, session));
                 (named_at, sent) = (Instant::now(), None);
             }
             if sent.is_none_or(|at| at.elapsed() > AGAIN_AFTER) {
-                self.lcm.publish(channel::COMMAND, &order)?;
+                self.lcm.publish(channel::COMMAND, &sent_as.now)?;
                 sent = Some(Instant::now());
             }
             let Some(status) = self.status(AGAIN_AFTER)? else { continue };
-            if status.command_utime != order.utime {
-                continue;
-            }
-            match (status.command_accepted, status.command_done) {
-                (false, _) => return Err(ClientError::Refused(status.command_answer)),
-                (true, true) => return Ok(status.command_answer),
-                (true, false) => progress = Some(status.command_answer),
+            match sent_as.answer(&status) {
+                None => {}
+                Some((false, _)) => return Err(ClientError::Refused(status.command_answer)),
+                Some((true, true)) => return Ok(status.command_answer),
+                Some((true, false)) => progress = Some(status.command_answer),
             }
         }
         let (url, waited) = (self.lcm.url().to_owned(), timeout.as_secs_f64());
@@ -130,6 +128,31 @@ impl Client {
             key.sign(&mut order);
         }
         order
+    }
+}
+
+/// A command under each of the names with which it was sent.
+struct SentAs {
+    now: linkage::Command,
+    before: Vec<linkage::Command>,
+}
+
+impl SentAs {
+    fn rename(&mut self, renamed: linkage::Command) {
+        self.before.push(std::mem::replace(&mut self.now, renamed));
+    }
+
+    /// What a status says of the command: accepted, and done. A busy service may begin it in time and
+    /// say so late; it is the same command, and its newer name is refused then. That it came too late
+    /// under an earlier name says nothing.
+    fn answer(&mut self, status: &linkage::Status) -> Option<(bool, bool)> {
+        let name = status.command_utime;
+        if status.command_accepted
+            && let Some(before) = self.before.iter_mut().find(|before| before.utime == name)
+        {
+            std::mem::swap(&mut self.now, before);
+        }
+        (name == self.now.utime).then_some((status.command_accepted, status.command_done))
     }
 }
 
@@ -174,6 +197,26 @@ mod tests {
         assert_eq!(client.addressed(&command(), 1).signature.len(), 32);
         let unsigned = Client::new("memq://", None).unwrap();
         assert!(unsigned.addressed(&command(), 1).signature.is_empty());
+    }
+
+    #[test]
+    fn an_answer_that_came_late_to_an_earlier_name_counts_where_it_was_accepted() {
+        let status = |command_utime, command_accepted, command_done| linkage::Status {
+            command_utime,
+            command_accepted,
+            command_done,
+            ..linkage::Status::default()
+        };
+        let named = |utime| linkage::Command { utime, ..command() };
+        let twice = || SentAs { now: named(2), before: vec![named(1)] };
+        let mut names = twice();
+        assert_eq!(names.answer(&status(1, false, true)), None, "it came too late");
+        assert_eq!(names.answer(&status(7, true, true)), None, "another command");
+        assert_eq!(names.answer(&status(1, true, false)), Some((true, false)));
+        assert_eq!(names.answer(&status(2, false, true)), None, "it is already being done");
+        assert_eq!(names.now.utime, 1, "it is asked for under the name that is known");
+        assert_eq!(names.answer(&status(1, true, true)), Some((true, true)));
+        assert_eq!(twice().answer(&status(2, false, true)), Some((false, true)));
     }
 
     #[test]

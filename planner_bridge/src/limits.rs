@@ -1,5 +1,6 @@
 //! A rig's file: network and motion limits.
 
+use linkage_driver::text_table::read_settings;
 use linkage_skill::internals::merge;
 use linkage_skill::object::JointKind;
 use serde::{Deserialize, Serialize};
@@ -119,7 +120,7 @@ impl Rig {
     /// [`RigError`] names the file and what is wrong.
     pub fn read(path: &Path) -> Result<Self, RigError> {
         let error = |reason: String| RigError { path: path.display().to_string(), reason };
-        let text = std::fs::read_to_string(path).map_err(|e| error(e.to_string()))?;
+        let text = read_settings(path).map_err(|e| error(e.to_string()))?;
         let toml_error = |e: toml::de::Error| {
             error(e.to_string().split_whitespace().collect::<Vec<_>>().join(" "))
         };

@@ -27,6 +27,37 @@ fn a_log_that_is_no_terminal_holds_no_colour_codes() {
 }
 
 #[test]
+fn what_cannot_be_printed_is_told_and_is_no_panic() {
+    build();
+    let full = || std::fs::OpenOptions::new().write(true).open("/dev/full");
+    let Ok(_) = full() else {
+        eprintln!("ignored: this system has no /dev/full");
+        return;
+    };
+    let run = |command: &[&str]| {
+        let mut program = Command::new(program());
+        program.args(command);
+        program
+    };
+    for command in [&["config", "dump"][..], &["simulate", "--scene", "list"]] {
+        let output = run(command).stdout(full().unwrap()).output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        assert!(told.contains("standard output: cannot be written: No space left"), "{told}");
+        // What was asked for is done, whether or not anybody hears of it.
+        let silent = run(command).stderr(full().unwrap()).output().unwrap();
+        assert!(silent.status.success() && !silent.stdout.is_empty());
+    }
+    let log = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(log.path(), "0 0 0\n0.1 0 0\n0.2 0 0\n0.3 0 0\n0.4 0 0\n0.5 0 0\n").unwrap();
+    let fit = run(&["fit", log.path().to_str().unwrap(), "--json", "-"])
+        .stderr(full().unwrap())
+        .output()
+        .unwrap();
+    assert!(fit.status.success() && fit.stdout.starts_with(b"{"), "{fit:?}");
+}
+
+#[test]
 fn a_log_of_json_is_an_object_a_line() {
     let text = said(&["--log-format", "json"]);
     let events: Vec<serde_json::Value> =

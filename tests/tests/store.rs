@@ -296,6 +296,7 @@ fn on_a_full_disk_a_store_keeps_what_it_has_and_is_read() {
          if \"$LINKAGE\" store merge objects.linkage --store small/o.linkage; then exit 9; fi
          cat /dev/zero > small/filler 2>/dev/null || true
          if \"$LINKAGE\" store merge objects.linkage --store small/o.linkage; then exit 9; fi
+         if \"$LINKAGE\" store merge objects.linkage --store small/new.linkage; then exit 9; fi
          \"$LINKAGE\" store list --store small/o.linkage
          {}",
         size + 100,
@@ -305,7 +306,11 @@ fn on_a_full_disk_a_store_keeps_what_it_has_and_is_read() {
     let Some(output) = with_own_mounts(dir.path(), &script) else { return };
     let (status, said) = failure(&output);
     assert_eq!(status, 0, "{said}");
-    assert!(said.contains("small/o.linkage: ") && said.contains("full"), "{said}");
+    for file in ["o.linkage", "new.linkage"] {
+        let is_told =
+            |line: &str| line.contains(&format!("small/{file}: ")) && line.contains("full");
+        assert!(said.lines().any(is_told), "{file}: {said}");
+    }
     assert_eq!(String::from_utf8_lossy(&output.stdout), "drawer\n", "{said}");
 }
 

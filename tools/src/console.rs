@@ -1,5 +1,7 @@
 //! What the user sees while a command runs: progress and logs, on standard error.
 
+use crate::outcome::Outcome;
+use anyhow::Context;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use linkage_driver::plain_text::harmless;
@@ -40,6 +42,15 @@ fn shows_colours() -> bool {
 /// Writes a line to standard error. That nobody can read there any more is no fault of the work.
 pub fn say(line: impl Display) {
     let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Writes a line of a command's answer to standard output.
+///
+/// # Errors
+/// It cannot be written, as on a full disk.
+pub fn answer(line: impl Display) -> Outcome {
+    writeln!(std::io::stdout(), "{line}").context("standard output: cannot be written")?;
+    Ok(())
 }
 
 /// Says why a command failed, as the log's format has it. It may quote foreign files and messages.

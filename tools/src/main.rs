@@ -1,6 +1,10 @@
 //! The `linkage` command line.
 
+// What is printed goes through `console`: on a full disk the macros of `std` panic.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 mod allocator;
+#[expect(clippy::print_stdout, reason = "its tables are for those who develop this")]
 mod bench;
 mod cli;
 mod commands;

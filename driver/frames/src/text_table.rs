@@ -10,19 +10,38 @@ use std::path::Path;
 /// Largest text that is read, bytes: a list of some days of frames.
 pub const MAX_TEXT_BYTES: u64 = 256 << 20;
 
+/// Largest file of settings that is read, bytes; the longest of ours has some 10 000.
+pub const MAX_SETTINGS_BYTES: u64 = 1 << 20;
+
 /// Reads a whole text file in any of the encodings that [`decode`] knows.
 ///
 /// # Errors
 /// Those of reading; [`io::ErrorKind::InvalidInput`] for what is no regular file (a folder, a
 /// pipe, a device), [`io::ErrorKind::InvalidData`] for one above [`MAX_TEXT_BYTES`].
 pub fn read(path: &Path) -> io::Result<String> {
+    Ok(decode(&read_up_to(MAX_TEXT_BYTES, regular_file(path)?)?))
+}
+
+/// Reads a file of settings, or a pipe, in any of the encodings that [`decode`] knows.
+///
+/// # Errors
+/// Those of reading; [`io::ErrorKind::InvalidData`] for one above [`MAX_SETTINGS_BYTES`].
+pub fn read_settings(path: &Path) -> io::Result<String> {
+    Ok(decode(&read_up_to(MAX_SETTINGS_BYTES, std::fs::File::open(path)?)?))
+}
+
+/// Reads everything, but no more than what fits: a device may never end.
+///
+/// # Errors
+/// Those of reading; [`io::ErrorKind::InvalidData`] for more than `limit` bytes.
+pub fn read_up_to(limit: u64, from: impl Read) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    regular_file(path)?.take(MAX_TEXT_BYTES + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > MAX_TEXT_BYTES {
-        let reason = format!("is larger than {MAX_TEXT_BYTES} bytes: is it a text file?");
+    from.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        let reason = format!("is larger than {limit} bytes: is it the right file?");
         return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
     }
-    Ok(decode(&bytes))
+    Ok(bytes)
 }
 
 /// Opens a regular file. Opening a pipe would wait for its writer, and a device may never end.
@@ -185,6 +204,14 @@ mod tests {
 
     fn table(text: &str) -> Vec<Vec<f64>> {
         rows(text).map(|row| row.numbers().unwrap()).collect()
+    }
+
+    #[test]
+    fn what_never_ends_is_refused() {
+        let refused = read_settings(Path::new("/dev/zero")).unwrap_err();
+        assert_eq!(refused.kind(), io::ErrorKind::InvalidData);
+        assert_eq!(read_up_to(3, &b"abc"[..]).unwrap(), b"abc");
+        assert!(read_up_to(3, &b"abcd"[..]).is_err());
     }
 
     const EXPECTED: [[f64; 3]; 2] = [[0.5, -1.0, 2.0], [0.25, 3.0, 4.5]];

@@ -2,6 +2,7 @@
 //! and the network is here, so that what is proved of this crate holds for what is shipped.
 
 use crate::datagram::DATAGRAM_CAPACITY;
+use crate::host_clock::{HostClock, Reading};
 use crate::lateness::Lateness;
 use crate::stream::{Stream, Tick};
 use core::num::NonZeroU64;
@@ -39,6 +40,7 @@ pub struct Cycle<'q> {
     stream: Stream<'q>,
     period_ns: NonZeroU64,
     buffer: [u8; DATAGRAM_CAPACITY],
+    host_clock: HostClock,
     report: StreamReport,
 }
 
@@ -46,7 +48,8 @@ impl<'q> Cycle<'q> {
     /// A loop of this many nanoseconds a period.
     pub fn new(stream: Stream<'q>, period_ns: NonZeroU64) -> Self {
         let buffer = [0; DATAGRAM_CAPACITY];
-        Self { stream, period_ns, buffer, report: StreamReport::default() }
+        let (host_clock, report) = (HostClock::default(), StreamReport::default());
+        Self { stream, period_ns, buffer, host_clock, report }
     }
 
     /// Streams until it is stopped and what moved has been braked to rest.
@@ -73,8 +76,10 @@ impl<'q> Cycle<'q> {
 
     /// One period's work.
     fn step(&mut self, due_us: u64, port: &mut impl Port) {
-        let late_us = port.monotonic_us().saturating_sub(due_us);
-        let utime = port.utime().saturating_sub_unsigned(late_us);
+        let before_us = port.monotonic_us();
+        let late_us = before_us.saturating_sub(due_us);
+        let reading = Reading { before_us, utime: port.utime(), after_us: port.monotonic_us() };
+        let utime = self.host_clock.at(due_us, &reading);
         match self.stream.tick(due_us, utime, &mut self.buffer) {
             Ok(Tick::Idle) => {}
             Ok(Tick::Send(length)) => {
@@ -123,6 +128,9 @@ mod tests {
         behind_us: i64,
         /// Period after which another program takes the processor for 3 ms, microseconds.
         busy_us: u64,
+        /// Readings of the host's clock after one of which another program does.
+        busy_readings: u64,
+        readings: u64,
         shared: &'q Shared,
         sent: Vec<(i64, f64), 4096>,
     }
@@ -133,6 +141,10 @@ mod tests {
         }
 
         fn utime(&mut self) -> i64 {
+            self.readings += 1;
+            if self.readings.is_multiple_of(self.busy_readings) {
+                self.now_us += 3000;
+            }
             let is_corrected = self.now_us > self.until_us / 2;
             1_700_000_000_000_000 + self.now_us as i64
                 - if is_corrected { 0 } else { self.behind_us }
@@ -167,6 +179,7 @@ mod tests {
         until_us: u64,
         behind_us: i64,
         busy_us: u64,
+        busy_readings: u64,
     ) -> (Vec<(i64, f64), 4096>, StreamReport) {
         let (mut queue, shared) = (OrderQueue::new(), Shared::default());
         let (given, taken) = queue.split();
@@ -179,17 +192,25 @@ mod tests {
             Stream::new(taken, &shared, CHANNEL, WATCH),
             NonZeroU64::new(1_000_000).unwrap(),
         );
-        let sent = Vec::new();
-        let mut port = FakePort { now_us: 0, until_us, behind_us, busy_us, shared: &shared, sent };
+        let mut port = FakePort {
+            now_us: 0,
+            until_us,
+            behind_us,
+            busy_us,
+            busy_readings,
+            readings: 0,
+            shared: &shared,
+            sent: Vec::new(),
+        };
         let report = cycle.run(&mut port);
         (port.sent, report)
     }
 
     #[test]
     fn a_corrected_clock_moves_the_stamps_and_not_the_motion() {
-        let (right, _) = streamed(2_500_000, 0, u64::MAX);
+        let (right, _) = streamed(2_500_000, 0, u64::MAX, u64::MAX);
         for behind_us in [3_600_000_000, -3_600_000_000] {
-            let (corrected, _) = streamed(2_500_000, behind_us, u64::MAX);
+            let (corrected, _) = streamed(2_500_000, behind_us, u64::MAX, u64::MAX);
             assert_eq!(right.len(), corrected.len());
             for (n, (r, c)) in right.iter().zip(&corrected).enumerate() {
                 let due_us = n as i64 * 1000;
@@ -202,7 +223,7 @@ mod tests {
 
     #[test]
     fn ticks_that_come_late_show_what_was_due_then_and_lost_ones_are_not_made_up_for() {
-        let (sent, report) = streamed(2_500_000, 0, 100_000);
+        let (sent, report) = streamed(2_500_000, 0, 100_000, u64::MAX);
         assert!((1900..1990).contains(&sent.len()), "{} of 2001", sent.len());
         assert!(report.lateness.missed() >= 19 && report.sent == sent.len() as u64);
         let exact = there(1.0, 0.5);
@@ -213,8 +234,18 @@ mod tests {
     }
 
     #[test]
+    fn stamps_are_right_where_the_processor_is_lost_between_two_clocks() {
+        let (sent, _) = streamed(2_500_000, 0, u64::MAX, 7);
+        let exact = there(1.0, 0.5);
+        for (stamp, position) in &sent {
+            let time = (stamp - 1_700_000_000_000_000) as f64 * 1e-6;
+            assert!((position - exact.at(time).position).abs() < 1e-12, "at {time} s");
+        }
+    }
+
+    #[test]
     fn a_loop_that_is_stopped_brakes_what_moves_before_it_ends() {
-        let (sent, _) = streamed(1_000_000, 0, u64::MAX);
+        let (sent, _) = streamed(1_000_000, 0, u64::MAX, u64::MAX);
         assert!(sent.len() > 1001, "it ends where it is");
         let at_rest = sent[sent.len() - 1].1;
         let speed = (at_rest - sent[sent.len() - 2].1) / 1e-3;

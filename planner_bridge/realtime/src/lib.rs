@@ -16,6 +16,7 @@
 mod brake;
 mod cycle;
 mod datagram;
+mod host_clock;
 mod lateness;
 mod motion;
 mod orders;

@@ -18,6 +18,11 @@ impl Signal {
         self.0.store(milliseconds(at_us).max(1), Ordering::Relaxed);
     }
 
+    /// It is as if it had never been there.
+    fn forget(&self) {
+        self.0.store(0, Ordering::Relaxed);
+    }
+
     /// True where it was there within this many microseconds before now; forgets it where not.
     fn is_fresh(&self, now_us: u64, greatest_age_us: u64) -> bool {
         let noted = self.0.load(Ordering::Relaxed);
@@ -172,6 +177,13 @@ impl Shared {
     /// time, this is the reason for which the motion is braked.
     pub fn frame_rejected(&self, why: Reason) {
         self.rejection.store(why.code(), Ordering::Relaxed);
+    }
+
+    /// Brakes what moves at the next tick, and lets nothing start before a frame tells anew where the
+    /// joints are. Any thread may say so: it waits for no other.
+    pub fn halt(&self, why: Reason) {
+        self.rejection.store(why.code(), Ordering::Relaxed);
+        self.frames.forget();
     }
 
     /// The consumer of the setpoints was alive at that time, microseconds of the monotonic clock.

@@ -156,6 +156,22 @@ fn a_motion_is_braked_when_it_is_cancelled_and_what_waits_never_begins() {
 }
 
 #[test]
+fn what_moves_is_halted_at_the_next_tick_from_any_thread() {
+    with(WATCH, |it| {
+        it.orders.run(&door(0.5), None).unwrap();
+        (0..60).for_each(|_| assert_eq!(it.tick(), Some(GOES_ON)));
+        it.shared.halt(Reason::Cancelled);
+        it.frames_come = false;
+        assert_eq!(it.tick(), Some(Said { last: false, reason: Some(Reason::Cancelled) }));
+        let (ticks, said) = it.run_to_end();
+        assert_eq!(said, Said { last: true, reason: Some(Reason::Cancelled) });
+        assert!(ticks > 5, "it stops dead, after {ticks}");
+        it.orders.run(&door(0.5), None).unwrap();
+        assert_eq!(it.tick(), None, "nothing starts before a frame is seen");
+    });
+}
+
+#[test]
 fn a_long_pause_is_not_caught_up_with() {
     with(WATCH, |it| {
         it.orders.run(&door(0.5), None).unwrap();

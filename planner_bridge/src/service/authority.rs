@@ -7,9 +7,11 @@
 
 use crate::limits::Access;
 use hmac::{Hmac, KeyInit, Mac};
+use linkage_driver::text_table::read_up_to;
 use linkage_lcm::encode;
 use linkage_lcm::messages::linkage;
 use sha2::Sha256;
+use std::fs::File;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
@@ -70,7 +72,7 @@ impl Unauthorised {
 #[derive(Debug, thiserror::Error)]
 pub enum KeyError {
     /// The file cannot be read.
-    #[error("{path}: the key for commands cannot be read: {source}")]
+    #[error("{path}: the key for commands cannot be read")]
     Read {
         /// The file.
         path: PathBuf,
@@ -89,6 +91,8 @@ pub enum KeyError {
 
 /// Bytes of a key at least.
 const LEAST_KEY: usize = 16;
+/// Bytes of its file at most.
+const MOST_KEY: u64 = 4096;
 
 /// A key that signs commands: HMAC-SHA256.
 #[derive(Clone)]
@@ -100,7 +104,8 @@ impl CommandKey {
     /// # Errors
     /// [`KeyError`] names the file.
     pub fn read(path: &Path) -> Result<Self, KeyError> {
-        let bytes = std::fs::read(path)
+        let bytes = File::open(path)
+            .and_then(|file| read_up_to(MOST_KEY, file))
             .map_err(|source| KeyError::Read { path: path.to_owned(), source })?;
         let key = bytes.trim_ascii_end();
         let short = KeyError::Short { path: path.to_owned(), found: key.len() };

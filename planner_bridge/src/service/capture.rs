@@ -98,7 +98,7 @@ impl Capture {
     }
 
     fn reopen(&mut self, wait: Duration, is_stopped: &dyn Fn() -> bool) {
-        sleep_until(Instant::now() + wait, is_stopped);
+        sleep_until(Instant::now().checked_add(wait), is_stopped);
         while !is_stopped() {
             match (self.open)() {
                 Ok(source) => {
@@ -109,14 +109,15 @@ impl Capture {
                 }
                 Err(e) => self.out.note(Note::Error(e.to_string())),
             }
-            sleep_until(Instant::now() + REOPEN_AFTER, is_stopped);
+            sleep_until(Instant::now().checked_add(REOPEN_AFTER), is_stopped);
         }
     }
 }
 
-fn sleep_until(due: Instant, is_stopped: &dyn Fn() -> bool) {
+/// `due` is `None` for what never comes.
+fn sleep_until(due: Option<Instant>, is_stopped: &dyn Fn() -> bool) {
     while !is_stopped() {
-        let left = due.saturating_duration_since(Instant::now());
+        let left = due.map_or(POLL, |due| due.saturating_duration_since(Instant::now()));
         if left.is_zero() {
             return;
         }
@@ -145,21 +146,23 @@ impl PlayClock {
 
     /// A time stamp in time that goes on from round to round.
     fn stamp(&mut self, utime: i64) -> i64 {
-        let next =
-            self.last.map(|l| l + if self.period > 0 { self.period } else { DEFAULT_PERIOD_US });
-        let shift = *self.shift.get_or_insert_with(|| next.map_or(0, |next| next - utime));
-        let stamp = utime + shift;
+        let period = if self.period > 0 { self.period } else { DEFAULT_PERIOD_US };
+        let next = self.last.map(|last| last.saturating_add(period));
+        let shift =
+            *self.shift.get_or_insert_with(|| next.map_or(0, |next| next.saturating_sub(utime)));
+        let stamp = utime.saturating_add(shift);
         if let Some(last) = self.last {
-            self.period = stamp - last;
+            self.period = stamp.saturating_sub(last);
         }
         self.last = Some(stamp);
         stamp
     }
 
-    /// When a stamp is due at a rate.
-    fn due(&mut self, stamp: i64, rate: f64) -> Instant {
+    /// When a stamp is due at a rate; `None` where that is farther away than a clock goes.
+    fn due(&mut self, stamp: i64, rate: f64) -> Option<Instant> {
         let (first, start) = *self.start.get_or_insert_with(|| (stamp, Instant::now()));
-        start + Duration::from_secs_f64(((stamp - first) as f64 * 1e-6 / rate).max(0.0))
+        let seconds = stamp.saturating_sub(first).max(0) as f64 * 1e-6 / rate;
+        start.checked_add(Duration::try_from_secs_f64(seconds).ok()?)
     }
 }
 
@@ -179,7 +182,21 @@ mod tests {
     #[test]
     fn frames_are_due_in_the_recordings_time() {
         let mut clock = PlayClock::default();
-        let first = clock.due(1_000_000, 2.0);
-        assert_eq!(clock.due(3_000_000, 2.0) - first, Duration::from_secs(1));
+        let first = clock.due(1_000_000, 2.0).unwrap();
+        assert_eq!(clock.due(3_000_000, 2.0).unwrap() - first, Duration::from_secs(1));
+        assert_eq!(clock.due(0, 2.0).unwrap(), first);
+    }
+
+    #[test]
+    fn a_frame_that_is_never_due_is_waited_for_until_the_service_ends() {
+        let mut clock = PlayClock::default();
+        let [first, last] = [0, i64::MAX].map(|utime| clock.stamp(utime));
+        assert!(clock.due(first, 1e-300).is_some());
+        assert_eq!(clock.due(last, 1e-300), None);
+        clock.again();
+        assert_eq!(clock.stamp(i64::MIN), i64::MAX);
+        let start = Instant::now();
+        sleep_until(None, &|| start.elapsed() > 3 * POLL);
+        assert!(start.elapsed() > 3 * POLL);
     }
 }

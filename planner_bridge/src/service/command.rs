@@ -2,6 +2,7 @@
 
 use super::authority::{Authority, Unauthorised};
 use super::publisher::{Answer, Note, Outbox};
+use super::stream::Pulse;
 use crate::channel;
 use crossbeam_channel::{Sender, TrySendError};
 use linkage_driver::live::host_utime;
@@ -161,24 +162,25 @@ fn grasp(message: &linkage::Command) -> Result<Option<Point3<f64>>, Fault> {
 }
 
 /// The thread that listens.
-pub struct Listener {
+pub struct Listener<'q> {
     lcm: Lcm,
-    dispatcher: Dispatcher,
+    dispatcher: Dispatcher<'q>,
 }
 
 /// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
 
-impl Listener {
+impl<'q> Listener<'q> {
     pub fn new(
         url: &str,
         authority: Authority,
         commands: Sender<Command>,
+        pulse: Option<Pulse<'q>>,
         out: Outbox,
     ) -> Result<Self, LcmError> {
         let mut lcm = Lcm::new(url)?;
         lcm.subscribe_up_to(channel::COMMAND, MAX_PACKET)?;
-        Ok(Self { lcm, dispatcher: Dispatcher::new(authority, commands, out) })
+        Ok(Self { lcm, dispatcher: Dispatcher::new(authority, commands, pulse, out) })
     }
 
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
@@ -199,9 +201,11 @@ impl Listener {
 }
 
 /// Takes commands in: each is passed on once, or refused with its reason.
-struct Dispatcher {
+struct Dispatcher<'q> {
     authority: Authority,
     commands: Sender<Command>,
+    /// Brakes what moves, where setpoints are streamed.
+    pulse: Option<Pulse<'q>>,
     out: Outbox,
     /// Names of the commands that were passed on last.
     known: VecDeque<i64>,
@@ -212,10 +216,15 @@ struct Dispatcher {
 /// Commands that are known again.
 const REMEMBERED: usize = 256;
 
-impl Dispatcher {
-    fn new(authority: Authority, commands: Sender<Command>, out: Outbox) -> Self {
+impl<'q> Dispatcher<'q> {
+    fn new(
+        authority: Authority,
+        commands: Sender<Command>,
+        pulse: Option<Pulse<'q>>,
+        out: Outbox,
+    ) -> Self {
         let (refusals, repeats) = (Refusals::default(), Repeats::default());
-        Self { authority, commands, out, known: VecDeque::new(), refusals, repeats }
+        Self { authority, commands, pulse, out, known: VecDeque::new(), refusals, repeats }
     }
 
     /// A packet that came from somewhere, `now` in microseconds since 1970.
@@ -245,6 +254,10 @@ impl Dispatcher {
         }
         let action = Action::read(message)?;
         let valid_until = self.authority.valid_until(message, now)?;
+        // Whoever perceives may be busy with a frame, and braking waits for nobody.
+        if let (Action::Cancel, Some(pulse)) = (&action, &self.pulse) {
+            pulse.halt();
+        }
         match self.commands.try_send(Command { utime, valid_until, action }) {
             Ok(()) => {
                 if self.known.len() == REMEMBERED {
@@ -352,7 +365,7 @@ mod tests {
     }
 
     struct Bench {
-        dispatcher: Dispatcher,
+        dispatcher: Dispatcher<'static>,
         commands: Receiver<Command>,
         notes: LatestReader<Note>,
     }
@@ -363,7 +376,7 @@ mod tests {
         let (writer, notes) = latest(64);
         let authority = Authority::new(SESSION, 1.0, &Access::default()).unwrap();
         let out = Outbox { packets, notes: writer, observer: Observer::default() };
-        Bench { dispatcher: Dispatcher::new(authority, sender, out), commands, notes }
+        Bench { dispatcher: Dispatcher::new(authority, sender, None, out), commands, notes }
     }
 
     impl Bench {

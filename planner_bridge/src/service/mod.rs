@@ -84,6 +84,9 @@ const WAITING_FRAMES: usize = 8;
 const WAITING_COMMANDS: usize = 16;
 /// Packets that wait to be published; when more come, the oldest are dropped.
 const WAITING_PACKETS: usize = 64;
+/// The same of what the status is made of. A flood of refused commands makes some 200 a second, and no
+/// answer may be lost where a busy machine publishes nothing for some seconds.
+const WAITING_NOTES: usize = 4096;
 
 /// Serves until `stop` is set.
 ///
@@ -116,7 +119,7 @@ pub fn serve_observed(
     let source = open()?;
     let (frame_writer, frames) = latest(WAITING_FRAMES);
     let (packet_writer, packets) = latest(WAITING_PACKETS);
-    let (note_writer, notes) = latest(WAITING_PACKETS);
+    let (note_writer, notes) = latest(WAITING_NOTES);
     let (command_writer, commands) = crossbeam_channel::bounded(WAITING_COMMANDS);
     let out = publisher::Outbox { packets: packet_writer, notes: note_writer, observer };
 
@@ -124,7 +127,6 @@ pub fn serve_observed(
     // The time at which it begins names this run.
     let session = host_utime();
     let authority = Authority::new(session, config.rig.safety.command_age, &config.rig.access)?;
-    let listener = Listener::new(&config.url, authority, command_writer, out.clone())?;
     let publisher = Publisher::new(lcm, session, packets, notes);
     let mut parts = StreamParts::default();
     let (streamer, orders) = config
@@ -133,6 +135,8 @@ pub fn serve_observed(
         .transpose()?
         .map_or((None, None), |(streamer, orders)| (Some(streamer), Some(orders)));
     streamer.as_ref().map_or(Ok(()), Streamer::self_test)?;
+    let pulse = orders.as_ref().map(Orders::pulse);
+    let listener = Listener::new(&config.url, authority, command_writer, pulse, out.clone())?;
     let heartbeat = orders
         .as_ref()
         .map(|orders| HeartbeatListener::new(&config.url, orders.pulse(), out.clone()))
@@ -154,7 +158,7 @@ fn known(store: &Path) -> Result<Library, StoreError> {
 /// What each thread of a service does.
 struct Threads<'q> {
     capture: Capture,
-    listener: Listener,
+    listener: Listener<'q>,
     publisher: Publisher,
     streamer: Option<Streamer<'q>>,
     heartbeat: Option<HeartbeatListener<'q>>,

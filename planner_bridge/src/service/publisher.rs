@@ -89,6 +89,29 @@ impl Outbox {
     }
 }
 
+/// Answers that wait for a status, the oldest first.
+#[derive(Default)]
+struct Untold(VecDeque<Answer>);
+
+impl Untold {
+    /// Of one command only the newest is needed, in the place of the one before: who asks again and
+    /// again must not wait ever longer.
+    fn add(&mut self, answer: Answer) {
+        if let Some(waiting) = self.0.iter_mut().find(|a| a.utime == answer.utime) {
+            *waiting = answer;
+            return;
+        }
+        if self.0.len() == UNTOLD {
+            self.0.pop_front();
+        }
+        self.0.push_back(answer);
+    }
+
+    fn next(&mut self) -> Option<Answer> {
+        self.0.pop_front()
+    }
+}
+
 pub struct Publisher {
     lcm: Lcm,
     packets: LatestReader<Packet>,
@@ -97,8 +120,10 @@ pub struct Publisher {
     situation: Situation,
     /// The newest answer to each command.
     answers: VecDeque<Answer>,
-    /// Answers that no status has contained yet, the oldest first.
-    untold: VecDeque<Answer>,
+    /// Answers that no status has contained yet.
+    untold: Untold,
+    /// The same of what was not taken: told when no answer waits, so that a flood of it keeps none back.
+    untold_refusals: Untold,
     /// The one that the status tells.
     answer: Answer,
     refused: u64,
@@ -139,7 +164,8 @@ impl Publisher {
             session,
             situation: Situation { state: "idle", ..Situation::default() },
             answers: VecDeque::new(),
-            untold: VecDeque::new(),
+            untold: Untold::default(),
+            untold_refusals: Untold::default(),
             answer: Answer::default(),
             refused: 0,
             last_error: String::new(),
@@ -208,20 +234,17 @@ impl Publisher {
             Note::NotTaken(answer) => {
                 // Whoever repeats a command's name does not speak for that command.
                 if self.answers.iter().all(|a| a.utime != answer.utime) {
-                    self.say(answer);
+                    self.untold_refusals.add(answer);
+                    self.changed = true;
                 }
             }
             Note::Error(reason) => self.error(reason, false),
         }
     }
 
-    /// Each answer is published in a status of its own; of one command only the newest is needed.
+    /// Each answer is published in a status of its own.
     fn say(&mut self, answer: Answer) {
-        self.untold.retain(|a| a.utime != answer.utime);
-        if self.untold.len() == UNTOLD {
-            self.untold.pop_front();
-        }
-        self.untold.push_back(answer);
+        self.untold.add(answer);
         self.changed = true;
     }
 
@@ -241,10 +264,10 @@ impl Publisher {
 
     fn publish_status(&mut self) {
         self.told = Some(Instant::now());
-        if let Some(answer) = self.untold.pop_front() {
+        if let Some(answer) = self.untold.next().or_else(|| self.untold_refusals.next()) {
             self.answer = answer;
         }
-        self.changed = !self.untold.is_empty();
+        self.changed = !(self.untold.0.is_empty() && self.untold_refusals.0.is_empty());
         let status = self.status();
         match encode(&status) {
             Ok(bytes) => self.publish(channel::STATUS, &bytes),
@@ -319,6 +342,36 @@ mod tests {
     }
 
     #[test]
+    fn a_flood_of_refusals_does_not_keep_an_answer_from_being_told() {
+        let mut publisher = publisher();
+        // More comes than can be told, and who waits asks again faster than that is told.
+        publisher.take(Note::Answer(answer(1, true)));
+        let mut refusals = 1000..;
+        let told = (0..3).map(|_| {
+            for utime in refusals.by_ref().take(200) {
+                publisher.take(Note::NotTaken(answer(utime, false)));
+            }
+            publisher.take(Note::Again(1));
+            publisher.publish_status();
+            publisher.status().command_utime
+        });
+        assert_eq!(told.collect::<Vec<_>>(), [1; 3]);
+    }
+
+    #[test]
+    fn a_refusal_that_is_asked_for_again_keeps_its_place() {
+        let mut publisher = publisher();
+        let told = (0..5).map(|round| {
+            for utime in [100 + round, 200 + round, 300 + round, 5] {
+                publisher.take(Note::NotTaken(answer(utime, false)));
+            }
+            publisher.publish_status();
+            publisher.status().command_utime
+        });
+        assert!(told.filter(|utime| *utime == 5).count() >= 1);
+    }
+
+    #[test]
     fn answers_that_come_at_once_are_told_one_after_the_other() {
         let mut publisher = publisher();
         (1..=5).for_each(|utime| publisher.take(Note::Answer(answer(utime, true))));
@@ -337,6 +390,6 @@ mod tests {
         publisher.take(Note::NotTaken(answer(5, false)));
         publisher.publish_status();
         assert!(publisher.status().command_accepted);
-        assert!(publisher.untold.is_empty());
+        assert!(publisher.untold_refusals.0.is_empty());
     }
 }

@@ -273,7 +273,7 @@ fn shows(recognised: &Recognised, moving: Option<&Motion>) -> Result<(), Reason>
     if all_known { Ok(()) } else { Err(Reason::JointLost) }
 }
 
-/// Tells a stream that the consumer of its setpoints is alive.
+/// Tells a stream that the consumer of its setpoints is alive, or that what moves is to be braked.
 #[derive(Clone, Copy)]
 pub struct Pulse<'q> {
     shared: &'q Shared,
@@ -284,6 +284,11 @@ impl Pulse<'_> {
     /// Reports that the consumer is alive now.
     pub fn beat(&self) {
         self.shared.heartbeat(self.clock.now());
+    }
+
+    /// Brakes what moves at once.
+    pub fn halt(&self) {
+        self.shared.halt(Reason::Cancelled);
     }
 }
 

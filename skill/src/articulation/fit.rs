@@ -59,6 +59,7 @@ pub fn fit_models(samples: &[PoseSample]) -> Result<Vec<FittedJoint>, FitError> 
     if let Some(sample) = samples.iter().position(|s| !is_finite(s)) {
         return Err(FitError::NotFinite { sample });
     }
+    let samples = &samples.iter().map(within_bounds).collect::<Vec<_>>()[..];
     let lost = lost_samples(samples, POSITION_SIGMA_M);
     let kept: Vec<PoseSample> =
         samples.iter().zip(&lost).filter(|(_, lost)| !**lost).map(|(s, _)| *s).collect();
@@ -75,6 +76,16 @@ pub fn fit_models(samples: &[PoseSample]) -> Result<Vec<FittedJoint>, FitError> 
     }
     fitted.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(fitted)
+}
+
+/// No thing is farther away, metres. Products of such lengths are still finite.
+const FARTHEST_M: f64 = 1e9;
+
+/// A place that programs write where they have none, such as the largest number, is as far away as
+/// can be computed with.
+fn within_bounds(sample: &PoseSample) -> PoseSample {
+    let position = sample.position.map(|x| x.clamp(-FARTHEST_M, FARTHEST_M));
+    PoseSample { position, ..*sample }
 }
 
 fn is_finite(sample: &PoseSample) -> bool {
@@ -249,6 +260,27 @@ mod tests {
 
     fn opening() -> impl Iterator<Item = f64> {
         (0..40).map(|i| 0.03 * f64::from(i))
+    }
+
+    #[test]
+    fn places_as_far_away_as_numbers_go_are_outliers_or_give_some_answer() {
+        let whole = moved(&hinge(), opening());
+        for far in [1e12, 1e100, 1e160, -1e300, f64::MAX] {
+            let mut samples = whole.clone();
+            samples[7].position.x = far;
+            samples[20].position = Point3::new(far, far, -far);
+            let fits = fit_models(&samples).unwrap();
+            assert_eq!(fits[0].geometry.kind, JointKind::Revolute, "{far}");
+            let apart = fits[0].geometry.origin - hinge().origin;
+            assert!(apart.xy().norm() < 1e-3, "{far}: {apart}");
+            // Units that nobody has: all that counts is that it ends, and with numbers.
+            let spread: Vec<PoseSample> = whole
+                .iter()
+                .map(|s| PoseSample { position: s.position.map(|x| x * far), ..*s })
+                .collect();
+            let fits = fit_models(&spread).unwrap();
+            assert!(fits.iter().all(|f| f.geometry.origin.coords.iter().all(|x| x.is_finite())));
+        }
     }
 
     #[test]

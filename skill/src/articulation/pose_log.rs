@@ -9,7 +9,9 @@ use super::columns::{Columns, TimeColumn, has_words, how_to_name};
 use super::fit::FitError;
 use super::pose_sample::PoseSample;
 use super::table::{Row, Value, decoded, rows};
+use linkage_frames::text_table::{MAX_TEXT_BYTES, read_up_to};
 use nalgebra::{Point3, Quaternion, UnitQuaternion};
+use std::fs::File;
 use std::path::Path;
 
 /// Largest deviation of a quaternion's length from 1: numbers are written with few digits.
@@ -20,7 +22,7 @@ const QUATERNION_TOLERANCE: f64 = 0.05;
 #[non_exhaustive]
 pub enum PoseLogError {
     /// The file cannot be read.
-    #[error("{path}: {source}")]
+    #[error("{path}: cannot be read")]
     Read {
         /// The log.
         path: String,
@@ -89,8 +91,9 @@ impl PoseLog {
 /// backwards.
 pub fn read_pose_log(path: &Path, columns: Option<&Columns>) -> Result<PoseLog, PoseLogError> {
     let name = path.display().to_string();
-    let bytes =
-        std::fs::read(path).map_err(|source| PoseLogError::Read { path: name.clone(), source })?;
+    let bytes = File::open(path)
+        .and_then(|file| read_up_to(MAX_TEXT_BYTES, file))
+        .map_err(|source| PoseLogError::Read { path: name.clone(), source })?;
     parse_pose_log(&name, &bytes, columns)
 }
 

@@ -54,7 +54,7 @@ impl SkillConfig {
         let mut path = embedded;
         if let Some(file) = file {
             path = file.display().to_string();
-            let text = std::fs::read_to_string(file)
+            let text = linkage_frames::text_table::read_settings(file)
                 .map_err(|e| ConfigError::File { path: path.clone(), reason: e.to_string() })?;
             merge(&mut table, parse(&path, &text)?);
         }

@@ -35,9 +35,15 @@ pub fn open(path: &Path, absent: Absent) -> Result<Opened, StoreError> {
     flags.set(OpenFlags::SQLITE_OPEN_CREATE, absent == Absent::Create);
     match open_to_write(path, flags, absent) {
         Err(error) if needs_no_writing(&error) => {
-            // Where it cannot be read either, the first error is returned.
-            let connection = readers(path).find_map(|reader| reader().ok()).ok_or(error)?;
-            Ok(Opened { connection: up_to_date(path, connection)?, is_read_only: true })
+            // Where it cannot be read either, or is empty as there is no room to make it, the first
+            // error is returned.
+            let Some(connection) = readers(path).find_map(|reader| reader().ok()) else {
+                return Err(error);
+            };
+            match up_to_date(path, connection) {
+                Err(StoreError::NotAStore { .. }) if absent == Absent::Create => Err(error),
+                read => Ok(Opened { connection: read?, is_read_only: true }),
+            }
         }
         opened => opened,
     }

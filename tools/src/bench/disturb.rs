@@ -1,12 +1,13 @@
-//! What goes on beside a service in a soak: one thread sends invalid datagrams, and another checks
-//! that setpoints never jump.
+//! What goes on beside a service in a soak: one thread sends invalid datagrams and commands that
+//! must not be obeyed, and another checks that setpoints never jump.
 
 use crate::outcome::Outcome;
 use anyhow::Context;
-use linkage_lcm::messages::linkage::Setpoint;
+use linkage_lcm::messages::linkage::{Command, Setpoint};
 use linkage_lcm::udpm::Network;
-use linkage_lcm::{Lcm, decode};
-use linkage_planner_bridge::channel;
+use linkage_lcm::{Lcm, decode, encode};
+use linkage_planner_bridge::client::addressed;
+use linkage_planner_bridge::{MotionLimits, channel};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -19,8 +20,9 @@ const HOSTILE_EVERY: Duration = Duration::from_millis(5);
 /// How LCM's datagrams begin: whole messages, and fragments of one.
 const WHOLE: u32 = 0x4c43_3032;
 const FRAGMENT: u32 = 0x4c43_3033;
-/// What rounding adds to the way between two setpoints, metres.
-const ROUNDING_M: f64 = 1e-5;
+/// What the rounding of times to microseconds adds to the difference of two setpoints, as a share of
+/// what the limits allow, and at least.
+const ROUNDING: (f64, f64) = (0.01, 1e-5);
 /// Longest wait for a setpoint before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
 
@@ -31,6 +33,10 @@ pub struct Disturbance {
     hostile: AtomicU64,
     setpoints: AtomicU64,
     jumps: AtomicU64,
+    /// Motions that were braked, each with its reason.
+    braked: AtomicU64,
+    /// The last setpoint was not the last one of its motion.
+    moves: AtomicBool,
 }
 
 /// The two threads; they end when this is dropped.
@@ -40,8 +46,8 @@ pub struct Disturbing {
 }
 
 impl Disturbing {
-    /// Begins on a network; `fastest` is the greatest velocity of the joint that is streamed, m/s.
-    pub fn start(url: &str, fastest: f64) -> Outcome<Self> {
+    /// Begins on a network; `limits` are those of the joint that is streamed.
+    pub fn start(url: &str, limits: MotionLimits) -> Outcome<Self> {
         let counts = Arc::new(Disturbance::default());
         let socket = Network::parse(url)?.sender().context("a socket for hostile datagrams")?;
         let mut lcm = Lcm::new(url)?;
@@ -57,14 +63,19 @@ impl Disturbing {
                 std::thread::sleep(HOSTILE_EVERY);
             }
         };
-        let watch = move || watch(&mut lcm, fastest, &seen);
+        let watch = move || watch(&mut lcm, &limits, &seen);
         Ok(Self { counts, threads: vec![std::thread::spawn(send), std::thread::spawn(watch)] })
     }
 
-    /// Hostile datagrams, setpoints, and setpoints that jumped.
-    pub fn counts(&self) -> [u64; 3] {
-        let Disturbance { hostile, setpoints, jumps, .. } = &*self.counts;
-        [hostile, setpoints, jumps].map(|count| count.load(Ordering::Relaxed))
+    /// Hostile datagrams, setpoints, setpoints that jumped, and motions that were braked.
+    pub fn counts(&self) -> [u64; 4] {
+        let Disturbance { hostile, setpoints, jumps, braked, .. } = &*self.counts;
+        [hostile, setpoints, jumps, braked].map(|count| count.load(Ordering::Relaxed))
+    }
+
+    /// Setpoints stream.
+    pub fn is_moving(&self) -> bool {
+        self.counts.moves.load(Ordering::Relaxed)
     }
 }
 
@@ -80,23 +91,23 @@ impl Drop for Disturbing {
 }
 
 /// An invalid datagram: noise, a fragment that claims what it likes, or a message on a channel that
-/// the service listens to with noise in it.
+/// the service listens to with noise in it, or with a command that the service must not obey.
 fn hostile(rng: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = Vec::new();
-    match rng.random_range(0..3) {
-        0 => {}
-        1 => {
+    match rng.random_range(0..8) {
+        0..3 => {}
+        3..5 => {
             bytes.extend(FRAGMENT.to_be_bytes());
             let numbers: [u32; 3] = rng.random();
             bytes.extend(numbers.iter().flat_map(|n| n.to_be_bytes()));
             bytes.extend(rng.random::<[u16; 2]>().iter().flat_map(|n| n.to_be_bytes()));
             bytes.extend(b"KINECT_FRAME\0");
         }
+        5..7 => bytes.extend(on_command_channel(rng)),
         _ => {
-            bytes.extend(WHOLE.to_be_bytes());
-            bytes.extend(rng.random::<u32>().to_be_bytes());
-            bytes.extend(channel::COMMAND.as_bytes());
-            bytes.push(0);
+            bytes.extend(on_command_channel(rng));
+            bytes.extend(encode(&foreign_command(rng)).unwrap_or_default());
+            return bytes;
         }
     }
     let length = rng.random_range(0..1200);
@@ -104,24 +115,58 @@ fn hostile(rng: &mut ChaCha8Rng) -> Vec<u8> {
     bytes
 }
 
-fn watch(lcm: &mut Lcm, fastest: f64, counts: &Disturbance) {
+fn on_command_channel(rng: &mut ChaCha8Rng) -> Vec<u8> {
+    let number = rng.random::<u32>().to_be_bytes();
+    [&WHOLE.to_be_bytes(), &number[..], channel::COMMAND.as_bytes(), b"\0"].concat()
+}
+
+/// A command for another session, as of a log that is played back.
+fn foreign_command(rng: &mut ChaCha8Rng) -> Command {
+    let action = rng.random_range(Command::START_DEMONSTRATION..=Command::CANCEL);
+    let command = Command {
+        action,
+        object: "thing".to_owned(),
+        target: "open".to_owned(),
+        ..Command::default()
+    };
+    addressed(&command, rng.random())
+}
+
+fn watch(lcm: &mut Lcm, limits: &MotionLimits, counts: &Disturbance) {
     let mut before: Option<Setpoint> = None;
     while !counts.stop.load(Ordering::Relaxed) {
         let Ok(Some(packet)) = lcm.receive(POLL) else { continue };
         let Ok(now) = decode::<Setpoint>(&packet.bytes) else { continue };
         counts.setpoints.fetch_add(1, Ordering::Relaxed);
-        if before.take().is_some_and(|before| is_jump(&before, &now, fastest)) {
+        counts.moves.store(!now.last, Ordering::Relaxed);
+        if now.last && !now.reason.is_empty() {
+            counts.braked.fetch_add(1, Ordering::Relaxed);
+        }
+        if let Some(before) = before.take()
+            && is_jump(&before, &now, limits)
+        {
+            tracing::error!("a jump from {before:?} to {now:?}");
             counts.jumps.fetch_add(1, Ordering::Relaxed);
         }
         before = (!now.last).then_some(now);
     }
 }
 
-/// A joint went farther between two setpoints of a motion than it may.
-fn is_jump(before: &Setpoint, now: &Setpoint, fastest: f64) -> bool {
+/// Between two setpoints of a motion a joint went farther, or its velocity or acceleration changed
+/// more, than its limits allow in that time.
+fn is_jump(before: &Setpoint, now: &Setpoint, limits: &MotionLimits) -> bool {
     let seconds = (now.utime - before.utime).max(0) as f64 * 1e-6;
-    let farthest = fastest * seconds + ROUNDING_M;
-    before.position.iter().zip(&now.position).any(|(a, b)| (b - a).abs() > farthest)
+    let [share, least] = [1.0 + ROUNDING.0, ROUNDING.1];
+    [
+        (&before.position, &now.position, limits.velocity),
+        (&before.velocity, &now.velocity, limits.acceleration),
+        (&before.acceleration, &now.acceleration, limits.jerk),
+    ]
+    .into_iter()
+    .any(|(before, now, rate)| {
+        let most = rate * seconds * share + least;
+        before.iter().zip(now).any(|(a, b)| (b - a).abs() > most)
+    })
 }
 
 #[cfg(test)]
@@ -129,10 +174,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_joint_that_goes_farther_than_it_may_has_jumped() {
-        let at =
-            |utime, position| Setpoint { utime, position: vec![position], ..Setpoint::default() };
-        assert!(!is_jump(&at(0, 0.1), &at(5000, 0.1012), 0.25));
-        assert!(is_jump(&at(0, 0.1), &at(5000, 0.102), 0.25));
+    fn a_joint_that_goes_farther_than_it_may_or_changes_its_velocity_at_once_has_jumped() {
+        let limits = MotionLimits { velocity: 0.25, acceleration: 0.5, jerk: 2.0 };
+        let at = |utime, position, velocity, acceleration| Setpoint {
+            utime,
+            position: vec![position],
+            velocity: vec![velocity],
+            acceleration: vec![acceleration],
+            ..Setpoint::default()
+        };
+        let start = at(0, 0.1, 0.25, 0.0);
+        for (position, velocity, acceleration, jumps) in [
+            (0.1012, 0.2476, 0.009, false),
+            (0.102, 0.25, 0.0, true),
+            (0.1012, 0.24, 0.0, true),
+            (0.1012, 0.25, 0.02, true),
+        ] {
+            let now = at(5000, position, velocity, acceleration);
+            assert_eq!(is_jump(&start, &now, &limits), jumps, "{now:?}");
+        }
     }
 }

@@ -31,6 +31,8 @@ const SEED: u64 = 1;
 const FRAME_RATE: f64 = 30.0;
 /// Number of first frames in which nothing moves, so that a command can be given.
 const STILL: u64 = 45;
+/// Time after which a command that is not finished is sent again.
+const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// Frames whose instants are remembered.
 const REMEMBERED: usize = 600;
 
@@ -196,11 +198,34 @@ impl Live {
 
     /// Sends a command; its name.
     pub fn tell(&mut self, action: i8, object: &str, target: &str) -> Outcome<i64> {
-        let (object, target) = (object.to_owned(), target.to_owned());
-        let command = Command { action, object, target, ..Command::default() };
-        let command = addressed(&command, self.session);
+        let command = self.command(action, object, target);
         self.lcm.publish(channel::COMMAND, &command)?;
         Ok(command.utime)
+    }
+
+    /// Sends a command until it is finished, as any client does: datagrams may be lost. The status in
+    /// which it is.
+    pub fn have_done(
+        &mut self,
+        action: i8,
+        target: &str,
+        timeout: Duration,
+    ) -> Outcome<Option<Status>> {
+        let command = self.command(action, "", target);
+        let start = Instant::now();
+        while start.elapsed() < timeout {
+            self.lcm.publish(channel::COMMAND, &command)?;
+            let done = self.done(command.utime, AGAIN_AFTER)?;
+            if done.is_some() {
+                return Ok(done);
+            }
+        }
+        Ok(None)
+    }
+
+    fn command(&self, action: i8, object: &str, target: &str) -> Command {
+        let (object, target) = (object.to_owned(), target.to_owned());
+        addressed(&Command { action, object, target, ..Command::default() }, self.session)
     }
 
     /// The status in which a command is finished.

@@ -12,6 +12,7 @@ mod recognise;
 mod score;
 mod serve;
 mod soak;
+mod stall;
 mod tags;
 mod tracking;
 pub use crate::cli::{BenchArgs, Common};

@@ -1,10 +1,12 @@
 //! A service that is used for long: a recording is played before it again and again while it is
 //! told to learn, to recognise, to predict, to stream, and to another target in the middle of that.
-//! Meanwhile a thread sends invalid datagrams. Its memory must not grow, no setpoint may jump, and
-//! every command is answered.
+//! In each second round frames stop coming while a joint moves. Meanwhile threads send what is
+//! hostile. Its memory must not grow, no setpoint may jump, what moves is braked when no frame comes,
+//! and every command is answered.
 
 use super::disturb::Disturbing;
 use super::live::{Live, SCENE, STREAM_HZ, URL, filmed, new_store, service};
+use super::stall::Stall;
 use crate::cli::{BenchArgs, Common};
 use crate::outcome::Outcome;
 use crate::output::write_json;
@@ -24,8 +26,13 @@ const SPEED: f64 = 2.0;
 const ROWS: u32 = 12;
 /// A demonstration takes so long.
 const DEMONSTRATION: Duration = Duration::from_secs(6);
-/// Longest wait for what a command leads to.
-const TIMEOUT: Duration = Duration::from_secs(8);
+/// Longest wait for what a command leads to. On a machine that does much else, learning takes ten
+/// seconds.
+const TIMEOUT: Duration = Duration::from_secs(60);
+/// A joint moves so long before it is told another target or to stop, or frames stop coming.
+const MOVING: Duration = Duration::from_millis(400);
+/// Frames stop coming for so long: several times the rig's `frame_age`.
+const STALL: Duration = Duration::from_secs(2);
 
 /// Up to an instant.
 #[derive(Serialize)]
@@ -36,17 +43,36 @@ struct Row {
     peak_mib: f64,
     frames: i64,
     dropped_frames: i64,
-    /// Rounds of demonstrating, learning, recognising, predicting.
-    rounds: u64,
     /// Commands and packets that were refused: hostile ones, or when a round ends before the drawer
     /// was moved.
     refused: i64,
-    /// Commands that were not answered in time.
-    unanswered: u64,
     hostile_datagrams: u64,
     setpoints: u64,
-    /// Setpoints farther from the one before than the joint may go.
+    /// Setpoints that are farther from the one before than the joint's limits allow.
     jumps: u64,
+    /// Motions that were braked, each with its reason.
+    braked: u64,
+    #[serde(flatten)]
+    rounds: Rounds,
+}
+
+/// What was done and what became of it.
+#[derive(Default, Clone, Copy, Serialize)]
+struct Rounds {
+    /// Rounds of demonstrating, learning, recognising, predicting.
+    rounds: u64,
+    /// Commands that were not answered in time.
+    unanswered: u64,
+    /// Longest time from a command to its answer, seconds.
+    slowest_answer: f64,
+    /// Predictions that were accepted.
+    planned: u64,
+    /// Of these, while a joint moved.
+    retargets: u64,
+    /// Times at which frames stopped coming while a joint moved.
+    stalls: u64,
+    /// Of these, it still moved when they came again.
+    ran_on: u64,
 }
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
@@ -59,81 +85,157 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         ..service(&new_store(work.join("objects.linkage"))?, &skill_config(common)?)
     };
     let source = watched.display().to_string();
-    let open = Box::new(move || linkage_driver::open(&source));
-    let rows = soak(Live::start(open, config, &[])?, time)?;
+    let stall = Stall::default();
+    let open = stall.opener(Box::new(move || linkage_driver::open(&source)));
+    let live = Live::start(open, config, &[])?;
+    let disturbing = Disturbing::start(URL, Rig::default().prismatic)?;
+    let rows = Soak { live, stall, disturbing, rounds: Rounds::default(), peak: 0.0 }.run(time)?;
     if let Some(path) = &args.json {
         write_json(path, &rows)?;
     }
     Ok(())
 }
 
-fn soak(mut live: Live, time: Duration) -> Outcome<Vec<Row>> {
-    println!(
-        "minutes  resident MiB   peak   frames  dropped  rounds  refused  unanswered  hostile  setpoints  jumps"
-    );
-    let disturbing = Disturbing::start(URL, Rig::default().prismatic.velocity)?;
-    let mut unanswered = 0;
-    let start = Instant::now();
-    let (mut rows, mut rounds, mut peak) = (Vec::<Row>::new(), 0, 0.0_f64);
-    while start.elapsed() < time {
-        let status = round(&mut live, &mut peak, &mut unanswered)?;
-        rounds += 1;
-        if start.elapsed() < time * (rows.len() as u32) / (ROWS - 1) {
-            continue;
+struct Soak {
+    live: Live,
+    stall: Stall,
+    disturbing: Disturbing,
+    rounds: Rounds,
+    /// Most memory since the row before.
+    peak: f64,
+}
+
+impl Soak {
+    fn run(mut self, time: Duration) -> Outcome<Vec<Row>> {
+        println!("{}", TABLE_HEAD.map(|(name, width)| format!("{name:>width$}")).join(" "));
+        let start = Instant::now();
+        let mut rows = Vec::<Row>::new();
+        while start.elapsed() < time {
+            let status = self.round()?;
+            if start.elapsed() < time * (rows.len() as u32) / (ROWS - 1) {
+                continue;
+            }
+            let row = self.row(start.elapsed(), &status)?;
+            println!("{}", row.line());
+            rows.push(row);
         }
-        let [hostile_datagrams, setpoints, jumps] = disturbing.counts();
-        let row = Row {
-            minutes: start.elapsed().as_secs_f64() / 60.0,
+        self.live.stop()?;
+        Ok(rows)
+    }
+
+    fn row(&mut self, elapsed: Duration, status: &Status) -> Outcome<Row> {
+        let [hostile_datagrams, setpoints, jumps, braked] = self.disturbing.counts();
+        Ok(Row {
+            minutes: elapsed.as_secs_f64() / 60.0,
             resident_mib: resident_mib()?,
-            peak_mib: std::mem::take(&mut peak),
+            peak_mib: std::mem::take(&mut self.peak),
             frames: status.frames,
             dropped_frames: status.dropped_frames,
-            rounds,
             refused: status.refused,
-            unanswered,
             hostile_datagrams,
             setpoints,
             jumps,
-        };
-        println!(
-            "{:>7.1} {:>13.0} {:>6.0} {:>8} {:>8} {:>7} {:>8} {:>11} {:>8} {:>10} {:>6}",
-            row.minutes,
-            row.resident_mib,
-            row.peak_mib,
-            row.frames,
-            row.dropped_frames,
-            row.rounds,
-            row.refused,
-            row.unanswered,
-            row.hostile_datagrams,
-            row.setpoints,
-            row.jumps
-        );
-        rows.push(row);
+            braked,
+            rounds: self.rounds,
+        })
     }
-    live.stop()?;
-    Ok(rows)
+
+    /// Everything that a service is told to do, once; its last status.
+    fn round(&mut self) -> Outcome<Status> {
+        self.live.tell(Command::START_DEMONSTRATION, SCENE, "")?;
+        self.wait(DEMONSTRATION)?;
+        self.done(Command::FINISH_DEMONSTRATION, "")?;
+        self.done(Command::RECOGNISE, "")?;
+        for target in ["open", "closed"] {
+            let moved = self.disturbing.is_moving();
+            let status = self.done(Command::PREDICT, target)?;
+            let is_planned = status.is_some_and(|s| s.command_accepted);
+            self.rounds.planned += u64::from(is_planned);
+            self.rounds.retargets += u64::from(is_planned && moved);
+            self.wait(MOVING)?;
+        }
+        if self.rounds.rounds % 2 == 1 && self.disturbing.is_moving() {
+            self.stall.set(true);
+            self.wait(STALL)?;
+            self.rounds.stalls += 1;
+            self.rounds.ran_on += u64::from(self.disturbing.is_moving());
+            self.stall.set(false);
+        }
+        let last = self.done(Command::CANCEL, "")?;
+        self.rounds.rounds += 1;
+        last.ok_or_else(|| anyhow!("the service answers no more").into())
+    }
+
+    /// Tells the service to do something; the status in which that is done.
+    fn done(&mut self, action: i8, target: &str) -> Outcome<Option<Status>> {
+        let start = Instant::now();
+        let done = self.live.have_done(action, target, TIMEOUT)?;
+        if done.is_none() {
+            tracing::error!(action, target, "a command was not answered");
+        }
+        let took = start.elapsed().as_secs_f64();
+        self.rounds.slowest_answer = self.rounds.slowest_answer.max(took);
+        self.rounds.unanswered += u64::from(done.is_none());
+        self.peak = self.peak.max(resident_mib()?);
+        Ok(done)
+    }
+
+    fn wait(&mut self, time: Duration) -> Outcome {
+        self.live.receive(channel::STATUS, time, |_: &Status| false)?;
+        Ok(())
+    }
 }
 
-/// Everything that a service is told to do, once; its last status.
-fn round(live: &mut Live, peak: &mut f64, unanswered: &mut u64) -> Outcome<Status> {
-    live.tell(Command::START_DEMONSTRATION, SCENE, "")?;
-    live.receive(channel::STATUS, DEMONSTRATION, |_: &Status| false)?;
-    let mut last = None;
-    for (action, target) in [
-        (Command::FINISH_DEMONSTRATION, ""),
-        (Command::RECOGNISE, ""),
-        (Command::PREDICT, "open"),
-        (Command::PREDICT, "closed"),
-        (Command::CANCEL, ""),
-    ] {
-        let command = live.tell(action, "", target)?;
-        let done = live.done(command, TIMEOUT)?;
-        *unanswered += u64::from(done.is_none());
-        last = done.or(last);
-        *peak = peak.max(resident_mib()?);
+/// The table's columns and their widths.
+const TABLE_HEAD: [(&str, usize); 17] = [
+    ("minutes", 7),
+    ("resident MiB", 12),
+    ("peak", 5),
+    ("frames", 7),
+    ("dropped", 7),
+    ("rounds", 6),
+    ("refused", 7),
+    ("unanswered", 10),
+    ("slowest s", 9),
+    ("hostile", 7),
+    ("setpoints", 9),
+    ("jumps", 5),
+    ("planned", 7),
+    ("retargets", 9),
+    ("braked", 6),
+    ("stalls", 6),
+    ("ran on", 6),
+];
+
+impl Row {
+    fn line(&self) -> String {
+        let Rounds { rounds, unanswered, slowest_answer, planned, retargets, stalls, ran_on } =
+            self.rounds;
+        [
+            format!("{:.1}", self.minutes),
+            format!("{:.0}", self.resident_mib),
+            format!("{:.0}", self.peak_mib),
+            self.frames.to_string(),
+            self.dropped_frames.to_string(),
+            rounds.to_string(),
+            self.refused.to_string(),
+            unanswered.to_string(),
+            format!("{slowest_answer:.1}"),
+            self.hostile_datagrams.to_string(),
+            self.setpoints.to_string(),
+            self.jumps.to_string(),
+            planned.to_string(),
+            retargets.to_string(),
+            self.braked.to_string(),
+            stalls.to_string(),
+            ran_on.to_string(),
+        ]
+        .iter()
+        .zip(TABLE_HEAD)
+        .map(|(value, (_, width))| format!("{value:>width$}"))
+        .collect::<Vec<_>>()
+        .join(" ")
     }
-    last.ok_or_else(|| anyhow!("the service answers no more").into())
 }
 
 /// Resident memory of this process, MiB.

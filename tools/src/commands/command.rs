@@ -1,6 +1,7 @@
 //! `linkage command`: tells a running service what to do, and waits for its answer.
 
 use crate::cli::{CommandArgs, ServiceAction};
+use crate::console::answer;
 use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
 use linkage_lcm::messages::linkage;
@@ -14,10 +15,7 @@ pub fn run(args: &CommandArgs) -> Outcome {
     let key = args.key.as_deref().map(CommandKey::read).transpose()?;
     let mut client = Client::new(&args.publish, key)?;
     match client.done(&command, wait) {
-        Ok(answer) => {
-            println!("{answer}");
-            Ok(())
-        }
+        Ok(said) => answer(said),
         Err(e @ ClientError::Lcm(_)) => Err(e.into()),
         Err(e) => Err(Failure::no_answer(e)),
     }

@@ -4,6 +4,7 @@
 
 use super::predict::publish;
 use crate::cli::{Common, DemoArgs};
+use crate::console::{answer, say};
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, DemoPage, DetailLinks};
@@ -41,14 +42,14 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let out = &args.out;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let (watched, met) = (out.join("demonstration"), out.join("encounter"));
-    say(common, "1/5 simulating a person opening a fridge");
+    step(common, "1/5 simulating a person opening a fridge");
     film(SCENE, Take::Demonstration, false, DEMONSTRATION_SEED, &watched, common.quiet)?;
     film(SCENE, Take::Encounter, false, ENCOUNTER_SEED, &met, common.quiet)?;
 
-    say(common, "2/5 learning from the demonstration");
+    step(common, "2/5 learning from the demonstration");
     let (demonstration, stored) = learn(&watched, out, &config, common.quiet)?;
 
-    say(common, "3/5 recognising it from another viewpoint");
+    step(common, "3/5 recognising it from another viewpoint");
     let frame = last_frame(&met.display().to_string())?;
     let library = Store::open(&out.join(STORE))?.load()?;
     let recognition = recognise_frame(&library, &frame, &met.display().to_string(), &config)?;
@@ -62,7 +63,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
         .first()
         .ok_or_else(|| Failure::no_answer("the fridge was not recognised"))?;
 
-    say(common, "4/5 predicting how it opens");
+    step(common, "4/5 predicting how it opens");
     let rig = Rig::default();
     let model = &demonstration.model;
     let plan = predict(model, best, &Request::to(Target::Open), &rig)?;
@@ -72,7 +73,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let page = report::prediction_page(&frame, best, &stored, Ok(&plan.prediction))?;
     write_text(&out.join("prediction.html"), &page)?;
 
-    say(common, "5/5 publishing over LCM");
+    step(common, "5/5 publishing over LCM");
     let mut listener = Lcm::new(&rig.lcm_url)?;
     listener.subscribe("LINKAGE_.*")?;
     publish(&Lcm::new(&rig.lcm_url)?, &frame, &recognition, &plan, model)?;
@@ -80,7 +81,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
 
     let right = errors(&watched, &met, &demonstration.model.joints[0], best)?;
     let proof: Vec<String> = right.lines().map(str::to_owned).chain([received.summary()]).collect();
-    proof.iter().for_each(|line| println!("{line}"));
+    proof.iter().try_for_each(answer)?;
     let page = DemoPage {
         demonstration: &demonstration,
         object: &stored,
@@ -89,8 +90,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
         prediction: &plan.prediction,
     };
     let path = write_demo_page(&page, &proof, out)?;
-    println!("look at {}", path.display());
-    Ok(())
+    answer(format!("look at {}", path.display()))
 }
 
 /// Learns, stores what was learned, and tells it in pages and pictures.
@@ -129,9 +129,9 @@ fn write_demo_page(page: &DemoPage, proof: &[String], out: &Path) -> Outcome<Pat
     Ok(path)
 }
 
-fn say(common: &Common, text: &str) {
+fn step(common: &Common, text: &str) {
     if !common.quiet {
-        eprintln!("{text}");
+        say(text);
     }
 }
 

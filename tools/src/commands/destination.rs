@@ -2,6 +2,7 @@
 //! learning begins, which takes long.
 
 use crate::cli::{DEFAULT_STORE, LearnArgs};
+use crate::console::say;
 use crate::interrupt;
 use crate::outcome::{Failure, Outcome};
 use anyhow::{Context, anyhow};
@@ -77,7 +78,7 @@ impl Destination {
     ) -> Outcome<StoredObject> {
         let stored = interrupt::uninterrupted(|| self.put(object, again))?;
         if !quiet {
-            eprintln!("{} is saved in {}", self.object, self.path.display());
+            say(format!("{} is saved in {}", self.object, self.path.display()));
         }
         Ok(stored)
     }

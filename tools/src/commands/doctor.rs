@@ -1,6 +1,7 @@
 //! `linkage doctor`: does this machine have what is needed, and what does a source deliver?
 
 use crate::cli::{DoctorArgs, SourceArgs};
+use crate::console::answer;
 use crate::outcome::{Failure, Outcome};
 use crate::source::{losses, open, repairs};
 use anyhow::{Context, bail};
@@ -57,11 +58,11 @@ pub fn run(args: &DoctorArgs) -> Outcome {
     let mut broken = 0;
     for (what, finding) in checks {
         match finding {
-            Fine(found) => println!("ok    {what}: {}", shown(&found)),
-            Absent(hint) => println!("-     {what}: {hint}"),
+            Fine(found) => answer(format!("ok    {what}: {}", shown(&found)))?,
+            Absent(hint) => answer(format!("-     {what}: {hint}"))?,
             Broken(problem) => {
                 broken += 1;
-                println!("FAIL  {what}: {}", shown(&problem));
+                answer(format!("FAIL  {what}: {}", shown(&problem)))?;
             }
         }
     }

@@ -1,6 +1,7 @@
 //! `linkage fit`: articulation models from pose logs.
 
 use crate::cli::{Common, FitArgs};
+use crate::console::say;
 use crate::outcome::Outcome;
 use crate::output::write_json;
 use crate::steps::skill_config;
@@ -28,7 +29,7 @@ pub fn run(args: &FitArgs, common: &Common) -> Outcome {
         .collect::<Result<Vec<Fitted>, PoseLogError>>()?;
     if !common.quiet {
         for (path, fitted) in args.logs.iter().zip(&fitted) {
-            eprintln!("{}: {}", path.display(), summary(fitted));
+            say(format!("{}: {}", path.display(), summary(fitted)));
         }
     }
     let models: Vec<&ObjectModel> = fitted.iter().map(|f| &f.model).collect();

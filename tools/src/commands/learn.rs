@@ -2,6 +2,7 @@
 
 use super::destination::Destination;
 use crate::cli::{Common, LearnArgs};
+use crate::console::say;
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, summary};
@@ -65,7 +66,7 @@ pub fn run(args: &LearnArgs, common: &Common) -> Outcome {
         None => object,
     };
     if !common.quiet {
-        eprint!("{}", summary(&stored.model));
+        say(summary(&stored.model).trim_end());
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! `linkage listen`: prints what a service publishes, for people.
 
 use crate::cli::ListenArgs;
+use crate::console::answer;
 use crate::interrupt;
 use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
@@ -47,7 +48,8 @@ pub fn run(args: &ListenArgs) -> Outcome {
         });
         if args.all || printed.is_news(&packet.channel, &line) {
             let name = packet.channel.trim_start_matches("LINKAGE_").to_lowercase();
-            println!("{:8.2} s  {name:<12} {}", start.elapsed().as_secs_f64(), line.shown());
+            let seconds = start.elapsed().as_secs_f64();
+            answer(format!("{seconds:8.2} s  {name:<12} {}", line.shown()))?;
         }
     }
     if heard {

@@ -1,6 +1,7 @@
 //! `linkage predict`.
 
 use crate::cli::{Common, PredictArgs};
+use crate::console::say;
 use crate::outcome::{BAD_INPUT, Failure, NO_ANSWER, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, describe};
@@ -57,10 +58,10 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
         publish(&Lcm::new(url)?, &frame, &recognition, &plan, model)?;
     }
     if !common.quiet {
-        eprint!("{}", describe(best));
+        say(describe(best).trim_end());
         for j in prediction.joints.iter().filter(|j| !j.trajectory.is_empty()) {
             if let (Some(a), Some(b)) = (j.trajectory.first(), j.trajectory.last()) {
-                eprintln!(
+                say(format!(
                     "{}/{}: {:.3} to {:.3} {} in {:.2} s",
                     prediction.object,
                     j.state.name,
@@ -68,7 +69,7 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
                     b[1],
                     j.state.kind.unit(),
                     b[0]
-                );
+                ));
             }
         }
     }

@@ -1,6 +1,7 @@
 //! `linkage recognise`.
 
 use crate::cli::{Common, RecogniseArgs};
+use crate::console::say;
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, describe};
@@ -20,7 +21,7 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let still = source::open(&args.source, &args.take)?.still_frames()?;
     let (frame, recognition) = recognise_view(&library, &still, &args.source, &config)?;
     if !common.quiet && still.len() > 1 {
-        eprintln!("the camera stands still: the last {} frames count together", still.len());
+        say(format!("the camera stands still: the last {} frames count together", still.len()));
     }
     if let Some(path) = &args.json {
         write_json(path, &recognition)?;
@@ -47,7 +48,7 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     }
     if !common.quiet {
         for m in &recognition.matches {
-            eprint!("{}", describe(m));
+            say(describe(m).trim_end());
         }
     }
     Ok(())

@@ -24,8 +24,7 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Outcome {
         let message = encode_frame(&frame, packing)?;
         let first = *first_utime.get_or_insert(frame.utime);
         if args.rate > 0.0 {
-            let due = Duration::from_secs_f64((frame.utime - first) as f64 * 1e-6 / args.rate);
-            std::thread::sleep(due.saturating_sub(start.elapsed()));
+            std::thread::sleep(due(first, frame.utime, args.rate).saturating_sub(start.elapsed()));
         }
         lcm.publish(&args.channel, &message)?;
         progress.step();
@@ -36,4 +35,22 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Outcome {
     }
     progress.finish(&format!("{count} frames sent to {} on {}", args.publish, args.channel));
     Ok(())
+}
+
+/// How long after the first frame another one is sent; at once where its stamp is before the first.
+fn due(first_utime: i64, utime: i64, rate: f64) -> Duration {
+    let seconds = utime.saturating_sub(first_utime).max(0) as f64 * 1e-6 / rate;
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_is_sent_in_time_whatever_its_stamp_and_the_rate() {
+        assert_eq!(due(1_000_000, 3_000_000, 2.0), Duration::from_secs(1));
+        assert_eq!(due(1_000_000, 0, 1.0), Duration::ZERO);
+        assert_eq!(due(i64::MIN, i64::MAX, 1e-300), Duration::MAX);
+    }
 }

@@ -1,6 +1,7 @@
 //! `linkage simulate`.
 
 use crate::cli::{Common, SimulateArgs};
+use crate::console::answer;
 use crate::outcome::Outcome;
 use crate::simulate::{SCENES, Take};
 use crate::steps::film;
@@ -9,7 +10,7 @@ use anyhow::anyhow;
 pub fn run(args: &SimulateArgs, common: &Common) -> Outcome {
     if args.scene == "list" {
         for (name, description) in SCENES {
-            println!("{name:14} {description}");
+            answer(format!("{name:14} {description}"))?;
         }
         return Ok(());
     }

@@ -1,6 +1,7 @@
 //! `linkage store`.
 
 use crate::cli::{StoreAction, StoreArgs};
+use crate::console::{answer, say};
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::output::write_json;
@@ -14,20 +15,20 @@ pub fn run(args: &StoreArgs) -> Outcome {
     match &args.action {
         StoreAction::List { store } => {
             for name in Store::open(store)?.names()? {
-                println!("{name}");
+                answer(name)?;
             }
             Ok(())
         }
         StoreAction::Show { object, store } => {
             let stored = Store::open(store)?.get(object)?;
             for p in &stored.provenance {
-                eprintln!("learned from {} at {} us", p.source, p.learned_utime);
+                say(format!("learned from {} at {} us", p.source, p.learned_utime));
             }
-            eprintln!(
+            say(format!(
                 "{} features, {} surfels",
                 stored.appearance.features.len(),
                 stored.appearance.surfels.len()
-            );
+            ));
             write_json(Path::new("-"), &stored.model)
         }
         StoreAction::Remove { object, store } => Ok(Store::open(store)?.remove(object)?),
@@ -76,6 +77,6 @@ fn merge(from: &[PathBuf], replace: bool, into: &Path) -> Outcome {
         .into());
     }
     interrupt::uninterrupted(|| store.put_unchanged(&changed, &before))?;
-    eprintln!("{count} objects merged into {}", into.display());
+    say(format!("{count} objects merged into {}", into.display()));
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! `tags.toml`: which tag sits on which part.
 
 use anyhow::Context;
+use linkage_driver::text_table::read_settings;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -34,7 +35,7 @@ impl TagPlaces {
     /// Names the file, and what belongs into it where there is none.
     pub fn read(recording: &Path) -> anyhow::Result<Self> {
         let path = recording.join(FILE);
-        let text = std::fs::read_to_string(&path).with_context(|| {
+        let text = read_settings(&path).with_context(|| {
             format!(
                 "{}: say there where the tags are, one [[tag]] each with id, size_m and part",
                 path.display()

@@ -10,6 +10,7 @@ use super::scene;
 use super::shown::{Configuration, Shown, with_frames_of_their_own};
 use super::topics::Topics;
 use super::wanted::Wanted;
+use crate::console::say;
 use crate::outcome::Outcome;
 use crate::report::{deviations_by_frame, part_colour, summary};
 use anyhow::{Context as _, anyhow};
@@ -283,7 +284,7 @@ fn listen(context: &Arc<Context>, address: &str) -> Outcome<WebSocketServerHandl
         format!("--view {address}: cannot listen there; is the port taken? name another one")
     })?;
     let host = if host.contains(':') { format!("[{host}]") } else { host.to_owned() };
-    eprintln!("a viewer finds ws://{host}:{}", server.port());
+    say(format!("a viewer finds ws://{host}:{}", server.port()));
     Ok(server)
 }
 

@@ -103,6 +103,7 @@ fn motion() -> Result<Motion, MotionError> {
 fn plan(orders: &mut Orders, shared: &Shared) -> Result<(), NotNow> {
     shared.frame_seen(black_box(4));
     shared.frame_rejected(black_box(Reason::JointLost));
+    shared.halt(black_box(Reason::Cancelled));
     shared.heartbeat(black_box(4));
     let moving = orders.commanded_at(black_box(9))?;
     if let Some(moving) = &moving {

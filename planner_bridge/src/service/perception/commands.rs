@@ -17,8 +17,9 @@ use std::time::Instant;
 
 impl Perception<'_> {
     pub fn handle_command(&mut self, Command { utime, valid_until, action }: Command) {
-        // A command that expired while this thread was busy is not executed.
-        if host_utime() > valid_until {
+        // A command that expired while this thread was busy is not executed. It is never too late to
+        // cancel: what moves is braked already.
+        if host_utime() > valid_until && action != Action::Cancel {
             let reason = "it came too late to be begun: send it again".to_owned();
             return self.answer(utime, Err(reason));
         }
@@ -211,6 +212,16 @@ mod tests {
         perception.handle_command(late);
         let answers = answers(&noted);
         assert!(!answers[0].accepted && answers[0].text.contains("too late"));
+        assert!(matches!(perception.state, State::Resting));
+    }
+
+    #[test]
+    fn it_is_never_too_late_to_cancel() {
+        let (mut perception, noted) = perception();
+        perception.handle_command(command(1, start("door")));
+        let late = Command { valid_until: host_utime() - 1, ..command(2, Action::Cancel) };
+        perception.handle_command(late);
+        assert!(answers(&noted).last().is_some_and(|a| a.utime == 2 && a.accepted));
         assert!(matches!(perception.state, State::Resting));
     }
 

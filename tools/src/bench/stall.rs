@@ -1,0 +1,56 @@
+//! A source whose frames stop coming for a while, as those of a camera that stalls.
+
+use linkage_driver::{RgbdFrame, RgbdSource, SourceError, SourceStatistics};
+use linkage_planner_bridge::service::SourceOpener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Time between two looks whether frames come again.
+const POLL: Duration = Duration::from_millis(10);
+
+/// Frames do not come while it is set.
+#[derive(Clone, Default)]
+pub struct Stall(Arc<AtomicBool>);
+
+impl Stall {
+    pub fn set(&self, is_stalled: bool) {
+        self.0.store(is_stalled, Ordering::Relaxed);
+    }
+
+    /// Opens a source that stalls.
+    pub fn opener(&self, mut open: Box<SourceOpener>) -> Box<SourceOpener> {
+        let stall = self.clone();
+        Box::new(move || Ok(Box::new(Stalling { source: open()?, stall: stall.clone() }) as Box<_>))
+    }
+}
+
+struct Stalling {
+    source: Box<dyn RgbdSource>,
+    stall: Stall,
+}
+
+impl RgbdSource for Stalling {
+    fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
+        while self.stall.0.load(Ordering::Relaxed) {
+            std::thread::sleep(POLL);
+        }
+        self.source.next_frame()
+    }
+
+    fn frame_count(&self) -> Option<usize> {
+        self.source.frame_count()
+    }
+
+    fn name(&self) -> &str {
+        self.source.name()
+    }
+
+    fn is_live(&self) -> bool {
+        self.source.is_live()
+    }
+
+    fn statistics(&self) -> SourceStatistics {
+        self.source.statistics()
+    }
+}
