@@ -9,6 +9,7 @@ mod clearance;
 mod colour;
 mod cuboid;
 mod description;
+mod fitted_boxes;
 mod fused_surface;
 mod gap;
 mod joint;
