@@ -21,7 +21,7 @@ pub const UNSEEN_SIDE_M: f64 = 0.04;
 /// Share of the surface beyond either side of a box.
 const STRAYS: f64 = 0.01;
 /// Least number of places that a box is put around.
-const LEAST_PLACES: usize = 10;
+pub const LEAST_PLACES: usize = 10;
 
 /// A box in some frame.
 #[derive(Debug, Clone, PartialEq)]

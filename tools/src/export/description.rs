@@ -7,7 +7,7 @@
 
 use super::clearance::{Body, shapes};
 use super::colour::srgb;
-use super::cuboid::{Cuboid, Inertia};
+use super::cuboid::{Cuboid, Inertia, LEAST_PLACES};
 use super::fitted_boxes::fitted_boxes;
 use super::joint::Hinge;
 use super::main_surface::main_surface;
@@ -43,6 +43,8 @@ pub struct Link {
     /// At least one.
     pub boxes: Vec<Cuboid>,
     pub inertia: Inertia,
+    /// Enough of its surface was learned; else a small box stands for it.
+    pub is_seen: bool,
     /// Red, green and blue, 0 to 1.
     pub colour: [f64; 3],
     /// The surface that was seen, where it is wanted.
@@ -188,6 +190,7 @@ fn link(part: &Part, patches: &[Patch], boxes: Vec<Cuboid>, moved_by: Option<&Hi
         name: part.name.clone(),
         origin,
         inertia: Inertia::of(&boxes),
+        is_seen: patches.len() >= LEAST_PLACES,
         boxes,
         colour,
         mesh: None,
