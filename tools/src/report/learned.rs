@@ -22,9 +22,6 @@ use std::path::{Path, PathBuf};
 /// Frames of the film strip, and how wide they are in pixels.
 const STRIP_FRAMES: usize = 6;
 const STRIP_WIDTH: i32 = 320;
-/// What the picture of the ranges shows.
-const RANGE_CAPTION: &str =
-    "Axes, the parts over their ranges, and the way of the place that each was held at";
 /// Refused candidates that are listed.
 const MOST_REFUSED: usize = 40;
 
@@ -247,10 +244,18 @@ fn pictures(
         h2 { "In one picture" }
         (part_keys(&demonstration.model))
         @if !demonstration.model.joints.is_empty() {
-            (layout::picture(&joints, RANGE_CAPTION)?)
+            (layout::picture(&joints, range_caption(&demonstration.model))?)
         }
         (layout::picture(&tracks, "Tracked features by part; grey: of no part")?)
     })
+}
+
+/// What the picture of the ranges shows.
+fn range_caption(model: &ObjectModel) -> &'static str {
+    match model.parts.iter().any(|part| part.grasp.is_some()) {
+        true => "Axes, the parts over their ranges, and the way of the place that one was held at",
+        false => "Axes, and the parts over their ranges",
+    }
 }
 
 fn part_keys(model: &ObjectModel) -> Markup {

@@ -118,9 +118,9 @@ mod tests {
         surface.draw(&mut canvas, &way).unwrap();
         let camera = PinholeCamera::kinect();
         let across = drawn(&canvas.finish().unwrap(), camera.cy as usize);
-        let wanted = 2.0 * (0.2 + 2.0 * 0.02) * camera.fx;
+        let wanted = 2.0 * 0.21 * camera.fx;
         assert!((across.len() as f64 / wanted - 1.0).abs() < 0.15, "{} of {wanted}", across.len());
-        let left = camera.cx - 0.12 * camera.fx;
+        let left = camera.cx - 0.105 * camera.fx;
         assert!((across[0] as f64 - left).abs() < 12.0, "{} and {left}", across[0]);
     }
 

@@ -1,9 +1,12 @@
 //! Discs in a picture, joined to one area that is coloured and that the picture shows through.
 
-use opencv::core::{CV_8U, CV_32S, Mat, Point, Scalar, Size, Vec3b, Vector};
+use opencv::core::{BORDER_CONSTANT, CV_8U, CV_32S, Mat, Point, Scalar, Size, Vec3b, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
 
+/// Share of their radius by which the joined discs are taken back: what lies between places stays, what
+/// bulges out round the outermost does not.
+const TAKEN_BACK: f64 = 0.7;
 /// Connected areas smaller than this share of the largest are left out: what is drawn of them would be
 /// strays.
 const LEAST_SHARE: f64 = 0.1;
@@ -36,21 +39,22 @@ pub fn veil(picture: &mut Mat, discs: &[Disc], colour: Scalar, opacity: f64) -> 
     imgproc::polylines(picture, &lines, true, colour, 1, imgproc::LINE_AA, 0)
 }
 
-/// The area that the discs cover.
+/// The area that the discs cover, without what bulges out.
 fn joined(discs: &[Disc], size: Size) -> opencv::Result<Mat> {
     let mut area = Mat::new_size_with_default(size, CV_8U, Scalar::all(0.0))?;
     for disc in discs {
-        imgproc::circle(
-            &mut area,
-            disc.at,
-            disc.radius,
-            Scalar::all(255.0),
-            -1,
-            imgproc::LINE_8,
-            0,
-        )?;
+        let (white, filled) = (Scalar::all(255.0), imgproc::FILLED);
+        imgproc::circle(&mut area, disc.at, disc.radius, white, filled, imgproc::LINE_8, 0)?;
     }
-    Ok(area)
+    let largest = discs.iter().map(|disc| disc.radius).max().unwrap_or(0);
+    let side = 2 * (TAKEN_BACK * f64::from(largest)) as i32 + 1;
+    let middle = Point::new(-1, -1);
+    let round =
+        imgproc::get_structuring_element(imgproc::MORPH_ELLIPSE, Size::new(side, side), middle)?;
+    let border = imgproc::morphology_default_border_value()?;
+    let mut smooth = Mat::default();
+    imgproc::erode(&area, &mut smooth, &round, middle, 1, BORDER_CONSTANT, border)?;
+    Ok(smooth)
 }
 
 /// The largest connected area, and others that are not much smaller.
