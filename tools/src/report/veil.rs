@@ -97,7 +97,7 @@ mod tests {
         let size = Size::new(60, 40);
         let mut picture =
             Mat::new_size_with_default(size, opencv::core::CV_8UC3, Scalar::all(100.0)).unwrap();
-        let discs = [disc(15, 20, 8), disc(25, 20, 8), disc(55, 5, 1)];
+        let discs = [disc(17, 20, 9), disc(23, 20, 9), disc(55, 5, 1)];
         veil(&mut picture, &discs, Scalar::new(200.0, 0.0, 100.0, 0.0), 0.5).unwrap();
         let at = |x, y| picture.at_2d::<Vec3b>(y, x).unwrap().0;
         assert_eq!(at(20, 20), [150, 50, 100], "between the two");
