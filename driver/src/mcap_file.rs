@@ -3,6 +3,7 @@
 //! Read from beginning to end, so that a file that was cut short is read as far as it goes; memory
 //! is that of the largest message.
 
+use crate::bag::foxglove_json;
 use crate::bag::message_format::MessageFormat;
 use crate::bag::reader::{BagMessage, BagReader, MAX_MESSAGE_BYTES, MAX_TOPICS, Topic};
 use crate::bag::wire::WireFormat;
@@ -17,6 +18,9 @@ use std::path::{Path, PathBuf};
 
 /// Largest record of a file, bytes: a message with its header, or an index of chunks.
 const MAX_RECORD_BYTES: usize = MAX_MESSAGE_BYTES + 1024;
+
+/// The encoding of messages in JSON, which are handed on in protobuf.
+const JSON: &str = "json";
 
 /// An opened file.
 pub struct McapReader {
@@ -80,12 +84,21 @@ impl BagReader for McapReader {
                 }
             };
             let Some(&topic) = self.places.get(&message.channel.topic) else { continue };
-            if self.selected[topic] {
-                return Ok(Some(BagMessage {
-                    topic,
-                    log_utime: i64::try_from(message.log_time / 1000).unwrap_or(i64::MAX),
-                    bytes: message.data.into_owned(),
-                }));
+            if !self.selected[topic] {
+                continue;
+            }
+            let log_utime = i64::try_from(message.log_time / 1000).unwrap_or(i64::MAX);
+            let is_json = message.channel.message_encoding == JSON;
+            let bytes = match is_json {
+                false => Ok(message.data.into_owned()),
+                true => foxglove_json::in_protobuf(&self.topics[topic].message_type, &message.data),
+            };
+            match bytes {
+                Ok(bytes) => return Ok(Some(BagMessage { topic, log_utime, bytes })),
+                Err(reason) => {
+                    let topic = &self.topics[topic].name;
+                    tracing::warn!(topic, "a message is passed over: {reason}");
+                }
             }
         }
         Ok(None)
@@ -164,7 +177,7 @@ fn topic_of(channel: &Channel<'_>) -> Topic {
     let format = match channel.message_encoding.as_str() {
         "cdr" => Some(MessageFormat::Ros(WireFormat::Cdr)),
         "ros1" => Some(MessageFormat::Ros(WireFormat::Ros1)),
-        "protobuf" if schema.starts_with("foxglove.") => Some(MessageFormat::Foxglove),
+        "protobuf" | JSON if schema.starts_with("foxglove.") => Some(MessageFormat::Foxglove),
         _ => None,
     };
     Topic::new(&channel.topic, schema, format)
@@ -173,10 +186,12 @@ fn topic_of(channel: &Channel<'_>) -> Topic {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bag::foxglove::tests::{bytes, doubles, fixed32, timestamp};
+    use crate::bag::foxglove::tests::timestamp;
+    use crate::bag::protobuf_writer::{bytes, doubles, fixed32};
     use crate::bag::{BagOptions, BagRecording};
     use crate::image_file;
     use crate::rgbd_source::RgbdSource;
+    use base64::Engine;
     use linkage_frames::frame::RgbdFrame;
     use mcap::Writer;
     use mcap::records::MessageHeader;
@@ -245,12 +260,16 @@ mod tests {
         out
     }
 
-    /// Writes a file; messages are logged a minute after they were made.
     fn write(path: &Path, messages: &[Message]) {
+        write_as("protobuf", path, messages);
+    }
+
+    /// Writes a file; messages are logged a minute after they were made.
+    fn write_as(encoding: &str, path: &Path, messages: &[Message]) {
         let mut writer = Writer::new(File::create(path).unwrap()).unwrap();
         for (kind, topic, data) in messages {
-            let schema = writer.add_schema(kind, "protobuf", b"").unwrap();
-            let id = writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap();
+            let schema = writer.add_schema(kind, encoding, b"").unwrap();
+            let id = writer.add_channel(schema, topic, encoding, &BTreeMap::new()).unwrap();
             let log_time = (START as u64 + 60_000_000) * 1000;
             let header =
                 MessageHeader { channel_id: id, sequence: 0, log_time, publish_time: log_time };
@@ -283,6 +302,50 @@ mod tests {
                 assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], [30.0, 31.0, 3.5, 2.5]);
                 assert_eq!(camera.distortion[..2], [0.1, 0.0]);
             }
+        }
+    }
+
+    /// A frame as Foxglove's messages in JSON.
+    fn messages_in_json(frame: usize) -> [Message; 3] {
+        let us = START + 33_333 * frame as i64;
+        let stamp = serde_json::json!({ "sec": us / 1_000_000, "nsec": us % 1_000_000 * 1000 });
+        let raw = |encoding: &str, step: usize, data: &[u8]| {
+            let data = base64::engine::general_purpose::STANDARD.encode(data);
+            serde_json::json!({ "timestamp": stamp, "frame_id": "camera", "width": SIZE.0,
+                "height": SIZE.1, "encoding": encoding, "step": step, "data": data })
+        };
+        let (color, depth) = pixels(frame);
+        let millimetres: Vec<u8> = depth.iter().flat_map(|mm| mm.to_le_bytes()).collect();
+        let camera = serde_json::json!({ "timestamp": stamp, "frame_id": "camera", "width": SIZE.0,
+            "height": SIZE.1, "distortion_model": "plumb_bob", "D": [0.1, 0.0, 0.0, 0.0, 0.0],
+            "K": [30.0, 0.0, 3.5, 0.0, 31.0, 2.5, 0.0, 0.0, 1.0], "R": [], "P": [] });
+        let (picture, calibration) = ("foxglove.RawImage", "foxglove.CameraCalibration");
+        [
+            (picture, "/camera/color", raw("rgb8", 3 * SIZE.0, &color).to_string().into_bytes()),
+            (
+                picture,
+                "/camera/depth",
+                raw("16UC1", 2 * SIZE.0, &millimetres).to_string().into_bytes(),
+            ),
+            (calibration, "/camera/calibration", camera.to_string().into_bytes()),
+        ]
+    }
+
+    #[test]
+    fn foxgloves_pictures_in_json_are_read_and_a_damaged_one_is_passed_over() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.mcap");
+        let mut written: Vec<_> = (0..4).flat_map(messages_in_json).collect();
+        written[6].2.truncate(40);
+        write_as("json", &path, &written);
+        let frames = read(&path).unwrap();
+        assert_eq!(frames.len(), 3);
+        for (frame, i) in frames.iter().zip([0, 1, 3]) {
+            let (color, depth) = pixels(i);
+            assert_eq!(frame.utime, START + 33_333 * i as i64);
+            assert_eq!(frame.color.as_rgb(), color);
+            assert_eq!(frame.depth.to_raw(1000.0), depth);
+            assert_eq!((frame.camera.fx, frame.camera.distortion[0]), (30.0, 0.1));
         }
     }
 

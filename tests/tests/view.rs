@@ -167,6 +167,21 @@ mod with {
     }
 
     #[test]
+    fn a_stranger_s_page_sees_nothing() {
+        let Some(python) = python_with(&["websockets"]) else { return };
+        let dir = tempfile::tempdir().unwrap();
+        let (_service, url) = service("udpm://239.255.76.67:7763?ttl=0", dir.path());
+        for (origin, answer) in [
+            ("https://example.org", "HTTP 403"),
+            ("null", "HTTP 403"),
+            ("http://localhost:8080", "connected"),
+            ("https://app.foxglove.dev", "connected"),
+        ] {
+            assert_eq!(said(&python, &["page", &url, origin])["answer"], answer, "{origin}");
+        }
+    }
+
+    #[test]
     fn a_viewer_that_reads_nothing_holds_nothing_up() {
         let Some(python) = python_with(&["websockets"]) else { return };
         let dir = tempfile::tempdir().unwrap();

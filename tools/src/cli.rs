@@ -184,7 +184,8 @@ pub struct ServeArgs {
     #[arg(long, value_name = "FILE")]
     pub mcap: Option<PathBuf>,
     /// Serve frames and results to Foxglove through a WebSocket. Anyone who reaches that address sees
-    /// what the camera sees. (In a program that was built with --features view.)
+    /// what the camera sees, a web page only if it is this host's, HOST's or Foxglove's. (In a program
+    /// that was built with --features view.)
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     pub view: Option<String>,
 }

@@ -186,8 +186,8 @@ fn use_it(model: ObjectModel, scratch: &Path) {
         messages::prediction(&plan.prediction, &model, stamps);
         let _ = messages::robot_plan(&plan, stamps);
         let picture = scratch.join("prediction.png");
-        let (prediction, looks) = (&plan.prediction, &object.appearance);
-        save_prediction_picture(&frame, &found, prediction, looks, &picture).unwrap();
+        let prediction = &plan.prediction;
+        save_prediction_picture(&frame, &found, prediction, &object, &picture).unwrap();
         prediction_page(&frame, &found, &object, Ok(prediction)).unwrap();
     }
     let asked = Asked { known: 1, min_score: 0.5, objects: &[object] };

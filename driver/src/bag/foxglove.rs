@@ -167,41 +167,8 @@ fn matrix<const N: usize>(field: &'static str, numbers: &[f64]) -> Result<[f64; 
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::bag::protobuf_writer::{bytes, double, doubles, fixed32, varint};
     use proptest::prelude::*;
-
-    /// Writes a field of bytes.
-    pub(crate) fn bytes(number: u8, bytes: &[u8]) -> Vec<u8> {
-        let mut out = vec![number << 3 | 2];
-        let mut length = bytes.len();
-        while length >= 0x80 {
-            out.push(length as u8 | 0x80);
-            length >>= 7;
-        }
-        out.push(length as u8);
-        [&out, bytes].concat()
-    }
-
-    pub(crate) fn fixed32(number: u8, value: u32) -> Vec<u8> {
-        [&[number << 3 | 5], &value.to_le_bytes()[..]].concat()
-    }
-
-    pub(crate) fn double(number: u8, value: f64) -> Vec<u8> {
-        [&[number << 3 | 1], &value.to_le_bytes()[..]].concat()
-    }
-
-    pub(crate) fn doubles(number: u8, values: &[f64]) -> Vec<u8> {
-        bytes(number, &values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())
-    }
-
-    fn varint(number: u8, mut value: u64) -> Vec<u8> {
-        let mut out = vec![number << 3];
-        while value >= 0x80 {
-            out.push(value as u8 | 0x80);
-            value >>= 7;
-        }
-        out.push(value as u8);
-        out
-    }
 
     /// The field `timestamp`, which all of Foxglove's messages begin with.
     pub(crate) fn timestamp(utime: i64) -> Vec<u8> {

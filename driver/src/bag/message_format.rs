@@ -1,10 +1,10 @@
 //! How a topic's messages are written, and the messages of pictures, cameras and transforms read by
 //! it.
 
-use super::foxglove;
 use super::messages::{CameraInfo, CompressedImage, Image};
 use super::transforms::{Transform, parse_transforms};
 use super::wire::{WireError, WireFormat};
+use super::{foxglove, foxglove_ros};
 
 /// How a topic's messages are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,6 +13,8 @@ pub enum MessageFormat {
     Ros(WireFormat),
     /// Foxglove's own schemas in protobuf.
     Foxglove,
+    /// Foxglove's own schemas as messages of ROS.
+    FoxgloveRos(WireFormat),
 }
 
 impl MessageFormat {
@@ -24,6 +26,7 @@ impl MessageFormat {
         match self {
             Self::Ros(format) => Image::parse(message, format),
             Self::Foxglove => foxglove::raw_image(message),
+            Self::FoxgloveRos(format) => foxglove_ros::raw_image(message, format),
         }
     }
 
@@ -35,6 +38,7 @@ impl MessageFormat {
         match self {
             Self::Ros(format) => CompressedImage::parse(message, format),
             Self::Foxglove => foxglove::compressed_image(message),
+            Self::FoxgloveRos(format) => foxglove_ros::compressed_image(message, format),
         }
     }
 
@@ -46,6 +50,7 @@ impl MessageFormat {
         match self {
             Self::Ros(format) => CameraInfo::parse(message, format),
             Self::Foxglove => foxglove::camera_calibration(message),
+            Self::FoxgloveRos(format) => foxglove_ros::camera_calibration(message, format),
         }
     }
 
@@ -58,12 +63,12 @@ impl MessageFormat {
         message: &[u8],
         message_type: &str,
     ) -> Result<Vec<Transform>, WireError> {
+        let is_one = message_type == "foxglove.FrameTransform";
         match self {
             Self::Ros(format) => parse_transforms(message, format),
-            Self::Foxglove if message_type == "foxglove.FrameTransform" => {
-                Ok(vec![foxglove::frame_transform(message)?])
-            }
+            Self::Foxglove if is_one => Ok(vec![foxglove::frame_transform(message)?]),
             Self::Foxglove => foxglove::frame_transforms(message),
+            Self::FoxgloveRos(format) => foxglove_ros::frame_transforms(message, format, !is_one),
         }
     }
 }

@@ -77,6 +77,14 @@ pub fn header<'b>(
     if format == WireFormat::Ros1 {
         reader.u32("header's seq")?;
     }
+    Ok(Header { utime: stamp(reader, format)?, frame: reader.text("frame_id")? })
+}
+
+/// A time stamp, microseconds.
+///
+/// # Errors
+/// [`WireError`].
+pub fn stamp(reader: &mut WireReader<'_>, format: WireFormat) -> Result<i64, WireError> {
     let seconds = match format {
         WireFormat::Ros1 => i64::from(reader.u32("time stamp")?),
         WireFormat::Cdr => i64::from(reader.i32("time stamp")?),
@@ -86,8 +94,7 @@ pub fn header<'b>(
         let value = format!("{nanoseconds} ns after a second");
         return Err(WireError::Value { field: "time stamp", value });
     }
-    let utime = seconds * 1_000_000 + i64::from(nanoseconds / 1000);
-    Ok(Header { utime, frame: reader.text("frame_id")? })
+    Ok(seconds * 1_000_000 + i64::from(nanoseconds / 1000))
 }
 
 impl<'b> Image<'b> {

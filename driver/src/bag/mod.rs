@@ -8,11 +8,14 @@
 pub mod assembly;
 pub mod camera_info;
 pub mod foxglove;
+pub mod foxglove_json;
+pub mod foxglove_ros;
 pub mod message_format;
 pub mod messages;
 pub mod pairing;
 pub mod picture;
 pub mod protobuf;
+pub mod protobuf_writer;
 pub mod reader;
 pub mod survey;
 pub mod topics;

@@ -23,9 +23,20 @@ pub struct Topic {
 }
 
 impl Topic {
-    /// A topic whose type is named in the way of ROS 1 or ROS 2.
+    /// A topic whose type is named in the way of ROS 1 or ROS 2. Messages of the package `foxglove_msgs`
+    /// are Foxglove's.
     pub fn new(name: &str, message_type: &str, format: Option<MessageFormat>) -> Self {
         let message_type = message_type.replace("/msg/", "/");
+        if let (Some(kind), Some(MessageFormat::Ros(ros))) =
+            (message_type.strip_prefix("foxglove_msgs/"), format)
+        {
+            let format = Some(MessageFormat::FoxgloveRos(ros));
+            return Self {
+                name: name.to_owned(),
+                message_type: format!("foxglove.{kind}"),
+                format,
+            };
+        }
         Self { name: name.to_owned(), message_type, format }
     }
 }

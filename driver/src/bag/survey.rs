@@ -164,7 +164,7 @@ impl Survey {
         }
         match format {
             MessageFormat::Ros(format) => self.take_of_realsense(topic, bytes, format, extras),
-            MessageFormat::Foxglove => Ok(()),
+            MessageFormat::Foxglove | MessageFormat::FoxgloveRos(_) => Ok(()),
         }
     }
 

@@ -117,9 +117,13 @@ fn candidates(
 fn picture_type(topic: &Topic) -> Option<PictureType> {
     match (topic.format?, topic.message_type.as_str()) {
         (MessageFormat::Ros(_), "sensor_msgs/Image")
-        | (MessageFormat::Foxglove, "foxglove.RawImage") => Some(PictureType::Image),
+        | (MessageFormat::Foxglove | MessageFormat::FoxgloveRos(_), "foxglove.RawImage") => {
+            Some(PictureType::Image)
+        }
         (MessageFormat::Ros(_), "sensor_msgs/CompressedImage")
-        | (MessageFormat::Foxglove, "foxglove.CompressedImage") => Some(PictureType::Compressed),
+        | (MessageFormat::Foxglove | MessageFormat::FoxgloveRos(_), "foxglove.CompressedImage") => {
+            Some(PictureType::Compressed)
+        }
         _ => None,
     }
 }
@@ -169,7 +173,9 @@ fn camera_topic(topics: &[Topic], pictures: usize, is_depth: bool) -> Option<usi
 fn is_camera(topic: &Topic) -> bool {
     match topic.format {
         Some(MessageFormat::Ros(_)) => topic.message_type == "sensor_msgs/CameraInfo",
-        Some(MessageFormat::Foxglove) => topic.message_type == "foxglove.CameraCalibration",
+        Some(MessageFormat::Foxglove | MessageFormat::FoxgloveRos(_)) => {
+            topic.message_type == "foxglove.CameraCalibration"
+        }
         None => false,
     }
 }

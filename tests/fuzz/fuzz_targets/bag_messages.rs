@@ -16,8 +16,10 @@ const SIZE: (usize, usize) = (16, 8);
 const UNITS_PER_METRE: f64 = 1000.0;
 
 fuzz_target!(|bytes: &[u8]| {
-    let ros = [WireFormat::Cdr, WireFormat::Ros1].map(MessageFormat::Ros);
-    for format in ros.into_iter().chain([MessageFormat::Foxglove]) {
+    let wires = [WireFormat::Cdr, WireFormat::Ros1];
+    let ros =
+        wires.into_iter().flat_map(|w| [MessageFormat::Ros(w), MessageFormat::FoxgloveRos(w)]);
+    for format in ros.chain([MessageFormat::Foxglove]) {
         if let Ok(image) = format.image(bytes) {
             assert!(image.data.len() <= bytes.len());
             let _ = color_of_image(&image, SIZE);

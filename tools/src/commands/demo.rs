@@ -69,7 +69,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let plan = predict(model, best, &Request::to(Target::Open), &rig)?;
     write_json(&out.join("prediction.json"), &plan.prediction)?;
     let picture = out.join("prediction.png");
-    report::save_prediction_picture(&frame, best, &plan.prediction, &stored.appearance, &picture)?;
+    report::save_prediction_picture(&frame, best, &plan.prediction, &stored, &picture)?;
     let page = report::prediction_page(&frame, best, &stored, Ok(&plan.prediction))?;
     write_text(&out.join("prediction.html"), &page)?;
 
@@ -110,7 +110,7 @@ fn learn(
     write_json(&out.join("model.json"), &demonstration.model)?;
     let page = report::demonstration_page(&demonstration, Some(&stored.appearance))?;
     write_text(&out.join("report.html"), &page)?;
-    report::save_demonstration_pictures(&demonstration, out)?;
+    report::save_demonstration_pictures(&demonstration, Some(&stored.appearance), out)?;
     Ok((demonstration, stored))
 }
 

@@ -24,6 +24,14 @@ pub fn run(args: &ExportArgs) -> Outcome {
         None => Rig::default(),
     };
     let mut description = Description::new(&object, &rig)?;
+    for link in description.links.iter().filter(|link| !link.is_seen) {
+        let (object, part) = (&args.object, &link.name);
+        tracing::warn!(
+            object,
+            part,
+            "nothing of its surface was learned: a box of 4 cm stands for it"
+        );
+    }
     if args.mesh {
         description = description.with_meshes(&object, &meshes_folder(out)?);
         write_meshes(&description, out)?;

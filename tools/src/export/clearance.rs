@@ -28,21 +28,32 @@ const LARGEST_TRIM: f64 = 0.25;
 
 /// A part in the export's frame at configuration 0.
 pub struct Body {
+    /// Round all of it.
     pub shape: Cuboid,
+    /// Round its pieces, which take less room; at least one.
+    pub boxes: Vec<Cuboid>,
     /// Where its surface was seen, and the normals there.
     pub surface: Vec<(Vector3<f64>, Vector3<f64>)>,
 }
 
 /// The boxes of each part, in the export's frame at configuration 0.
 pub fn shapes(bodies: &[Body], joints: &[Hinge]) -> Vec<Vec<Cuboid>> {
-    let mut boxes: Vec<Cuboid> = bodies.iter().map(|b| b.shape.clone()).collect();
+    let carries = |part: usize| joints.iter().any(|j| j.parent == part);
+    let taken = |(part, body): (usize, &Body)| match carries(part) {
+        // Of a carrier that is left which nothing passes through: its pieces are not known yet.
+        true => vec![body.shape.clone()],
+        false => body.boxes.clone(),
+    };
+    let mut boxes: Vec<Vec<Cuboid>> = bodies.iter().enumerate().map(taken).collect();
     trim_neighbours(&mut boxes, joints);
     let shape = |part: usize| {
         let passing = passing_through(part, &boxes, joints);
-        let (own, surface) = (&boxes[part], &bodies[part].surface);
         match passing.is_empty() {
-            true => vec![own.clone()],
-            false => SolidCells::new(own, surface, &passing).into_boxes(own, &passing),
+            true => boxes[part].clone(),
+            false => {
+                let own = &boxes[part][0];
+                SolidCells::new(own, &bodies[part].surface, &passing).into_boxes(own, &passing)
+            }
         }
     };
     (0..boxes.len()).map(shape).collect()
@@ -67,16 +78,17 @@ pub fn moved(shape: &Cuboid, by: &Pose) -> Cuboid {
 }
 
 /// The boxes that each part takes which a part carries, from one end of its range to the other.
-fn passing_through(carrier: usize, boxes: &[Cuboid], joints: &[Hinge]) -> Vec<Vec<Cuboid>> {
+fn passing_through(carrier: usize, boxes: &[Vec<Cuboid>], joints: &[Hinge]) -> Vec<Vec<Cuboid>> {
     let mut all = Vec::new();
     let mut left = MOST_CUTS;
-    for (part, shape) in boxes.iter().enumerate() {
+    for (part, pieces) in boxes.iter().enumerate() {
         let path = chain(part, joints);
         let Some(last) = path.iter().position(|j| j.parent == carrier) else { continue };
         let mut taken = motions(&path[..=last]);
-        taken.truncate(left);
-        left -= taken.len();
-        all.push(taken.iter().map(|motion| moved(shape, motion)).collect());
+        taken.truncate(left / pieces.len().max(1));
+        left -= taken.len() * pieces.len();
+        let at = |piece: &Cuboid| taken.iter().map(|motion| moved(piece, motion)).collect();
+        all.extend(pieces.iter().map(at).collect::<Vec<Vec<Cuboid>>>());
     }
     all
 }
@@ -99,7 +111,7 @@ fn motions(path: &[&Hinge]) -> Vec<Pose> {
 }
 
 /// Trims parts of which none carries the other so that they keep their distance.
-fn trim_neighbours(boxes: &mut [Cuboid], joints: &[Hinge]) {
+fn trim_neighbours(boxes: &mut [Vec<Cuboid>], joints: &[Hinge]) {
     let mut comparisons = 0;
     let carries = |part: usize, path: &[&Hinge]| path.iter().any(|j| j.parent == part);
     for a in 1..boxes.len() {
@@ -109,7 +121,7 @@ fn trim_neighbours(boxes: &mut [Cuboid], joints: &[Hinge]) {
                 continue;
             }
             for _ in 0..TRIMS {
-                comparisons += COMPARED * COMPARED;
+                comparisons += COMPARED * COMPARED * boxes[a].len() * boxes[b].len();
                 if comparisons > MOST_COMPARISONS || !trim_pair(boxes, [a, b], [&path_a, &path_b]) {
                     break;
                 }
@@ -118,36 +130,58 @@ fn trim_neighbours(boxes: &mut [Cuboid], joints: &[Hinge]) {
     }
 }
 
-/// Trims whichever of two parts loses less; false where they keep their distance, or where much would
-/// have to go.
-fn trim_pair(boxes: &mut [Cuboid], parts: [usize; 2], paths: [&[&Hinge]; 2]) -> bool {
+/// Trims whichever piece of two parts loses less; false where they keep their distance, or where much
+/// would have to go.
+fn trim_pair(boxes: &mut [Vec<Cuboid>], parts: [usize; 2], paths: [&[&Hinge]; 2]) -> bool {
     let [of_a, of_b] = paths.map(|path| match path.first() {
         Some(joint) => {
             joint.configurations(COMPARED).iter().map(|q| joint.line.motion(*q)).collect()
         }
         None => vec![Pose::identity()],
     });
-    let mut worst: Option<(f64, [Vector3<f64>; 2])> = None;
-    for from_a in &of_a {
-        let a = moved(&boxes[parts[0]], from_a);
-        for from_b in &of_b {
-            let Some((depth, normal)) = overlap(&a, &moved(&boxes[parts[1]], from_b)) else {
-                continue;
-            };
-            if worst.as_ref().is_none_or(|w| depth > w.0) {
-                let outward_a = from_a.rotation.inverse() * normal;
-                worst = Some((depth, [outward_a, from_b.rotation.inverse() * -normal]));
-            }
-        }
-    }
-    let Some((depth, outward)) = worst else { return false };
-    let slices = [0, 1].map(|i| Slice::new(&boxes[parts[i]], &outward[i], depth));
+    let Some(Touch { depth, pieces, outward }) =
+        deepest_touch([&boxes[parts[0]], &boxes[parts[1]]], [&of_a, &of_b])
+    else {
+        return false;
+    };
+    let slice = |i: usize| Slice::new(&boxes[parts[i]][pieces[i]], &outward[i], depth);
+    let slices = [slice(0), slice(1)];
     let less = usize::from(slices[1].share < slices[0].share);
     if slices[less].share > LARGEST_TRIM {
         return false;
     }
-    slices[less].take_off(&mut boxes[parts[less]]);
+    slices[less].take_off(&mut boxes[parts[less]][pieces[less]]);
     true
+}
+
+/// Where two parts overlap.
+struct Touch {
+    depth: f64,
+    /// The piece of either part.
+    pieces: [usize; 2],
+    /// Out of either part, in the export's frame at configuration 0.
+    outward: [Vector3<f64>; 2],
+}
+
+/// The deepest overlap of two parts at any of these motions of them.
+fn deepest_touch(boxes: [&[Cuboid]; 2], motions: [&[Pose]; 2]) -> Option<Touch> {
+    let mut worst: Option<Touch> = None;
+    for from_a in motions[0] {
+        for (i, a) in boxes[0].iter().enumerate() {
+            let a = moved(a, from_a);
+            for from_b in motions[1] {
+                for (k, b) in boxes[1].iter().enumerate() {
+                    let Some((depth, normal)) = overlap(&a, &moved(b, from_b)) else { continue };
+                    if worst.as_ref().is_none_or(|w| depth > w.depth) {
+                        let outward_a = from_a.rotation.inverse() * normal;
+                        let outward = [outward_a, from_b.rotation.inverse() * -normal];
+                        worst = Some(Touch { depth, pieces: [i, k], outward });
+                    }
+                }
+            }
+        }
+    }
+    worst
 }
 
 /// A slice at the face of a box.

@@ -1,12 +1,17 @@
 //! Boxes, and the mass that they stand for.
 //!
 //! A link's shape is a set of boxes. Nobody weighed the object: its mass is the volume of its boxes at
-//! the density of hollow furniture, and the moments of inertia follow from it.
+//! the density of hollow furniture, or of wood where they are boards, and the moments of inertia follow
+//! from it.
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 
 /// Kilograms a cubic metre: a guess. Furniture is mostly hollow.
 pub const DENSITY_KG_PER_M3: f64 = 150.0;
+/// The same of boards: a guess. They are solid wood, or sheet metal with air behind it.
+pub const BOARD_KG_PER_M3: f64 = 600.0;
+/// A box with a shorter side is a board, metres.
+pub const BOARD_M: f64 = 0.03;
 /// Least mass of a link, kilograms.
 pub const LEAST_MASS_KG: f64 = 0.05;
 /// Shortest side of a box, metres.
@@ -16,7 +21,7 @@ pub const UNSEEN_SIDE_M: f64 = 0.04;
 /// Share of the surface beyond either side of a box.
 const STRAYS: f64 = 0.01;
 /// Least number of places that a box is put around.
-const LEAST_PLACES: usize = 10;
+pub const LEAST_PLACES: usize = 10;
 
 /// A box in some frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,6 +97,12 @@ impl Cuboid {
         self.size.product()
     }
 
+    /// What it may weigh.
+    fn mass_kg(&self) -> f64 {
+        let density = if self.size.min() < BOARD_M { BOARD_KG_PER_M3 } else { DENSITY_KG_PER_M3 };
+        density * self.volume()
+    }
+
     /// Roll, pitch and yaw.
     pub fn rpy(&self) -> [f64; 3] {
         let (roll, pitch, yaw) = self.rotation.euler_angles();
@@ -102,9 +113,9 @@ impl Cuboid {
 impl Inertia {
     /// Of boxes that do not overlap.
     pub fn of(boxes: &[Cuboid]) -> Self {
-        let volume: f64 = boxes.iter().map(Cuboid::volume).sum();
-        let mass_kg = (DENSITY_KG_PER_M3 * volume).max(LEAST_MASS_KG);
-        let share = |b: &Cuboid| mass_kg * b.volume() / volume;
+        let guessed: f64 = boxes.iter().map(Cuboid::mass_kg).sum();
+        let mass_kg = guessed.max(LEAST_MASS_KG);
+        let share = |b: &Cuboid| mass_kg * b.mass_kg() / guessed;
         let center: Vector3<f64> = boxes.iter().map(|b| b.center.coords * share(b) / mass_kg).sum();
         let moments = boxes.iter().map(|b| {
             let [x, y, z] = b.size.map(|side| side * side).into();
@@ -135,6 +146,16 @@ mod tests {
         assert!((whole.mass_kg - 3.6).abs() < 1e-9 && (halves.mass_kg - 3.6).abs() < 1e-9);
         assert!((whole.center - halves.center).norm() < 1e-12);
         assert!((whole.moments - halves.moments).amax() < 1e-12, "{}", halves.moments);
+    }
+
+    #[test]
+    fn a_board_is_solid_and_a_case_is_hollow() {
+        let weighs = |size: [f64; 3]| {
+            let shape = Cuboid::between(Vector3::zeros(), size.into(), UnitQuaternion::identity());
+            Inertia::of(&[shape]).mass_kg
+        };
+        assert!((weighs([0.6, 0.8, 0.02]) - 5.76).abs() < 1e-9);
+        assert!((weighs([0.6, 0.8, 0.4]) - 28.8).abs() < 1e-9);
     }
 
     #[test]

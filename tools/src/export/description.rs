@@ -7,7 +7,8 @@
 
 use super::clearance::{Body, shapes};
 use super::colour::srgb;
-use super::cuboid::{Cuboid, Inertia};
+use super::cuboid::{Cuboid, Inertia, LEAST_PLACES};
+use super::fitted_boxes::fitted_boxes;
 use super::joint::Hinge;
 use super::main_surface::main_surface;
 use super::mesh::Mesh;
@@ -42,6 +43,8 @@ pub struct Link {
     /// At least one.
     pub boxes: Vec<Cuboid>,
     pub inertia: Inertia,
+    /// Enough of its surface was learned; else a small box stands for it.
+    pub is_seen: bool,
     /// Red, green and blue, 0 to 1.
     pub colour: [f64; 3],
     /// The surface that was seen, where it is wanted.
@@ -114,7 +117,7 @@ impl Description {
         format!(
             "Learned by Linkage from RGB-D. Metres, radians, kilograms; z is up (as far as it was seen). \
              Rotation of this frame from the object frame, qx qy qz qw: {:.9} {:.9} {:.9} {:.9}. \
-             Masses and inertias are guesses: 150 kg/m3 for all of the boxes, as furniture is mostly hollow, 0.05 kg at \
+             Masses and inertias are guesses: 150 kg/m3 for boxes, as furniture is mostly hollow, 600 kg/m3 for boards, 0.05 kg at \
              least. Efforts, damping and friction are guesses; velocities are the rig's.",
             q.i, q.j, q.k, q.w
         )
@@ -145,10 +148,13 @@ fn patches(object: &StoredObject, world_from_object: &Pose) -> Vec<Vec<Patch>> {
             patches.push(Patch { place, normal, lab: surfel.lab });
         }
     }
-    of_parts.iter().map(|patches| main_surface(patches)).collect()
+    let moving: Vec<Vec<Patch>> =
+        of_parts.iter().skip(1).map(|patches| main_surface(patches, &[])).collect();
+    let base = of_parts.first().map(|base| main_surface(base, &moving.concat()));
+    base.into_iter().chain(moving).collect()
 }
 
-/// A part's box along the joint that moves it, upright for the base; a small one where it was held,
+/// A part's boxes along the joint that moves it, upright for the base; a small one where it was held,
 /// else at its joint, where its surface was not seen.
 fn body(part: &Part, patches: &[Patch], moved_by: Option<&Hinge>, to_world: &Pose) -> Body {
     let places: Vec<Vector3<f64>> = patches.iter().map(|p| p.place).collect();
@@ -164,7 +170,11 @@ fn body(part: &Part, patches: &[Patch], moved_by: Option<&Hinge>, to_world: &Pos
         Cuboid::unseen(at.unwrap_or_default(), rotation)
     };
     let shape = Cuboid::around(&places, rotation).unwrap_or_else(unseen);
-    Body { shape, surface: places.into_iter().zip(normals).collect() }
+    let mut boxes = fitted_boxes(&places, rotation);
+    if boxes.is_empty() {
+        boxes.push(shape.clone());
+    }
+    Body { shape, boxes, surface: places.into_iter().zip(normals).collect() }
 }
 
 /// A part with its origin on the joint that moves it.
@@ -180,6 +190,7 @@ fn link(part: &Part, patches: &[Patch], boxes: Vec<Cuboid>, moved_by: Option<&Hi
         name: part.name.clone(),
         origin,
         inertia: Inertia::of(&boxes),
+        is_seen: patches.len() >= LEAST_PLACES,
         boxes,
         colour,
         mesh: None,

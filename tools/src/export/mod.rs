@@ -9,6 +9,7 @@ mod clearance;
 mod colour;
 mod cuboid;
 mod description;
+mod fitted_boxes;
 mod fused_surface;
 mod gap;
 mod joint;
@@ -192,6 +193,7 @@ mod tests {
     fn a_part_that_was_not_seen_has_a_shape_and_a_mass_at_its_joint() {
         let description = described(&cupboard());
         let latch = &description.links[2];
+        assert_eq!([1, 2, 3].map(|link| description.links[link].is_seen), [true, false, true]);
         assert_eq!(latch.boxes.len(), 1);
         assert!(latch.inertia.mass_kg >= 0.05 && latch.inertia.moments[(0, 0)] > 0.0);
         assert!(latch.boxes[0].center.coords.norm() < 1e-9, "{}", latch.boxes[0].center);

@@ -67,7 +67,7 @@ impl DemoPage<'_> {
         let seen = film_strip(demonstration, Some(appearance), animation::MOST_FRAMES, PANEL_PX)?;
         let seen = seen.into_iter().max_by(|a, b| a.opened.total_cmp(&b.opened));
         let met = encountered::overlaid(frame, recognised, Some(object))?;
-        let path = predicted::path_picture(frame, recognised, prediction, appearance)?;
+        let path = predicted::path_picture(frame, recognised, prediction, object)?;
         let panels = seen.map(|s| s.picture).into_iter().chain([met, path]);
         let titles = ["1  learn", "2  recognise", "3  predict"];
         let panels = panels.zip(titles).map(|(picture, title)| panel(picture, title));

@@ -1,5 +1,7 @@
 //! Drawing into a frame's picture: features by part, joint axes, motion manifolds.
 
+pub use super::veil::Disc;
+use super::veil::veil;
 use linkage_driver::{ColorImage, PinholeCamera, RgbdFrame};
 use linkage_skill::Pose;
 use linkage_skill::object::{JointGeometry, JointKind};
@@ -34,6 +36,8 @@ pub fn part_colour(part: usize) -> Rgb {
 
 /// Gap between pictures, pixels.
 const GAP_PX: usize = 8;
+/// Largest radius of a disc, pixels.
+const LARGEST_DISC_PX: f64 = 60.0;
 /// Half of a drawn axis, metres.
 const AXIS_HALF_M: f64 = 0.25;
 
@@ -167,6 +171,32 @@ impl Canvas {
                 imgproc::LINE_AA,
                 0,
             )?;
+        }
+        Ok(())
+    }
+
+    /// The disc that a ball of this radius, metres, is seen as; `None` behind the camera.
+    pub fn disc(&self, middle: &Point3<f64>, radius_m: f64) -> Option<Disc> {
+        let at = point(&self.camera.project(middle)?);
+        let radius = (self.camera.fx * radius_m / middle.z).clamp(1.0, LARGEST_DISC_PX);
+        Some(Disc { at, radius: radius.ceil() as i32 })
+    }
+
+    /// An area that discs cover, which the picture shows through.
+    pub fn veil(&mut self, discs: &[Disc], colour: Rgb, opacity: f64) -> opencv::Result<()> {
+        veil(&mut self.picture, discs, scalar(colour), opacity)
+    }
+
+    /// A way through places in the camera frame, with a dot at its end.
+    pub fn way(&mut self, places: &[Point3<f64>], colour: Rgb) -> opencv::Result<()> {
+        for (thickness, colour) in [(5, HALO), (2, colour)] {
+            for pair in places.windows(2) {
+                self.segment(&pair[0], &pair[1], thickness, colour)?;
+            }
+        }
+        if let Some(end) = places.last().and_then(|p| self.camera.project(p)) {
+            self.dot(end, 6, HALO)?;
+            self.dot(end, 4, colour)?;
         }
         Ok(())
     }

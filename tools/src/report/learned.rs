@@ -3,24 +3,22 @@
 
 use super::chart::{self, Curve, Ground};
 use super::draw::{Canvas, part_colour};
-use super::film_strip::{axes, configuration_at, film_strip};
+use super::film_strip::film_strip;
 use super::layout::{self, facts, keys, part_style, vector};
-use super::overlay::lifted_outline;
+use super::part_tracks::tracks_of;
+use super::range_picture::range_picture;
 use super::tree::tree;
 use super::units::{angle, length, probability};
 use super::words::{self, Seen};
 use super::{animation, spread};
 use linkage_driver::{ColorImage, RgbdFrame, image_file};
 use linkage_planner_bridge::joint_deviation::{axis_deviation_rad, hinge_deviation_m};
-use linkage_skill::internals::Track;
+use linkage_skill::Demonstration;
 use linkage_skill::object::{Appearance, Joint, ObjectModel};
-use linkage_skill::{Demonstration, Pose};
 use maud::{Markup, html};
 use nalgebra::{Point2, Point3, Vector3};
 use std::path::{Path, PathBuf};
 
-/// Outlines drawn of a motion manifold.
-const MANIFOLD_STEPS: usize = 9;
 /// Frames of the film strip, and how wide they are in pixels.
 const STRIP_FRAMES: usize = 6;
 const STRIP_WIDTH: i32 = 320;
@@ -45,7 +43,7 @@ pub fn demonstration_page(
             h2 { "How its parts hang together" }
             (tree(model))
         }
-        (pictures(demonstration)?)
+        (pictures(demonstration, appearance)?)
         @if !model.joints.is_empty() {
             h2 { "Numbers" }
             (numbers(model))
@@ -58,13 +56,14 @@ pub fn demonstration_page(
 /// Writes a demonstration's pictures into a folder; their paths.
 pub fn save_demonstration_pictures(
     demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
     dir: &Path,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let mut written = Vec::new();
     if let Some((index, frame)) = middle_keyframe(demonstration) {
         for (name, picture) in [
             ("tracks.png", tracks_picture(demonstration, index, frame)?),
-            ("joints.png", joints_picture(demonstration, index, frame)?),
+            ("joints.png", range_picture(demonstration, appearance, index, frame)?),
         ] {
             let path = dir.join(name);
             image_file::write_color(&path, &picture)?;
@@ -234,18 +233,29 @@ fn strip(demonstration: &Demonstration, appearance: Option<&Appearance>) -> anyh
 }
 
 /// Pictures of one frame: what was tracked, and where the parts may go.
-fn pictures(demonstration: &Demonstration) -> anyhow::Result<Markup> {
+fn pictures(
+    demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
+) -> anyhow::Result<Markup> {
     let Some((index, frame)) = middle_keyframe(demonstration) else { return Ok(html! {}) };
     let tracks = tracks_picture(demonstration, index, frame)?;
-    let joints = joints_picture(demonstration, index, frame)?;
+    let joints = range_picture(demonstration, appearance, index, frame)?;
     Ok(html! {
         h2 { "In one picture" }
         (part_keys(&demonstration.model))
         @if !demonstration.model.joints.is_empty() {
-            (layout::picture(&joints, "Axes, and the outlines of the parts over their ranges")?)
+            (layout::picture(&joints, range_caption(&demonstration.model))?)
         }
         (layout::picture(&tracks, "Tracked features by part; grey: of no part")?)
     })
+}
+
+/// What the picture of the ranges shows.
+fn range_caption(model: &ObjectModel) -> &'static str {
+    match model.parts.iter().any(|part| part.grasp.is_some()) {
+        true => "Axes, the parts over their ranges, and the way of the place that one was held at",
+        false => "Axes, and the parts over their ranges",
+    }
 }
 
 fn part_keys(model: &ObjectModel) -> Markup {
@@ -310,11 +320,6 @@ fn times(demonstration: &Demonstration) -> Markup {
     }
 }
 
-fn tracks_of(demonstration: &Demonstration, part: usize) -> impl Iterator<Item = &Track> {
-    let parts = demonstration.tracks.tracks.iter().zip(&demonstration.track_parts);
-    parts.filter(move |(_, p)| **p == Some(part)).map(|(track, _)| track)
-}
-
 /// Middle of a part's known places at configuration 0, in the object frame.
 fn middle_of(demonstration: &Demonstration, part: usize) -> Option<Point3<f64>> {
     let poses = demonstration.camera_from_part.get(part)?;
@@ -326,22 +331,6 @@ fn middle_of(demonstration: &Demonstration, part: usize) -> Option<Point3<f64>> 
         .chain(plain)
         .fold((0_usize, Vector3::zeros()), |(n, sum), p: Point3<f64>| (n + 1, sum + p.coords));
     (count > 0).then(|| Point3::from(sum / count as f64))
-}
-
-/// Pixels at which a part is seen in a keyframe: of its tracks, and of a plain part's places.
-fn pixels_of(
-    demonstration: &Demonstration,
-    part: usize,
-    index: usize,
-    frame: &RgbdFrame,
-) -> Vec<Point2<f64>> {
-    let tracked = tracks_of(demonstration, part)
-        .filter_map(|t| t.at(index))
-        .map(|o| Point2::new(f64::from(o.pixel.x), f64::from(o.pixel.y)));
-    let pose = demonstration.camera_from_part.get(part).and_then(|t| t.get(index).copied()?);
-    let plain = demonstration.plain_surface.get(part).map_or(&[][..], Vec::as_slice).iter();
-    let plain = plain.filter_map(|place| frame.camera.project(&(pose? * place)));
-    tracked.chain(plain.filter(|pixel| frame.camera.sees(pixel, 1.0))).collect()
 }
 
 /// The keyframe in which the parts have moved most, nearly half way through.
@@ -372,31 +361,5 @@ fn tracks_picture(
             None => canvas.dot(at, 2, [160, 160, 160])?,
         }
     }
-    canvas.finish()
-}
-
-fn joints_picture(
-    demonstration: &Demonstration,
-    index: usize,
-    frame: &RgbdFrame,
-) -> anyhow::Result<ColorImage> {
-    let mut canvas = Canvas::new(frame)?;
-    let model = &demonstration.model;
-    let poses: Vec<Option<Pose>> =
-        demonstration.camera_from_part.iter().map(|t| t.get(index).copied()?).collect();
-    for joint in &model.joints {
-        let Some(camera_from_parent) = poses[joint.parent] else { continue };
-        let line = joint.geometry().transformed(&camera_from_parent);
-        let features = pixels_of(demonstration, joint.child, index, frame);
-        let present = configuration_at(joint, frame.utime);
-        if let (Some(outline), Some(present)) = (lifted_outline(frame, &features)?, present) {
-            let [low, high] = joint.range;
-            let step = (high - low) / (MANIFOLD_STEPS - 1) as f64;
-            let motions: Vec<Pose> =
-                (0..MANIFOLD_STEPS).map(|i| line.motion(low + step * i as f64 - present)).collect();
-            canvas.manifold(&outline, &motions, part_colour(joint.child))?;
-        }
-    }
-    axes(&mut canvas, model, &poses)?;
     canvas.finish()
 }

@@ -8,12 +8,16 @@ mod encountered;
 mod film_strip;
 mod layout;
 mod learned;
+mod moving_surface;
 mod overlay;
+mod part_tracks;
 mod predicted;
+mod range_picture;
 mod spread;
 mod text;
 mod tree;
 mod units;
+mod veil;
 mod words;
 
 pub use demo_page::{DemoPage, DetailLinks};

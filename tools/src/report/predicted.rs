@@ -6,6 +6,7 @@ use super::chart::{self, Curve, Ground};
 use super::draw::{Canvas, part_colour};
 use super::encountered::{in_words, numbers, overlaid};
 use super::layout::{self, facts};
+use super::moving_surface::MovingSurface;
 use super::overlay::{outline_of, surface};
 use super::units::{amount, length};
 use super::words::kind_in_words;
@@ -55,10 +56,10 @@ pub fn save_prediction_picture(
     frame: &RgbdFrame,
     recognised: &Recognised,
     prediction: &Prediction,
-    appearance: &Appearance,
+    object: &StoredObject,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let picture = path_picture(frame, recognised, prediction, appearance)?;
+    let picture = path_picture(frame, recognised, prediction, object)?;
     Ok(linkage_driver::image_file::write_color(path, &picture)?)
 }
 
@@ -69,7 +70,7 @@ fn motion(
     object: &StoredObject,
     prediction: &Prediction,
 ) -> anyhow::Result<Markup> {
-    let picture = path_picture(frame, recognised, prediction, &object.appearance)?;
+    let picture = path_picture(frame, recognised, prediction, object)?;
     let charts: Vec<Markup> = moving(prediction)
         .map(|j| {
             let caption = format!("{}: configuration over time, as planned", j.state.name);
@@ -80,7 +81,7 @@ fn motion(
     Ok(html! {
         (in_words_of(prediction))
         (animation(frame, recognised, object, prediction)?)
-        (layout::picture(&picture, "Where the parts go: outlines along the way, darkest first")?)
+        (layout::picture(&picture, "Where the parts go, darkest first")?)
         @for chart in charts { (chart) }
     })
 }
@@ -206,12 +207,12 @@ fn rows(j: &PlannedJoint) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// The frame with the axes, and the outline of each part that moves along its way.
+/// The frame with the axes, and each part that moves along its way.
 pub fn path_picture(
     frame: &RgbdFrame,
     recognised: &Recognised,
     prediction: &Prediction,
-    appearance: &Appearance,
+    object: &StoredObject,
 ) -> anyhow::Result<ColorImage> {
     let mut canvas = Canvas::new(frame)?;
     for part in &prediction.parts {
@@ -224,7 +225,11 @@ pub fn path_picture(
         let stride = poses.len().div_ceil(OUTLINES).max(1);
         let motions: Vec<Pose> =
             poses.iter().step_by(stride).map(|p| p * first.inverse()).collect();
-        if let Some(outline) = outline_of(frame, appearance, part.part, first)? {
+        if let Some(surface) = MovingSurface::new(&object.appearance, part.part) {
+            let way: Vec<Pose> =
+                poses.iter().step_by(stride).chain(poses.last()).copied().collect();
+            surface.held_as_in(&object.model).draw(&mut canvas, &way)?;
+        } else if let Some(outline) = outline_of(frame, &object.appearance, part.part, first)? {
             canvas.manifold(&outline, &motions, part_colour(part.part))?;
         }
     }

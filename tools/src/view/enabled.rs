@@ -2,6 +2,7 @@
 
 use super::cloud::{Dot, cloud};
 use super::convert::{nanoseconds, pose, timestamp};
+use super::door::{Door, hidden_address};
 use super::file::{CheckedFile, Fault, Unfinished};
 use super::frame_names::{self, CAMERA};
 use super::pictures;
@@ -43,8 +44,14 @@ const OF_NO_PART: [u8; 3] = [160, 160, 160];
 pub struct View {
     pub(super) topics: Topics,
     file: Option<OpenFile>,
-    server: Option<WebSocketServerHandle>,
+    server: Option<Server>,
     _context: Arc<Context>,
+}
+
+/// The server of viewers, and the address at which they find it.
+struct Server {
+    handle: WebSocketServerHandle,
+    _door: Door,
 }
 
 struct OpenFile {
@@ -142,7 +149,7 @@ impl View {
     pub fn close(self) -> Outcome {
         if let Some(server) = self.server {
             // Viewers that are slow are not waited for.
-            drop(server.stop());
+            drop(server.handle.stop());
         }
         let Some(OpenFile { path, writer, fault, unfinished }) = self.file else {
             return Ok(());
@@ -277,15 +284,18 @@ fn create(context: &Arc<Context>, path: &Path) -> Outcome<OpenFile> {
 }
 
 /// Waits for viewers.
-fn listen(context: &Arc<Context>, address: &str) -> Outcome<WebSocketServerHandle> {
+fn listen(context: &Arc<Context>, address: &str) -> Outcome<Server> {
     let (host, port) = host_and_port(address)?;
+    let taken =
+        || format!("--view {address}: cannot listen there; is the port taken? name another one");
+    let (door, listener) = Door::open(host, port).with_context(taken)?;
+    let inside = hidden_address();
     let server = context.websocket_server().name("linkage").message_backlog_size(BACKLOG);
-    let server = server.bind(host, port).start_blocking().with_context(|| {
-        format!("--view {address}: cannot listen there; is the port taken? name another one")
-    })?;
+    let handle = server.bind(inside.to_string(), 0).start_blocking().with_context(taken)?;
+    door.lead_to(listener, (inside, handle.port()).into(), host);
     let host = if host.contains(':') { format!("[{host}]") } else { host.to_owned() };
-    say(format!("a viewer finds ws://{host}:{}", server.port()));
-    Ok(server)
+    say(format!("a viewer finds ws://{host}:{}", door.address().port()));
+    Ok(Server { handle, _door: door })
 }
 
 /// `HOST:PORT` in two pieces; an IPv6 address stands in brackets.

@@ -15,6 +15,8 @@ mod cloud;
 #[cfg(feature = "view")]
 mod convert;
 #[cfg(feature = "view")]
+mod door;
+#[cfg(feature = "view")]
 mod enabled;
 #[cfg(feature = "view")]
 mod file;
@@ -22,6 +24,8 @@ mod file;
 mod frame_names;
 #[cfg(feature = "view")]
 mod live;
+#[cfg(feature = "view")]
+mod origin;
 #[cfg(feature = "view")]
 mod pictures;
 #[cfg(feature = "view")]
