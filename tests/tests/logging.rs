@@ -30,10 +30,10 @@ fn a_log_that_is_no_terminal_holds_no_colour_codes() {
 fn what_cannot_be_printed_is_told_and_is_no_panic() {
     build();
     let full = || std::fs::OpenOptions::new().write(true).open("/dev/full");
-    let Ok(_) = full() else {
+    if full().is_err() {
         eprintln!("ignored: this system has no /dev/full");
         return;
-    };
+    }
     let run = |command: &[&str]| {
         let mut program = Command::new(program());
         program.args(command);

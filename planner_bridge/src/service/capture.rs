@@ -193,8 +193,6 @@ mod tests {
         let [first, last] = [0, i64::MAX].map(|utime| clock.stamp(utime));
         assert!(clock.due(first, 1e-300).is_some());
         assert_eq!(clock.due(last, 1e-300), None);
-        clock.again();
-        assert_eq!(clock.stamp(i64::MIN), i64::MAX);
         let start = Instant::now();
         sleep_until(None, &|| start.elapsed() > 3 * POLL);
         assert!(start.elapsed() > 3 * POLL);

@@ -361,14 +361,14 @@ mod tests {
     #[test]
     fn a_refusal_that_is_asked_for_again_keeps_its_place() {
         let mut publisher = publisher();
-        let told = (0..5).map(|round| {
+        let mut told = (0..5).map(|round| {
             for utime in [100 + round, 200 + round, 300 + round, 5] {
                 publisher.take(Note::NotTaken(answer(utime, false)));
             }
             publisher.publish_status();
             publisher.status().command_utime
         });
-        assert!(told.filter(|utime| *utime == 5).count() >= 1);
+        assert!(told.any(|utime| utime == 5));
     }
 
     #[test]

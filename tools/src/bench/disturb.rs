@@ -46,7 +46,7 @@ pub struct Disturbing {
 }
 
 impl Disturbing {
-    /// Begins on a network; `limits` are those of the joint that is streamed.
+    /// Begins on a network; no joint that is streamed goes beyond `limits`.
     pub fn start(url: &str, limits: MotionLimits) -> Outcome<Self> {
         let counts = Arc::new(Disturbance::default());
         let socket = Network::parse(url)?.sender().context("a socket for hostile datagrams")?;

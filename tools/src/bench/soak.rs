@@ -15,7 +15,7 @@ use crate::steps::skill_config;
 use anyhow::{Context, anyhow};
 use linkage_lcm::messages::linkage::{Command, Status};
 use linkage_planner_bridge::service::{Playback, ServiceConfig};
-use linkage_planner_bridge::{Rig, channel};
+use linkage_planner_bridge::{MotionLimits, Rig, channel};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -88,12 +88,22 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     let stall = Stall::default();
     let open = stall.opener(Box::new(move || linkage_driver::open(&source)));
     let live = Live::start(open, config, &[])?;
-    let disturbing = Disturbing::start(URL, Rig::default().prismatic)?;
+    let disturbing = Disturbing::start(URL, greatest_limits(&Rig::default()))?;
     let rows = Soak { live, stall, disturbing, rounds: Rounds::default(), peak: 0.0 }.run(time)?;
     if let Some(path) = &args.json {
         write_json(path, &rows)?;
     }
     Ok(())
+}
+
+/// The greater of each limit of hinges and of slides: a setpoint does not tell which a joint is.
+fn greatest_limits(rig: &Rig) -> MotionLimits {
+    let (hinge, slide) = (rig.revolute, rig.prismatic);
+    MotionLimits {
+        velocity: hinge.velocity.max(slide.velocity),
+        acceleration: hinge.acceleration.max(slide.acceleration),
+        jerk: hinge.jerk.max(slide.jerk),
+    }
 }
 
 struct Soak {
