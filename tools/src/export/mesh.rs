@@ -68,8 +68,10 @@ fn simplified(places: Vec<Point3<f64>>, triangles: &[[u32; 3]]) -> Option<Triang
         places.iter().flat_map(|p| <[f64; 3]>::from(p.coords - centre)).map(|x| x as f32).collect();
     let bytes: Vec<u8> = flat.iter().flat_map(|x| x.to_ne_bytes()).collect();
     let adapter = VertexDataAdapter::new(&bytes, 12, 0).ok()?;
-    let (wanted, options) = (3 * MOST_TRIANGLES, SimplifyOptions::Prune);
-    let kept = simplify(triangles.as_flattened(), &adapter, wanted, SIMPLIFICATION, options, None);
+    let corners = triangles.as_flattened();
+    // The library ends the program where more triangles are wanted than there are.
+    let wanted = corners.len().min(3 * MOST_TRIANGLES);
+    let kept = simplify(corners, &adapter, wanted, SIMPLIFICATION, SimplifyOptions::Prune, None);
     let mut number: HashMap<u32, u32> = HashMap::new();
     let mut left = Vec::new();
     let renumbered = kept.chunks_exact(3).map(|t| {
@@ -93,4 +95,39 @@ fn normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vector3<f64>
         triangle.iter().for_each(|i| sums[*i as usize] += area);
     }
     sums.iter().map(|sum| sum.try_normalize(1e-15).unwrap_or(Vector3::z())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square of so many cells to a side, each of two triangles.
+    fn square(side: u32) -> Triangulated {
+        let corner = |i: u32, j: u32| i * (side + 1) + j;
+        let places = (0..=side)
+            .flat_map(|i| (0..=side).map(move |j| [f64::from(i), f64::from(j)]))
+            .map(|[x, y]| Point3::new(0.01 * x, 0.01 * y, 0.001 * (x * y).sin()))
+            .collect();
+        let cells = (0..side).flat_map(|i| (0..side).map(move |j| (i, j)));
+        let triangles = cells.flat_map(|(i, j)| {
+            let [a, b, c, d] =
+                [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        });
+        (places, triangles.collect())
+    }
+
+    #[test]
+    fn surfaces_of_any_size_have_at_most_so_many_triangles() {
+        for side in [1, 4, 30, 80] {
+            let (places, triangles) = square(side);
+            match simplified(places, &triangles) {
+                Some((_, fewer)) => {
+                    assert!(fewer.len() <= triangles.len() && fewer.len() >= LEAST_TRIANGLES);
+                }
+                None => assert!(side < 30, "{side}"),
+            }
+        }
+        assert!(simplified(Vec::new(), &[]).is_none());
+    }
 }
