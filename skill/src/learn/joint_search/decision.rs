@@ -375,7 +375,8 @@ fn rests_at_an_end(joint: &JointEstimate) -> bool {
     before.max(after) >= REST_FRAMES
 }
 
-/// The same, for a share of the frames where it is known in few of them.
+/// A joint rests in the first frames in which it is known, or in the last ones: for [`REST_FRAMES`], or for a share of
+/// the frames in which it is known, where these are few.
 fn rests_for_a_while(joint: &JointEstimate) -> bool {
     let [before, after] = rests(joint);
     before.max(after) >= REST_FRAMES.min(joint.known_frames().len() / REST_OF_KNOWN)

@@ -335,8 +335,8 @@ pub struct Residual {
     pub distance: f64,
 }
 
-/// The residuals of a surface that are small enough to be its own (point to plane). The surface is seen so far behind
-/// its places, metres: by the part's thickness where a picture shows its other face.
+/// The residuals of a surface that are small enough to be its own (point to plane). `behind`: how far behind its places
+/// the surface is seen, metres; the part's thickness where a picture shows its other face, else 0.
 pub fn residuals<'s>(
     surface: &'s Surface,
     behind: f64,
