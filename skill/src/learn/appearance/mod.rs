@@ -11,6 +11,7 @@ mod features;
 mod moving_parts;
 pub(crate) mod occlusion_edges;
 pub(crate) mod occupancy;
+mod other_light;
 mod part_growth;
 mod part_labels;
 mod region;

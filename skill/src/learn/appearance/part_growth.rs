@@ -1,5 +1,6 @@
 //! Grows what is known of each part along the surface that moves with it. The tracks and planes that
-//! told a joint may cover a strip of a plain door; the rest of the door moves as the strip does.
+//! told a joint may cover a strip of a plain door; the rest of the door moves as the strip does. Depth must tell
+//! it: a plain floor looks as if it slid with a drawer, and the shadows on it do.
 //!
 //! In: keyframes with the pose of each part, points of each part at configuration 0 (object frame,
 //! metres), and how many of them are tracks. Out: more such points of parts with few tracks.
@@ -56,8 +57,9 @@ pub fn grown(
         });
         places = left;
         let told = |place: &Place| {
-            let part = usize::from(label_point(posed, place.frame, place.pixel, &may_be)?);
-            Some((part, place.at_rest[part]?))
+            let told = label_point(posed, place.frame, place.pixel, &may_be)?;
+            let part = usize::from(told.part);
+            told.by_depth.then_some((part, place.at_rest[part]?))
         };
         let told: Vec<(usize, Point3<f64>)> = asked.par_iter().filter_map(told).collect();
         let mut has_grown = false;

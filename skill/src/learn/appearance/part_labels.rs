@@ -3,8 +3,9 @@
 //! holds. What fits no claim (the person) belongs to nothing.
 
 use super::dynamic_features::FrameFeatures;
+use super::other_light::{has_same_contrast, is_same_under_other_light};
 use crate::math::rigid::Pose;
-use linkage_frames::RgbdFrame;
+use linkage_frames::{ColorImage, RgbdFrame};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -30,8 +31,10 @@ const MIN_DECISIVE: f64 = 3.0;
 const MAX_LUMA_DIFFERENCE: u8 = 18;
 /// Largest share of these frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
-/// Turn of a part after which other light may fall on it, radians. A drawer does not turn: what looks
-/// different where it was is the hand that pulled it.
+/// Share of these frames in which depth tells a part, for it to be told by depth.
+const TOLD_BY_DEPTH: f64 = 0.25;
+/// Turn of a part after which it may look other than in a shadow, radians. A drawer does not turn: what has another
+/// hue where it was is the hand that pulled it.
 const OTHER_LIGHT_RAD: f64 = 0.15;
 /// Number of frames that see through a place which does not belong to the base. Fewer see through
 /// static surface; a person who stands beside the object for most of the time bends down at some
@@ -110,8 +113,8 @@ pub fn label(
             match label_point(frames, index, (u, v), near_part) {
                 None if is_foreign(frames, index, (u, v), near_part) => Label::Foreign,
                 None => Label::Nothing,
-                Some(0) if moves() => Label::Dynamic,
-                Some(part) => Label::Part(part),
+                Some(Told { part: 0, .. }) if moves() => Label::Dynamic,
+                Some(Told { part, .. }) => Label::Part(part),
             }
         })
         .collect();
@@ -127,19 +130,19 @@ pub fn belongs(
     in_base: &Point3<f64>,
 ) -> bool {
     let claims = [(0, *in_base), (part, *at_rest)];
-    support(frames, None, part, at_rest, &claims).is_some_and(|share| share > 0.8)
+    support(frames, None, part, at_rest, &claims).is_some_and(|s| s.share > 0.8)
 }
 
-/// The part of the surface that a keyframe shows at a pixel; `None` where nothing tells it.
+/// The part of the surface that a keyframe shows at a pixel, and whether depth tells it; `None` where nothing does.
 pub fn label_point(
     frames: &[PosedFrame],
     index: usize,
     (u, v): (usize, usize),
     near_part: &NearPart,
-) -> Option<u16> {
+) -> Option<Told> {
     let here = &frames[index];
     let in_camera = here.frame.point_at(u, v)?;
-    let seen = Some((index, here.frame.color.luma_at(u, v)?));
+    let seen = Some(SeenPlace::new(frames, index, (u, v))?);
     let claims: Vec<(usize, Point3<f64>)> = here
         .camera_from_part
         .iter()
@@ -149,19 +152,20 @@ pub fn label_point(
             (part == 0 || near_part(part, &at_rest)).then_some((part, at_rest))
         })
         .collect();
-    let supports: Vec<(Option<f64>, usize)> = claims
+    let supports: Vec<(Option<Support>, usize)> = claims
         .iter()
         .map(|&(part, at_rest)| (support(frames, seen, part, &at_rest, &claims), part))
         .collect();
-    let mut supported: Vec<(f64, usize)> =
-        supports.iter().map(|&(share, part)| (share.unwrap_or(0.0), part)).collect();
-    supported.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let (best, part) = *supported.first()?;
+    let mut supported: Vec<(Support, usize)> =
+        supports.iter().map(|&(support, part)| (support.unwrap_or_default(), part)).collect();
+    supported.sort_by(|a, b| b.0.share.total_cmp(&a.0.share));
+    let (Support { share: best, by_depth }, part) = *supported.first()?;
     // Two claims that hold equally well decide nothing. Near a part's axis nothing may speak for
     // the part; that does not make the place the base's.
-    let rival = supported.get(1).map_or(0.0, |s| s.0);
+    let rival = supported.get(1).map_or(0.0, |s| s.0.share);
     let undecided = part == 0 && supports.iter().any(|s| s.0.is_none());
-    (best > 0.5 && best > rival + 0.2 && !undecided).then_some(part as u16)
+    let is_told = best > 0.5 && best > rival + 0.2 && !undecided;
+    is_told.then_some(Told { part: part as u16, by_depth })
 }
 
 /// Largest share of the decisive frames that may agree with a claim which they contradict.
@@ -176,7 +180,8 @@ fn is_foreign(
     near_part: &NearPart,
 ) -> bool {
     let here = &frames[index];
-    let (Some(in_camera), Some(luma)) = (here.frame.point_at(u, v), here.frame.color.luma_at(u, v))
+    let (Some(in_camera), Some(seen)) =
+        (here.frame.point_at(u, v), SeenPlace::new(frames, index, (u, v)))
     else {
         return false;
     };
@@ -186,9 +191,73 @@ fn is_foreign(
         if part > 0 && near_part(part, &at_rest) {
             return false;
         }
-        let share = support(frames, Some((index, luma)), part, &at_rest, &[(part, at_rest)]);
-        share.is_some_and(|share| share < CONTRADICTED)
+        let of_claim = support(frames, Some(seen), part, &at_rest, &[(part, at_rest)]);
+        of_claim.is_some_and(|support| support.share < CONTRADICTED)
     })
+}
+
+/// A place that a keyframe shows.
+#[derive(Clone, Copy)]
+struct SeenPlace<'f> {
+    /// The keyframe, and its number among them.
+    here: &'f PosedFrame<'f>,
+    index: usize,
+    pixel: (usize, usize),
+    luma: u8,
+}
+
+impl<'f> SeenPlace<'f> {
+    /// `None` outside the picture.
+    fn new(frames: &'f [PosedFrame], index: usize, pixel: (usize, usize)) -> Option<Self> {
+        let here = &frames[index];
+        let luma = here.frame.color.luma_at(pixel.0, pixel.1)?;
+        Some(Self { here, index, pixel, luma })
+    }
+
+    /// Another frame shows the same where a part is claimed to be.
+    ///
+    /// Where the depth tells that the surface lies at the place of this part alone, light may have changed: a door
+    /// that turns reflects more or less, and the shadow of an arm moves. So it may on the base. What slides over a
+    /// plain surface in its own plane, and is told by its look alone, keeps its contrast too: the border of a shadow
+    /// does not.
+    fn is_alike_in(
+        &self,
+        other: &PosedFrame,
+        part: usize,
+        claimed: &Point3<f64>,
+        depth: Depth,
+    ) -> bool {
+        let is_as_bright = shows(other.frame, claimed, self.luma);
+        match depth {
+            _ if part == 0 => is_as_bright || self.is_so(other, claimed, is_same_under_other_light),
+            Depth::TellsThisPart => {
+                is_as_bright
+                    || has_turned(self.here, other, part)
+                    || self.is_so(other, claimed, is_same_under_other_light)
+            }
+            Depth::TellsNothing => is_as_bright && self.is_so(other, claimed, has_same_contrast),
+        }
+    }
+
+    fn is_so(
+        &self,
+        other: &PosedFrame,
+        claimed: &Point3<f64>,
+        compare: impl Fn((&ColorImage, [f64; 2]), (&ColorImage, [f64; 2])) -> bool,
+    ) -> bool {
+        let Some(there) = other.frame.camera.project(claimed) else { return false };
+        let pixel = [self.pixel.0 as f64, self.pixel.1 as f64];
+        compare((&self.here.frame.color, pixel), (&other.frame.color, [there.x, there.y]))
+    }
+}
+
+/// What the depth of a frame says of the claims to a place, one of which agrees with it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Depth {
+    /// It contradicts all others.
+    TellsThisPart,
+    /// Another one agrees with it too, or there is no other.
+    TellsNothing,
 }
 
 /// The pixel of a place, or one beside it, is about as bright.
@@ -205,26 +274,41 @@ fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
     )
 }
 
-/// Share of the decisive frames that agree; `None` where too few are decisive, 0 where too many
+/// What a place belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Told {
+    /// The part; 0: the base.
+    pub part: u16,
+    /// In many of the keyframes depth tells it; otherwise its look does.
+    pub by_depth: bool,
+}
+
+/// How far keyframes support a claim.
+#[derive(Debug, Clone, Copy, Default)]
+struct Support {
+    /// Share of the decisive frames that agree.
+    share: f64,
+    /// In many of them, depth contradicts all other claims.
+    by_depth: bool,
+}
+
+/// How far the decisive frames support a claim; `None` where too few are decisive, 0 where too many
 /// contradict: a surface is hardly ever seen through, but a hand that holds it is, before it comes
 /// and after it has left.
 ///
-/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is the frame
-/// that the place was seen in, and its luma there: a surface that slides in its own plane agrees in
-/// depth with any claim, but shows another place of its pattern. Where the part has turned and the
-/// surface lies at the place of this claim alone, the luma may differ: a door that turns reflects
-/// more or less light.
+/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is where the place was seen:
+/// a surface that slides in its own plane agrees in depth with any claim, but shows another place of its pattern.
 fn support(
     frames: &[PosedFrame],
-    seen: Option<(usize, u8)>,
+    seen: Option<SeenPlace<'_>>,
     part: usize,
     at_rest: &Point3<f64>,
     claims: &[(usize, Point3<f64>)],
-) -> Option<f64> {
-    let (mut agree, mut against, mut decisive) = (0.0, 0.0, 0.0);
+) -> Option<Support> {
+    let (mut agree, mut against, mut decisive, mut by_depth) = (0.0, 0.0, 0.0, 0.0);
     let mut clearly_through = 0;
     for (i, other) in frames.iter().enumerate() {
-        if seen.is_some_and(|(index, _)| i == index) {
+        if seen.is_some_and(|seen| i == seen.index) {
             continue;
         }
         let Some(pose) = &other.camera_from_part[part] else { continue };
@@ -248,29 +332,32 @@ fn support(
                 decisive += 1.0;
             }
             Verdict::There => {
-                let is_alone = || {
-                    !rivals.is_empty()
-                        && rivals.iter().all(|rival| {
-                            Verdict::at(other.frame, rival).is_some_and(|v| v != Verdict::There)
-                        })
+                let contradicts = |rival: &Point3<f64>| {
+                    Verdict::at(other.frame, rival).is_some_and(|v| v != Verdict::There)
                 };
-                let looks_alike =
-                    || seen.is_none_or(|(_, luma)| shows(other.frame, &claimed, luma));
-                let turned =
-                    || seen.is_some_and(|(index, _)| has_turned(&frames[index], other, part));
-                agree += f64::from(u8::from(looks_alike() || turned() && is_alone()));
+                let depth = match &rivals[..] {
+                    [_, ..] if rivals.iter().all(contradicts) => Depth::TellsThisPart,
+                    _ => Depth::TellsNothing,
+                };
+                let is_alike = seen.is_none_or(|s| s.is_alike_in(other, part, &claimed, depth));
+                agree += f64::from(u8::from(is_alike));
+                by_depth += f64::from(u8::from(is_alike && depth == Depth::TellsThisPart));
                 decisive += 1.0;
             }
             Verdict::Hidden => {}
         }
     }
     if clearly_through >= SEEN_THROUGH_FRAMES {
-        return Some(0.0);
+        return Some(Support::default());
     }
     if decisive < MIN_DECISIVE {
         return None;
     }
-    Some(if against > MAX_CONTRADICTION * decisive { 0.0 } else { agree / decisive })
+    let is_contradicted = against > MAX_CONTRADICTION * decisive;
+    Some(Support {
+        share: if is_contradicted { 0.0 } else { agree / decisive },
+        by_depth: by_depth >= TOLD_BY_DEPTH * decisive,
+    })
 }
 
 /// A part is turned in one frame against the other, as the base has it, so far that it may reflect
