@@ -1,8 +1,8 @@
-//! Parts that share a plane while they rest: the doors and drawers of one front. Pictures see through the
-//! place of each while that part is away, and between the motions of two parts all of them rest: a plane is
+//! Parts that make one surface while they rest: the doors and drawers of one front. Pictures see through the
+//! place of each while that part is away, and between the motions of two parts all of them rest: a surface is
 //! divided by the episode in which its samples were away.
 //!
-//! In: for each sample of a plane the keyframes that see through its place. Out: an episode for each sample. Two
+//! In: for each sample of a surface the keyframes that see through its place. Out: an episode for each sample. Two
 //! parts that are away at the same time are not told apart here, nor are those whose episodes are between each other:
 //! of a board that tilts about its middle one half lies before where it rests and the other behind it, and pictures
 //! see through the one before and after they see through the other.
@@ -10,7 +10,7 @@
 /// Keyframes that were asked and see something behind a place, as bits, in the order of time.
 pub type AwayKeyframes = u64;
 
-/// Least share of a plane's samples that are away for a keyframe to be of an episode.
+/// Least share of a surface's samples that are away for a keyframe to be of an episode.
 const LEAST_AWAY: f64 = 0.05;
 /// Fewest asked keyframes without motion between two episodes.
 const FEWEST_BETWEEN: usize = 2;

@@ -7,6 +7,7 @@ mod background_search;
 mod best_path;
 pub(crate) mod demonstration;
 pub(crate) mod ego_motion;
+mod episodes;
 mod followed_surface;
 pub(crate) mod free_space;
 pub(crate) mod grasp_point;

@@ -6,9 +6,11 @@ use crate::learn::demonstration::Demonstration;
 use crate::math::robust::without_isolated;
 use nalgebra::Point3;
 
-/// A point is an outlier unless `STRAY_NEIGHBOURS` others lie this near, metres.
+/// A point is an outlier unless `STRAY_NEIGHBOURS` others lie this near, metres; of few points, unless one in
+/// `STRAY_SHARE` does: seven features along a mini oven's handle had none with four neighbours.
 const STRAY_M: f64 = 0.08;
 const STRAY_NEIGHBOURS: usize = 4;
+const STRAY_SHARE: usize = 4;
 
 /// Points of a part at configuration 0: of its tracks from their first posed observation, and of its
 /// plane where it is a plain part. The hand that moves the part moves with it, so points that the
@@ -19,7 +21,7 @@ pub fn tracked_points(
     part: usize,
 ) -> Vec<Point3<f64>> {
     let poses = &demonstration.camera_from_part;
-    let points = demonstration
+    let of_tracks = demonstration
         .tracks
         .tracks
         .iter()
@@ -31,12 +33,19 @@ pub fn tracked_points(
                 Some((at_rest, poses[0][f]?.inverse_transform_point(&p)))
             })
         })
+        .collect::<Vec<_>>();
+    let belonging = of_tracks
+        .iter()
         .filter(|(at_rest, in_base)| belongs(posed, part, at_rest, in_base))
-        .map(|(at_rest, _)| at_rest)
+        .map(|(at_rest, _)| *at_rest)
         .chain(demonstration.plain_surface[part].iter().copied())
         .collect::<Vec<_>>();
     // One outlier would make the room around it part of the object.
-    without_isolated(&points, STRAY_M, STRAY_NEIGHBOURS)
+    let neighbours = STRAY_NEIGHBOURS.min(belonging.len() / STRAY_SHARE);
+    let kept = without_isolated(&belonging, STRAY_M, neighbours);
+    let (tracks, belong, keep) = (of_tracks.len(), belonging.len(), kept.len());
+    tracing::debug!(part, tracks, belong, keep, "points of a moving part");
+    kept
 }
 
 /// Median depth of the moving parts' features and plain surfaces, metres.
@@ -113,6 +122,13 @@ mod tests {
         places.push((Point3::new(0.05, 0.05, 1.3), Some(1)));
         places.push((Point3::new(-0.19, -0.19, 1.5), Some(1)));
         assert_eq!(tracked(&demonstration(&places)).len(), 12);
+    }
+
+    #[test]
+    fn few_points_along_a_handle_are_kept() {
+        let along = |k: i32| Point3::new(-0.18 + 0.06 * f64::from(k), 0.0, 1.5);
+        let places: Vec<_> = (0..7).map(|k| (along(k), Some(1))).collect();
+        assert_eq!(tracked(&demonstration(&places)).len(), 7);
     }
 
     #[test]

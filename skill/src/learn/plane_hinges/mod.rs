@@ -12,7 +12,6 @@
 mod axis_direction;
 mod carried_parts;
 mod depth_following;
-mod episodes;
 mod extend_range;
 mod face_edge;
 mod hinge;

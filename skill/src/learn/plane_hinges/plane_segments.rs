@@ -1,7 +1,7 @@
 //! Flat pieces of what moves, keyframe by keyframe.
 
-use super::episodes::{AwayKeyframes, episodes};
 use crate::learn::ego_motion::EgoMotion;
+use crate::learn::episodes::{AwayKeyframes, episodes};
 use crate::learn::recording::Recording;
 use crate::math::rigid::{distance_to_line, matrix_pose, plane_through};
 use crate::object::joint_geometry::JointGeometry;

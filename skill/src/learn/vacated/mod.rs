@@ -32,7 +32,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 use rest_frame::RestFrame;
 use rest_surface::{End, RestSurface, vacated_surfaces};
-use vacated_part::VacatedPart;
+use vacated_part::{PARALLEL_RAD, VacatedPart};
 use view::View;
 
 /// Most surfaces that are tried at either end of the recording, the greatest first.
@@ -51,8 +51,8 @@ const SIMPLER: f64 = 0.97;
 /// is built square, and of any.
 const SQUARE_RAD: f64 = 0.035;
 const ANY_RAD: f64 = 0.3;
-/// Largest angle between a slide and the normal of its flat front for which it is pulled along the normal, and
-/// standard deviation of the angle then, radians.
+/// Largest angle between a slide and the normal of its flat front, or a known slide, for which it is pulled along
+/// that, and standard deviation of the angle then, radians.
 const ALONG_RAD: f64 = 0.15;
 const FRONT_RAD: f64 = 0.012;
 /// Agreement that any direction must have more than the square one, as a factor.
@@ -66,8 +66,6 @@ const SAME_LINE_M: f64 = 0.06;
 const OUTERMOST: f64 = 0.05;
 /// Largest distance of a plane from the middle of a surface with which it may turn, in radii of the surface.
 const PLANES_RADII: f64 = 2.0;
-/// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
-const PARALLEL_RAD: f64 = 0.08;
 /// Largest share of a surface's points that may be seen through where a known joint puts them, and least
 /// share that must be found there, for the surface to be of its part.
 const EXPLAINED_THROUGH: f64 = 0.2;
@@ -75,40 +73,80 @@ const EXPLAINED_FOUND: f64 = 0.3;
 
 /// Adds the joints of parts that were seen to leave their places, and that no joint explains.
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
-    let LearnedJoints { mut joints, rejections, turning } = found;
+    let LearnedJoints { joints, rejections, turning } = found;
     let views = View::all(recording);
-    // Slides that nothing holds: another drawer of the cabinet may be found later.
-    let mut waiting: Vec<(RestSurface, LearnedJoint)> = Vec::new();
+    let mut search =
+        Search { joints, waiting: Vec::new(), turning: &turning, recording, views: &views };
     for end in [End::First, End::Last] {
         let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
-        for surface in vacated_surfaces(&views, end, |frame| places_on(&joints, frame))
+        for surface in vacated_surfaces(&views, end, |frame| places_on(&search.joints, frame))
             .into_iter()
             .filter(small)
             .take(MOST_SURFACES)
         {
-            if joints.iter().any(|j| explains(j, &surface, recording, &views)) {
-                continue;
-            }
-            let frame = RestFrame::of(&surface, &views);
-            tracing::debug!(?frame, "what is beside it");
-            let Some(part) = part_of(&surface, frame, &joints, &turning, recording, &views) else {
-                continue;
-            };
-            let learned = part.to_learned(&surface, recording);
-            if frame.is_set_in() || may_be_of(&learned.joint, &joints) {
-                add(learned, &mut joints);
-            } else {
-                waiting.push((surface, learned));
+            if !search.explains(&surface) {
+                search.consider_whole_or_parted(surface, end);
             }
         }
     }
-    for (surface, learned) in waiting {
-        let is_explained = || joints.iter().any(|j| explains(j, &surface, recording, &views));
-        if may_be_of(&learned.joint, &joints) && !is_explained() {
-            add(learned, &mut joints);
+    search.consider_waiting();
+    LearnedJoints { joints: search.joints, rejections, turning }
+}
+
+/// What is known while surfaces are considered.
+struct Search<'r> {
+    joints: Vec<LearnedJoint>,
+    /// Slides that nothing holds: another drawer of the cabinet may be found later.
+    waiting: Vec<(RestSurface, LearnedJoint)>,
+    turning: &'r [TurningPlane],
+    recording: &'r Recording,
+    views: &'r [View<'r>],
+}
+
+impl Search<'_> {
+    /// A known joint's part is there.
+    fn explains(&self, surface: &RestSurface) -> bool {
+        self.joints.iter().any(|j| explains(j, surface, self.recording, self.views))
+    }
+
+    /// A surface that is no part may be several, the first of which was not put back before the next one left.
+    fn consider_whole_or_parted(&mut self, surface: RestSurface, end: End) {
+        let parts = surface.parted_by_time(self.views, end);
+        if self.consider(surface) {
+            return;
+        }
+        for part in parts {
+            tracing::debug!("a surface that left in two steps");
+            self.consider(part);
         }
     }
-    LearnedJoints { joints, rejections, turning }
+
+    /// Adds the joint of a surface, if it is believed; whether it is, or waits for another one.
+    fn consider(&mut self, surface: RestSurface) -> bool {
+        let Self { recording, views, turning, .. } = *self;
+        let frame = RestFrame::of(&surface, views);
+        tracing::debug!(?frame, "what is beside it");
+        let Some(part) = part_of(&surface, frame, &self.joints, turning, recording, views) else {
+            return false;
+        };
+        let learned = part.to_learned(&surface, recording);
+        let is_drawer = frame.is_set_in() || part.is_clearly_a_slide() && !frame.is_open();
+        if is_drawer || may_be_of(&learned.joint, &self.joints) {
+            add(learned, &mut self.joints);
+        } else {
+            self.waiting.push((surface, learned));
+        }
+        true
+    }
+
+    /// Adds the slides that another one speaks for by now.
+    fn consider_waiting(&mut self) {
+        for (surface, learned) in std::mem::take(&mut self.waiting) {
+            if may_be_of(&learned.joint, &self.joints) && !self.explains(&surface) {
+                add(learned, &mut self.joints);
+            }
+        }
+    }
 }
 
 /// Adds a joint, if it is none of the known ones. One that shows a plain part in many more keyframes takes the
@@ -220,7 +258,8 @@ fn part_of(
         "vacated surface at rest"
     );
     let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
-    best_part(surface, frame, &hypotheses, &moving, recording)
+    let slides: Vec<Vector3<f64>> = known_slides(joints).collect();
+    best_part(surface, frame, &slides, &hypotheses, &moving, recording)
 }
 
 /// The lines that planes near a surface turned about. A part's other faces turn with it.
@@ -234,21 +273,27 @@ fn turning_near(
 
 /// A hinge shows what holds it; a slide does not, and a person who steps aside slides as well. The drawers of a
 /// cabinet are parallel: a slide is believed where another one is known along the same direction. (That its
-/// surface closes an opening is the other reason to believe it: [`RestFrame::is_set_in`].)
+/// surface closes an opening is another reason to believe it, see [`RestFrame::is_set_in`], and so is that it turns
+/// about nothing and is not in the open: [`VacatedPart::is_clearly_a_slide`].)
 fn may_be_of(joint: &Joint, joints: &[LearnedJoint]) -> bool {
-    let is_parallel_slide = |j: &LearnedJoint| {
-        j.joint.kind == JointKind::Prismatic
-            && j.joint.parent == 0
-            && line_angle(&j.joint.axis.into(), &joint.axis.into()) < PARALLEL_RAD
-    };
-    joint.kind == JointKind::Revolute || joints.iter().any(is_parallel_slide)
+    let axis = joint.axis.into();
+    joint.kind == JointKind::Revolute
+        || known_slides(joints).any(|slide| line_angle(&slide, &axis) < PARALLEL_RAD)
+}
+
+/// The directions of the base's slides.
+fn known_slides(joints: &[LearnedJoint]) -> impl Iterator<Item = Vector3<f64>> {
+    let of_base = joints.iter().filter(|j| j.joint.parent == 0);
+    of_base.filter(|j| j.joint.kind == JointKind::Prismatic).map(|j| j.joint.axis.into())
 }
 
 /// Of the parts that a surface may be of, that which explains most, if it is believed. Where nothing beside the
-/// surface is open, a line far away is no rival of a slide: what hardly turns about it moves as what slides.
+/// surface is open, a line far away is no rival of a slide: what hardly turns about it moves as what slides. `slides`:
+/// directions of the slides that are known.
 fn best_part(
     surface: &RestSurface,
     frame: RestFrame,
+    slides: &[Vector3<f64>],
     hypotheses: &[Hypothesis],
     moving: &[MovingPoints],
     recording: &Recording,
@@ -256,29 +301,32 @@ fn best_part(
     let follow = |h: &Hypothesis, direction_sigma: f64| {
         VacatedPart::follow(surface, h, direction_sigma, moving, recording)
     };
-    let front = surface.flat_normal();
-    let square = hypotheses.par_iter().map(|h| match front.filter(|n| is_along(h, n)) {
-        Some(normal) => {
+    let known = slides.iter().map(|slide| UnitVector3::new_normalize(*slide));
+    let told: Vec<UnitVector3<f64>> = known.chain(surface.flat_normal()).collect();
+    let square = hypotheses.par_iter().map(|h| match told.iter().find(|axis| is_along(h, axis)) {
+        Some(axis) => {
             let mut along = *h;
-            along.geometry.axis = normal;
+            along.geometry.axis = *axis;
             (along, follow(&along, FRONT_RAD))
         }
         None => (*h, follow(h, SQUARE_RAD)),
     });
     let square: Vec<(Hypothesis, VacatedPart)> = square.collect();
     let held = square.iter().filter(|(_, part)| part.is_held_hinge());
-    let hinges = held.map(|(_, part)| part.agreement()).fold(0.0, f64::max);
-    square.iter().for_each(|(_, part)| part.trace(hinges));
-    let slides = frame.is_closed()
-        && square.iter().any(|(_, part)| is_slide(part) && part.doubt(hinges).is_none());
+    let best_hinge = held.map(|(_, part)| part.agreement()).fold(0.0, f64::max);
+    let square: Vec<(Hypothesis, VacatedPart)> =
+        square.into_iter().map(|(h, part)| (h, part.beside(best_hinge, slides))).collect();
+    square.iter().for_each(|(_, part)| part.trace());
+    let may_slide = frame.is_closed()
+        && square.iter().any(|(_, part)| is_slide(part) && part.doubt().is_none());
     let (hypothesis, square) = square
         .into_iter()
-        .filter(|(_, part)| !(slides && part.hardly_turns()))
+        .filter(|(_, part)| !(may_slide && part.hardly_turns()))
         .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
-    let any = follow(&hypothesis, ANY_RAD);
-    any.trace(hinges);
+    let any = follow(&hypothesis, ANY_RAD).beside(best_hinge, slides);
+    any.trace();
     let best = if value(&any) > BETTER * value(&square) { any } else { square };
-    best.doubt(hinges).is_none().then_some(best)
+    best.doubt().is_none().then_some(best)
 }
 
 /// Places on the plain parts that are known, in a frame.
@@ -295,10 +343,10 @@ fn value(part: &VacatedPart) -> f64 {
     part.agreement() / if is_slide(part) || part.is_on_known_line { SIMPLER } else { 1.0 }
 }
 
-/// A slide along a normal.
-fn is_along(hypothesis: &Hypothesis, normal: &UnitVector3<f64>) -> bool {
+/// A slide along a direction.
+fn is_along(hypothesis: &Hypothesis, direction: &UnitVector3<f64>) -> bool {
     hypothesis.geometry.kind == JointKind::Prismatic
-        && line_angle(&hypothesis.geometry.axis, normal) < ALONG_RAD
+        && line_angle(&hypothesis.geometry.axis, direction) < ALONG_RAD
 }
 
 fn is_slide(part: &VacatedPart) -> bool {

@@ -65,6 +65,11 @@ impl RestFrame {
         self.meets >= MIN_MEETS && self.is_closed()
     }
 
+    /// Nothing is beside it at more sides than something is: it may be a person.
+    pub fn is_open(self) -> bool {
+        self.free > self.meets
+    }
+
     /// There is something at most of its sides.
     pub fn is_closed(self) -> bool {
         self.free as f64 <= MAX_FREE * self.meets as f64

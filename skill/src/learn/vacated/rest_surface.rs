@@ -1,11 +1,13 @@
 //! Surfaces that were vacated: something was at rest at one end of the recording, nobody before it, and
 //! other keyframes see through the place where it was. No texture is needed, and no plane.
 //!
-//! In: keyframes. Out: pieces of surface, each with the keyframe that shows it at rest; the greatest first.
+//! In: keyframes. Out: pieces of surface, each with the keyframe that shows it at rest; the greatest first. The
+//! drawers of one front touch: a piece is divided by when its places were vacated.
 
 use super::moving_points::KNOWN_M;
 use super::point_grid::{PointGrid, cell_of};
 use super::view::View;
+use crate::learn::episodes::{AwayKeyframes, episodes};
 use crate::learn::free_space::Probe;
 use crate::math::rigid::plane_through;
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -30,6 +32,10 @@ const MAX_POINTS: usize = 100;
 /// Radius of the neighbourhood that tells a normal, metres, and its fewest places.
 const NORMAL_RADIUS_M: f64 = 0.015;
 const NORMAL_PLACES: usize = 5;
+
+/// Keyframes between those in which two parts of a surface left their places, and least share of the places in either.
+const PARTED_KEYFRAMES: usize = 3;
+const LEAST_PARTED: f64 = 0.25;
 
 /// Four fifths of the places of a flat surface are no farther from its plane, metres.
 const FLAT_M: f64 = 0.01;
@@ -71,6 +77,31 @@ impl RestSurface {
         (*most < FLAT_M).then(|| UnitVector3::new_normalize(normal * sense))
     }
 
+    /// The two parts of a surface, one of which left its place later than the other; none where all of it left
+    /// together, or bit by bit as a door does from its handle on.
+    pub fn parted_by_time(&self, views: &[View], end: End) -> Vec<Self> {
+        let at = |k: usize| if end == End::First { k } else { views.len() - 1 - k };
+        let left = |place: &Point3<f64>| {
+            let away = (0..views.len()).filter(|k| views[at(*k)].shows_behind(place));
+            away.take(MIN_THROUGH).last().unwrap_or(views.len())
+        };
+        let left: Vec<usize> = self.points.iter().map(left).collect();
+        let mut sorted = left.clone();
+        sorted.sort_unstable();
+        let fewest = (LEAST_PARTED * sorted.len() as f64).ceil() as usize;
+        let parting = (fewest.max(1)..=sorted.len().saturating_sub(fewest))
+            .max_by_key(|i| (sorted[*i] - sorted[i - 1], std::cmp::Reverse(*i)));
+        let Some(i) = parting.filter(|i| sorted[*i] - sorted[i - 1] >= PARTED_KEYFRAMES) else {
+            return Vec::new();
+        };
+        let of = |is_later: bool| {
+            let kept = (0..left.len()).filter(|k| (left[*k] >= sorted[i]) == is_later);
+            let (points, normals) = kept.map(|k| (self.points[k], self.normals[k])).unzip();
+            Self { keyframe: self.keyframe, points, normals }
+        };
+        [false, true].map(of).into()
+    }
+
     /// Largest distance of a place from the middle, metres.
     pub fn radius(&self) -> f64 {
         let centre = self.centre();
@@ -94,7 +125,9 @@ pub fn vacated_surfaces(
     let known = PointGrid::new(&known(rest[0].frame), KNOWN_M);
     let mut places = vacated_places(&rest, &others);
     places.retain(|_, place| known.nearest(place).is_none());
-    let mut pieces = connected(without_specks(places));
+    let touching = connected(without_specks(places));
+    let mut pieces: Vec<Vec<Point3<f64>>> =
+        touching.into_iter().flat_map(|piece| divided(piece, &others)).collect();
     let seen = ReadingsBorder::of(rest[0]);
     pieces.retain(|piece| piece.len() >= MIN_PLACES && !piece.iter().any(|p| seen.is_at(p)));
     pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
@@ -198,6 +231,23 @@ fn connected(places: Vec<Point3<f64>>) -> Vec<Vec<Point3<f64>>> {
     pieces
 }
 
+/// A piece by the episodes in which its places were vacated. `others`: keyframes in the order of time, or against it.
+fn divided(piece: Vec<Point3<f64>>, others: &[&View]) -> Vec<Vec<Point3<f64>>> {
+    let stride = others.len().div_ceil(AwayKeyframes::BITS as usize).max(1);
+    let asked: Vec<&View> = others.iter().copied().step_by(stride).collect();
+    let away = |place: &Point3<f64>| {
+        let behind = asked.iter().enumerate().filter(|(_, view)| view.shows_behind(place));
+        behind.fold(0, |away: AwayKeyframes, (bit, _)| away | 1 << bit)
+    };
+    let of_place = episodes(&piece.iter().map(away).collect::<Vec<_>>());
+    let mut parts = BTreeMap::<usize, Vec<Point3<f64>>>::new();
+    piece
+        .into_iter()
+        .zip(of_place)
+        .for_each(|(p, episode)| parts.entry(episode).or_default().push(p));
+    parts.into_values().collect()
+}
+
 /// A cell and the 26 around it.
 fn neighbours([x, y, z]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
     let beside = |x: i32, step: i32| x.saturating_add(step - 1);
@@ -218,7 +268,7 @@ fn normal_at(place: &Point3<f64>, places: &[Point3<f64>], camera: &Point3<f64>) 
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_data::{PIVOT_M, lever, turn};
+    use super::super::test_data::{PIVOT_M, lever, turn, two_sliders};
     use super::*;
 
     fn surfaces(turn: impl Fn(usize) -> f64, end: End) -> Vec<RestSurface> {
@@ -269,6 +319,41 @@ mod tests {
             (-3..18).map(|k| Point3::new(along(k), PIVOT_M[1], PIVOT_M[2])).collect()
         };
         assert!(vacated_surfaces(&View::all(&recording), End::First, known).is_empty());
+    }
+
+    #[test]
+    fn drawers_that_touch_are_two_surfaces_where_they_are_pulled_one_after_the_other() {
+        let pulled = |frames: std::ops::Range<usize>, frame: usize| {
+            if frames.contains(&frame) { 0.2 } else { 0.0 }
+        };
+        let found = |ways: &dyn Fn(usize) -> [f64; 2]| {
+            let views = two_sliders(ways);
+            vacated_surfaces(&View::all(&views), End::First, |_| Vec::new())
+        };
+        let apart = found(&|frame| [pulled(5..11, frame), pulled(14..20, frame)]);
+        let mut middles: Vec<f64> = apart.iter().map(|s| s.centre().x).collect();
+        middles.sort_by(f64::total_cmp);
+        assert_eq!(middles.len(), 2);
+        assert!((middles[0] + 0.065).abs() < 0.01 && (middles[1] - 0.065).abs() < 0.01);
+        let together = found(&|frame| [pulled(5..11, frame); 2]);
+        assert_eq!(together.len(), 1);
+    }
+
+    #[test]
+    fn of_drawers_that_stay_open_the_second_one_left_later() {
+        let opened = |first: usize, frame: usize| if frame < first { 0.0 } else { 0.2 };
+        let parted = |ways: &dyn Fn(usize) -> [f64; 2]| {
+            let recording = two_sliders(ways);
+            let views = View::all(&recording);
+            let whole = vacated_surfaces(&views, End::First, |_| Vec::new());
+            assert_eq!(whole.len(), 1, "they are away at the same time");
+            whole[0].parted_by_time(&views, End::First)
+        };
+        let parts = parted(&|frame| [opened(5, frame), opened(12, frame)]);
+        assert_eq!(parts.len(), 2);
+        assert!((parts[0].centre().x + 0.065).abs() < 0.01, "the left one was first");
+        assert!((parts[1].centre().x - 0.065).abs() < 0.01);
+        assert!(parted(&|frame| [opened(5, frame); 2]).is_empty());
     }
 
     #[test]

@@ -71,6 +71,20 @@ pub fn slider(way: impl Fn(usize) -> f64) -> Recording {
     })
 }
 
+/// A recording of two square plates of 12 cm beside each other that slide upwards across the line of sight, by the
+/// way of each in each frame, metres.
+pub fn two_sliders(ways: impl Fn(usize) -> [f64; 2]) -> Recording {
+    recorded(|frame| {
+        let ways = ways(frame);
+        move |x, y| {
+            let is_plate = |(middle, way): (f64, f64)| {
+                (1.2 * x - middle).abs() < 0.06 && (1.2 * y + way).abs() < 0.06
+            };
+            if [-0.065, 0.065].into_iter().zip(ways).any(is_plate) { 1.2 } else { WALL_M }
+        }
+    })
+}
+
 /// A recording of a front of 40 by 16 cm, 30 cm below the camera, that comes forwards out of a cabinet, by its
 /// way in each frame, metres, with a hand that comes to it first. The cabinet reaches `beside` metres beyond the
 /// front to all sides; above the front its opening is seen.

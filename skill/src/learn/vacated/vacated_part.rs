@@ -11,6 +11,7 @@ use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, span_of};
 use crate::learn::line_step::{line_covariance, with_shared_errors};
 use crate::learn::recording::Recording;
+use crate::math::rigid::line_angle;
 use crate::math::robust::median;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Matrix6, Point3, Vector3};
@@ -38,6 +39,9 @@ const MAX_MEDIAN_M: f64 = 0.006;
 /// distance that they had at rest; persons 1.25 to 1.75 times.
 const SAME_AT_REST: f64 = 1.12;
 const MAX_NOISY_MEDIAN_M: f64 = 0.008;
+/// A slide that agrees so much better than all hinges is none of a person: of those that turned in some way, hinges
+/// agreed 0.88 to 2 times as well, of drawers 0.4 to 0.8 times. It may be as far from the readings.
+const CLEARLY_A_SLIDE: f64 = 0.75;
 /// Fewest points at rest that tell it, as a share of the points away.
 const TELLING_REST: f64 = 0.1;
 /// Distance from which a reading next to a point says nothing for it, metres.
@@ -52,6 +56,8 @@ const MIN_TRAVEL_M: f64 = 0.04;
 /// than a share as well. Of a cooker's drawer it was 0.87, of a screen on an arm 1.14.
 const MIN_SLIDE_RADII: [f64; 2] = [0.6, 1.0];
 const UNLIKE_A_HINGE: f64 = 0.9;
+/// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
+pub const PARALLEL_RAD: f64 = 0.08;
 /// A surface that has moved less than this is still at rest, metres.
 const REST_M: f64 = 0.015;
 /// Keyframes that tell where it rests.
@@ -89,6 +95,11 @@ pub struct VacatedPart {
     lead_s: f64,
     /// Nothing else moves near it.
     is_alone: bool,
+    /// How well keyframes agree with the best hinge of the same surface that something holds and about which it
+    /// turns; 0 where there is none.
+    best_hinge: f64,
+    /// It is parallel to a slide that is known.
+    is_parallel: bool,
 }
 
 /// The surface in one keyframe.
@@ -124,10 +135,12 @@ impl Distances {
         Self { all, at_rest, away, is_rest_told }
     }
 
-    /// What is seen away is the surface that rested.
-    fn are_of_one_shape(&self) -> bool {
+    /// What is seen away is the surface that rested. They may be larger where they are so at rest too, and where
+    /// the motion tells that it is no person.
+    fn are_of_one_shape(&self, is_clearly_a_slide: bool) -> bool {
         let is_as_at_rest = self.is_rest_told && self.away <= SAME_AT_REST * self.at_rest;
-        self.all <= if is_as_at_rest { MAX_NOISY_MEDIAN_M } else { MAX_MEDIAN_M }
+        let may_be_noisy = is_as_at_rest || is_clearly_a_slide;
+        self.all <= if may_be_noisy { MAX_NOISY_MEDIAN_M } else { MAX_MEDIAN_M }
     }
 }
 
@@ -173,7 +186,18 @@ impl VacatedPart {
             unattached_ratio,
             lead_s,
             is_alone,
+            best_hinge: 0.0,
+            is_parallel: false,
         }
+    }
+
+    /// Beside the hinges of the same surface, the best of which keyframes agree with so well, and beside the slides
+    /// that are known, by their directions.
+    pub fn beside(self, best_hinge: f64, slides: &[Vector3<f64>]) -> Self {
+        let axis = self.geometry().axis;
+        let is_parallel =
+            !self.is_hinge() && slides.iter().any(|slide| line_angle(slide, &axis) < PARALLEL_RAD);
+        Self { best_hinge, is_parallel, ..self }
     }
 
     /// The joint's line.
@@ -186,9 +210,8 @@ impl VacatedPart {
         self.seen.iter().map(|s| s.agreement).sum::<f64>() / self.seen.len().max(1) as f64
     }
 
-    /// Why it is no part; `None` where it is one. `hinges` is how well keyframes agree with the best hinge of the
-    /// same surface that something holds.
-    pub fn doubt(&self, hinges: f64) -> Option<&'static str> {
+    /// Why it is no part; `None` where it is one.
+    pub fn doubt(&self) -> Option<&'static str> {
         let keyframes = self.seen.len() as f64;
         let shown = self.shown().count() as f64;
         let turn = self.turn();
@@ -198,13 +221,13 @@ impl VacatedPart {
             (self.hardly_turns(), "it hardly turns"),
             (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
             (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
-            (
-                !self.is_hinge() && may_as_well_turn(turn / self.radius, self.agreement(), hinges),
-                "it may as well turn",
-            ),
+            (self.may_as_well_turn(), "it may as well turn"),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
-            (!self.distances.are_of_one_shape(), "it does not keep its shape"),
+            (
+                !self.distances.are_of_one_shape(self.is_clearly_a_slide()),
+                "it does not keep its shape",
+            ),
             (self.agreement_elsewhere() < MIN_AGREEMENT, "it is not found elsewhere"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
             (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
@@ -217,9 +240,22 @@ impl VacatedPart {
         self.is_hinge() && self.turn() < MIN_TURN_RAD
     }
 
-    /// It is a hinge, and something holds its line.
+    /// It is a hinge about which it turns, and something holds its line.
     pub fn is_held_hinge(&self) -> bool {
-        self.is_hinge() && self.unattached_ratio <= MAX_UNATTACHED
+        self.is_hinge() && self.unattached_ratio <= MAX_UNATTACHED && !self.hardly_turns()
+    }
+
+    /// It is a slide, and hinges that something holds agree much worse.
+    pub fn is_clearly_a_slide(&self) -> bool {
+        !self.is_hinge() && is_unlike_a_hinge(self.agreement(), self.best_hinge)
+    }
+
+    /// A slide whose way, in radii of its surface, is too short to tell it from a turn about the best hinge. The
+    /// drawers of a cabinet go in parallel: no hinge speaks against the second one.
+    fn may_as_well_turn(&self) -> bool {
+        let way_in_radii = self.turn() / self.radius;
+        let of_hinges = if self.is_parallel { 0.0 } else { self.best_hinge };
+        !self.is_hinge() && is_too_short_to_tell(way_in_radii, self.agreement(), of_hinges)
     }
 
     fn is_hinge(&self) -> bool {
@@ -254,7 +290,7 @@ impl VacatedPart {
     }
 
     /// For looking at what was found and why it is believed or not.
-    pub fn trace(&self, hinges: f64) {
+    pub fn trace(&self) {
         tracing::debug!(
             kind = self.geometry().kind.name(),
             agreement = self.agreement(),
@@ -271,7 +307,7 @@ impl VacatedPart {
             reach = self.reach,
             axis = ?self.geometry().axis.as_slice(),
             origin = ?self.geometry().origin.coords.as_slice(),
-            rejected = self.doubt(hinges).unwrap_or("no"),
+            rejected = self.doubt().unwrap_or("no"),
             "vacated surface"
         );
     }
@@ -295,8 +331,13 @@ impl VacatedPart {
     }
 }
 
-/// A slide whose way, in radii of its surface, is too short to tell it from a turn about the best hinge.
-fn may_as_well_turn(way_in_radii: f64, agreement: f64, of_hinges: f64) -> bool {
+/// Of a slide, where there are hinges to compare it with, and the best agrees much worse.
+fn is_unlike_a_hinge(agreement: f64, of_hinges: f64) -> bool {
+    of_hinges > 0.0 && of_hinges < CLEARLY_A_SLIDE * agreement
+}
+
+/// A way, in radii of the surface, by which a slide is not told from a turn about the best hinge.
+fn is_too_short_to_tell(way_in_radii: f64, agreement: f64, of_hinges: f64) -> bool {
     let [least, enough] = MIN_SLIDE_RADII;
     way_in_radii < least || way_in_radii < enough && of_hinges > UNLIKE_A_HINGE * agreement
 }
@@ -416,7 +457,7 @@ mod tests {
     use super::super::test_data::{FRAMES, PIVOT_M, hinge, lever, recording, turn};
     use super::super::view::View;
     use super::*;
-    use crate::math::rigid::{distance_to_line, line_angle};
+    use crate::math::rigid::distance_to_line;
 
     /// Looks at the part of a lever's surface at rest, followed along a line.
     fn followed<T>(
@@ -467,38 +508,47 @@ mod tests {
     fn about_a_line_far_from_the_pivot_it_is_no_part() {
         let mut off = hinge();
         off.origin.y += 0.25;
-        followed(&lever(turn), &off, |part, _, _| assert!(part.doubt(0.0).is_some()));
+        followed(&lever(turn), &off, |part, _, _| assert!(part.doubt().is_some()));
     }
 
     #[test]
     fn what_slides_and_what_hardly_turns_is_refused_with_the_reason() {
         let slide = JointGeometry::slide(Vector3::x_axis(), Point3::from(PIVOT_M));
-        followed(&lever(turn), &slide, |part, _, _| assert!(part.doubt(0.0).is_some()));
+        followed(&lever(turn), &slide, |part, _, _| assert!(part.doubt().is_some()));
         followed(&lever(|f| 0.25 * turn(f)), &hinge(), |part, _, _| {
-            assert_eq!(part.doubt(0.0), Some("it hardly turns"));
+            assert_eq!(part.doubt(), Some("it hardly turns"));
         });
     }
 
     #[test]
     fn what_is_as_far_from_its_readings_at_rest_as_away_is_rigid_far_from_the_camera() {
         let seen = |at_rest: f64, away: f64| {
-            Distances::of(vec![at_rest; 40], vec![away; 60]).are_of_one_shape()
+            Distances::of(vec![at_rest; 40], vec![away; 60]).are_of_one_shape(false)
         };
         assert!(seen(0.004, 0.0055), "near the camera");
         assert!(seen(0.0068, 0.0066), "a door 2.3 m away");
         assert!(!seen(0.0055, 0.0072), "a person there");
         assert!(!seen(0.009, 0.009));
         let hardly_at_rest = Distances::of(vec![0.0068; 2], vec![0.0066; 98]);
-        assert!(!hardly_at_rest.are_of_one_shape());
+        assert!(!hardly_at_rest.are_of_one_shape(false));
+        assert!(hardly_at_rest.are_of_one_shape(true), "a drawer there");
     }
 
     #[test]
     fn a_short_slide_is_believed_only_where_no_hinge_agrees_nearly_as_well() {
         let is_doubted =
-            |way_in_radii: f64, hinges: f64| may_as_well_turn(way_in_radii, 1.0, hinges);
+            |way_in_radii: f64, hinges: f64| is_too_short_to_tell(way_in_radii, 1.0, hinges);
         assert!(!is_doubted(1.2, 1.0), "it goes far");
         assert!(is_doubted(0.8, 0.95) && !is_doubted(0.8, 0.85), "a drawer has no such hinge");
         assert!(is_doubted(0.5, 0.0), "nothing tells so short a way from a turn");
+    }
+
+    #[test]
+    fn what_turns_about_a_line_nearly_as_well_is_not_clearly_a_slide() {
+        assert!(is_unlike_a_hinge(0.55, 0.35), "a drawer");
+        assert!(!is_unlike_a_hinge(0.4, 0.37), "a person");
+        assert!(!is_unlike_a_hinge(0.5, 0.0), "nothing to compare it with");
+        followed(&lever(turn), &hinge(), |part, _, _| assert!(!part.is_clearly_a_slide()));
     }
 
     #[test]
