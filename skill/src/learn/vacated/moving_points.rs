@@ -81,19 +81,22 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         let view = &views[k];
         let known = PointGrid::new(known, KNOWN_M);
         let others = || views.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, view)| view);
-        let moves = |place: &Point3<f64>| {
+        let is_vacated = |place: &Point3<f64>| {
+            others().filter(|v| v.shows_behind(place)).take(MIN_THROUGH).count() >= MIN_THROUGH
+        };
+        let moves = |(u, v): (usize, usize), place: &Point3<f64>| {
             (place - centre).norm() < radius
+                && view.is_seen_through(u, v, || is_vacated(place))
                 && known.nearest(place).is_none()
-                && others().filter(|v| v.shows_behind(place)).take(MIN_THROUGH).count()
-                    >= MIN_THROUGH
         };
         let depth = &view.picture.depth;
         let (rows, columns) = (depth.height() / STRIDE_PX, depth.width() / STRIDE_PX);
         let cells = || (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
         let readings: BTreeMap<(usize, usize), Point3<f64>> = cells()
             .filter_map(|(row, column)| {
-                let place = view.surface_at(column * STRIDE_PX, row * STRIDE_PX)?;
-                moves(&place).then_some(((row, column), place))
+                let pixel = (column * STRIDE_PX, row * STRIDE_PX);
+                let place = view.surface_at(pixel.0, pixel.1)?;
+                moves(pixel, &place).then_some(((row, column), place))
             })
             .collect();
         let is_speck = |cell: &(usize, usize)| {
@@ -177,7 +180,8 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.view.picture.utime
     }
 
-    fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    /// A surface with a normal faces the camera at a place.
+    pub fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
         let to_camera = self.view.camera_place() - place;
         normal.dot(&to_camera) > MIN_FACING * to_camera.norm()
     }

@@ -48,6 +48,10 @@ const TELLING_REST: f64 = 0.1;
 const OWN_M: f64 = 0.0125;
 /// Least agreement while it is away from its rest.
 const MIN_AGREEMENT: f64 = 0.25;
+/// Least share of its points that face the camera in a keyframe that tells whether it is there, and fewest of these
+/// keyframes.
+const MIN_FACING_SHARE: f64 = 0.3;
+const FEWEST_ELSEWHERE: usize = 4;
 /// Least motion, radians and metres of its farthest point.
 const MIN_TURN_RAD: f64 = 0.35;
 const MIN_TRAVEL_M: f64 = 0.04;
@@ -64,8 +68,9 @@ const REST_M: f64 = 0.015;
 const REST_KEYFRAMES: usize = 3;
 /// Fewest readings of something that has come: a hand has more.
 const MIN_ARRIVED: usize = 30;
-/// Least time for which a hand moves before it moves the part, seconds.
-const MIN_LEAD_S: f64 = 0.3;
+/// Least time for which a hand moves before it moves the part, seconds. Of 24 parts it was 0.53 and more, of arms and
+/// of what hangs on them up to 0.40.
+const MIN_LEAD_S: f64 = 0.45;
 /// What is farther than this from the seen side of a part is none of it, metres and radii of the part.
 const APART_M: f64 = 0.05;
 const APART_RADII: f64 = 0.5;
@@ -93,7 +98,7 @@ pub struct VacatedPart {
     unattached_ratio: f64,
     /// How long something else moved near it while it still was at rest, seconds.
     lead_s: f64,
-    /// Nothing else moves near it.
+    /// Nothing else moves near it; asked only where nothing moved before it.
     is_alone: bool,
     /// How well keyframes agree with the best hinge of the same surface that something holds and about which it
     /// turns; 0 where there is none.
@@ -113,6 +118,8 @@ struct Seen {
     agreement: f64,
     found: usize,
     through: usize,
+    /// Share of its points that face the camera.
+    facing: f64,
 }
 
 /// Median distances of points from the readings next to them, metres; infinite where there are none.
@@ -174,7 +181,7 @@ impl VacatedPart {
         };
         let reach = reach(line, &surface.points);
         let lead_s = lead_of_others(surface, &aligned.q, reach, moving);
-        let is_alone = is_alone(surface, &aligned, moving);
+        let is_alone = lead_s < MIN_LEAD_S && is_alone(surface, &aligned, moving);
         let radius = surface.radius();
         Self {
             aligned,
@@ -267,12 +274,19 @@ impl VacatedPart {
         span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>())
     }
 
-    /// Agreement of the keyframes in which it is far from its rest.
+    /// Agreement of the keyframes in which it is far from its rest and faces the camera; 0 where there are few. What
+    /// shows its other face, as a lid that stands open does, tells nothing of this one.
     fn agreement_elsewhere(&self) -> f64 {
         let away = |q: f64| q.abs() * self.reach > MIN_TRAVEL_M;
-        let seen = self.seen.iter().zip(&self.aligned.q).filter(|(_, q)| away(**q));
-        let (sum, n) = seen.fold((0.0, 0), |(sum, n), (s, _)| (sum + s.agreement, n + 1));
-        sum / f64::from(n.max(1))
+        let seen = self.seen.iter().zip(&self.aligned.q);
+        let telling: Vec<f64> = seen
+            .filter(|(s, q)| away(**q) && s.facing >= MIN_FACING_SHARE)
+            .map(|(s, _)| s.agreement)
+            .collect();
+        if telling.len() < FEWEST_ELSEWHERE {
+            return 0.0;
+        }
+        telling.iter().sum::<f64>() / telling.len() as f64
     }
 
     /// Most keyframes of either end of the recording show it: parts stay, hands come and leave.
@@ -438,6 +452,7 @@ fn what_is_seen(
                 Evidence::Found => one.found += 1,
                 Evidence::Unknown => {}
             }
+            one.facing += f64::from(u8::from(view.faces(&p, &normal))) / n;
             if let Some(reading) = view.nearest(&p, &normal) {
                 let distance = (reading - p).norm();
                 one.agreement += (1.0 - (distance / OWN_M).powi(2)).max(0.0).powi(2) / n;

@@ -5,6 +5,7 @@ use crate::learn::recording::Recording;
 use crate::math::rigid::matrix_pose;
 use linkage_frames::RgbdFrame;
 use nalgebra::{IsometryMatrix3, Point2, Point3};
+use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Pixels at the border of a picture that are not asked.
 const BORDER_PX: f64 = 3.0;
@@ -18,7 +19,14 @@ pub struct View<'r> {
     /// Pose of the base in the camera frame.
     pub camera_from_base: IsometryMatrix3<f64>,
     base_from_camera: IsometryMatrix3<f64>,
+    /// Whether other keyframes see through the reading of each pixel, where that was asked.
+    is_seen_through: Vec<AtomicU8>,
 }
+
+/// What is remembered of a pixel.
+const NOT_ASKED: u8 = 0;
+const NO: u8 = 1;
+const YES: u8 = 2;
 
 impl<'r> View<'r> {
     /// All keyframes of a recording, in time order.
@@ -26,7 +34,9 @@ impl<'r> View<'r> {
         let of = |(frame, picture): (usize, &'r RgbdFrame)| {
             let camera_from_base = matrix_pose(&recording.ego_motion.camera_from_base[frame]);
             let base_from_camera = camera_from_base.inverse();
-            Self { frame, picture, camera_from_base, base_from_camera }
+            let pixels = picture.depth.width() * picture.depth.height();
+            let is_seen_through = (0..pixels).map(|_| AtomicU8::new(NOT_ASKED)).collect();
+            Self { frame, picture, camera_from_base, base_from_camera, is_seen_through }
         };
         recording.keyframes.iter().map(of).collect()
     }
@@ -36,6 +46,22 @@ impl<'r> View<'r> {
         let z = self.picture.depth.at(u, v)?;
         let camera = &self.picture.camera;
         Some(self.base_from_camera * camera.back_project(u as f64, v as f64, f64::from(z)))
+    }
+
+    /// Whether other keyframes see through the reading of a pixel, as `ask` tells: it is asked once, for each surface
+    /// at rest wants to know it. Threads that ask at once get the same answer.
+    pub fn is_seen_through(&self, u: usize, v: usize, ask: impl Fn() -> bool) -> bool {
+        let Some(known) = self.is_seen_through.get(v * self.picture.depth.width() + u) else {
+            return ask();
+        };
+        match known.load(Ordering::Relaxed) {
+            NOT_ASKED => {
+                let answer = ask();
+                known.store(if answer { YES } else { NO }, Ordering::Relaxed);
+                answer
+            }
+            known => known == YES,
+        }
     }
 
     /// The surface at a place's pixel, base frame.
