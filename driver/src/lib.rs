@@ -31,6 +31,7 @@ pub mod statistics;
 pub mod timestamp_filter;
 pub mod tum;
 pub mod v4l;
+mod wrapped_source;
 mod yuv;
 
 pub use camera_file::read_camera_file;
@@ -43,3 +44,4 @@ pub use rgbd_source::{Awaited, RgbdSource};
 pub use source::{SourceOptions, open, open_with};
 pub use statistics::SourceStatistics;
 pub use timestamp_filter::{Timeline, TimestampFilter};
+pub use wrapped_source::WrappedSource;

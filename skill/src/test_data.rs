@@ -32,6 +32,34 @@ pub fn seen(utime: i64, depth: impl Fn(f64, f64) -> f64) -> RgbdFrame {
     RgbdFrame::new(utime, Arc::new(camera), color, depth).expect("they are of one size")
 }
 
+/// The same picture with paint on it: `brightness` tells it along the same ray.
+pub fn painted(
+    utime: i64,
+    depth: impl Fn(f64, f64) -> f64,
+    brightness: impl Fn(f64, f64) -> u8,
+) -> RgbdFrame {
+    let mut frame = seen(utime, depth);
+    let camera = Arc::clone(&frame.camera);
+    let at = |i: usize| {
+        let (u, v) = ((i % camera.width) as f64, (i / camera.width) as f64);
+        [brightness((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy); 3]
+    };
+    let bytes = (0..camera.width * camera.height).flat_map(at).collect();
+    frame.color = ColorImage::new(camera.width, camera.height, bytes).expect("it fits");
+    frame
+}
+
+/// Brightness at a place of a painted surface, metres: patches of 2.5 cm, none like those about it; each
+/// seed gives other paint.
+pub fn patches(seed: u32, x: f64, y: f64) -> u8 {
+    let number = |place: f64| (place / 0.025).floor() as i32 as u32;
+    let mut hash = number(x).wrapping_mul(0x9e37_79b1) ^ number(y).wrapping_mul(0x85eb_ca6b);
+    for factor in [0x2c1b_3c6d, 0x297a_2d39] {
+        hash = (hash.wrapping_add(seed) ^ (hash >> 15)).wrapping_mul(factor);
+    }
+    40 + (hash >> 16) as u8 % 170
+}
+
 /// Depth of a board across the line of sight, `half` metres to each side of it, before a wall.
 pub fn board(half: f64, front: f64, wall: f64) -> impl Fn(f64, f64) -> f64 {
     move |x, y| if (x * front).abs() < half && (y * front).abs() < half { front } else { wall }

@@ -3,9 +3,10 @@
 use super::circle::{fit_circle, principal};
 use super::residuals::{Problem, Residual};
 use super::rest_state::State;
+use crate::math::normal_equations::NormalEquations;
 use crate::math::rigid::{orthonormal_basis, rotation_nearest};
 use crate::object::joint_geometry::JointKind;
-use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, UnitVector3, Vector3, Vector6};
+use nalgebra::{Const, DVector, Matrix3, SVector, UnitQuaternion, UnitVector3, Vector3, Vector6};
 
 impl Problem<'_> {
     /// The state that fits best; `wp` and `wo` are the weights of positions and orientations.
@@ -81,25 +82,17 @@ impl Problem<'_> {
                 self.stacked(&perturbed(state, &delta), wp, wo)
             })
             .collect();
-        let mut hessian = DMatrix::<f64>::zeros(10, 10);
-        let mut gradient = DVector::<f64>::zeros(10);
+        let mut equations = NormalEquations::<Const<10>>::zero();
         for (i, r) in base.iter().enumerate() {
-            let jacobian: [Vector6<f64>; 10] = std::array::from_fn(|k| (columns[k][i] - r) / STEP);
-            for a in 0..10 {
-                gradient[a] += jacobian[a].dot(r);
-                for b in a..10 {
-                    hessian[(a, b)] += jacobian[a].dot(&jacobian[b]);
-                }
+            for (c, residual) in r.iter().enumerate() {
+                let row = SVector::from_fn(|k, _| (columns[k][i][c] - residual) / STEP);
+                equations.add(&row, *residual, 1.0);
             }
         }
-        hessian.fill_lower_triangle_with_upper_triangle();
-        let damping = 1e-6 * hessian.trace() / 10.0 + 1e-9;
-        for k in 0..10 {
-            hessian[(k, k)] += damping;
-        }
-        let step = hessian.cholesky()?.solve(&(-gradient));
-        let bounded = if step.norm() > 0.5 { &step * (0.5 / step.norm()) } else { step };
-        Some(perturbed(state, &bounded))
+        equations.damp(1e-6 * equations.left.trace() / 10.0 + 1e-9);
+        let step = -equations.solution()?;
+        let bounded = step * (0.5 / step.norm().max(0.5));
+        Some(perturbed(state, &DVector::from_column_slice(bounded.as_slice())))
     }
 }
 

@@ -39,7 +39,7 @@ const CAMERA_SIGMA: f32 = 0.5;
 /// Pixels at a picture's border that are left out.
 const BORDER: usize = 5;
 /// Largest ratio of the two curvatures: a keypoint has no position along an edge.
-const MAX_CURVATURE_RATIO: f32 = 12.0;
+pub(super) const MAX_CURVATURE_RATIO: f32 = 12.0;
 /// Steps to an extremum between pixels and scales.
 const STEPS: usize = 5;
 /// Share of the wanted contrast that a pixel must have before the extremum between pixels is

@@ -7,6 +7,8 @@
 //! In: an RGB-D frame and its normals. Out: features with their place and normal in the camera frame,
 //! metres, and a RootSIFT descriptor. Keypoints are extrema of the difference of Gaussians (Lowe 2004).
 
+#[cfg(test)]
+mod against_opencv;
 mod blurred_plane;
 mod dog_keypoints;
 mod orientation;

@@ -255,3 +255,97 @@ fn learn_joints(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{painted, patches};
+
+    /// Time from a frame to the next, microseconds.
+    const INTERVAL_US: i64 = 33_333;
+
+    /// A painted wall at this depth, metres, which rests.
+    fn wall(utime: i64, depth: f64) -> RgbdFrame {
+        painted(utime, |_, _| depth, |x, y| patches(1, 1.5 * x, 1.5 * y))
+    }
+
+    /// A learner that has seen so many frames of the wall.
+    fn after(frames: i64, depth: f64, config: &SkillConfig) -> Learner {
+        let mut learner = Learner::new(config);
+        for frame in 0..frames {
+            learner.push(&wall(7_000_000 + INTERVAL_US * frame, depth)).unwrap();
+        }
+        learner
+    }
+
+    #[test]
+    fn a_few_frames_are_too_short_a_demonstration() {
+        let learner = after(MIN_FRAMES as i64 - 1, 1.5, &SkillConfig::default());
+        let refused = learner.finish("wall").err();
+        assert!(matches!(refused, Some(LearnError::TooShort { found: 9, needed: 10 })));
+    }
+
+    #[test]
+    fn frames_without_depth_teach_nothing() {
+        let refused = after(12, f64::NAN, &SkillConfig::default()).finish("wall").err();
+        assert!(matches!(refused, Some(LearnError::NoDepth)));
+    }
+
+    #[test]
+    fn what_rests_is_learned_without_a_joint_and_the_camera_stays_where_it_is() {
+        let learner = after(20, 1.5, &SkillConfig::default());
+        let camera = learner.camera_from_object().unwrap();
+        assert!(camera.translation.vector.norm() < 1e-3 && camera.rotation.angle() < 1e-3);
+        let learned = learner.finish("wall").unwrap();
+        assert!(learned.model.joints.is_empty() && learned.rejections.is_empty());
+        assert_eq!((learned.model.object.as_str(), learned.model.parts.len()), ("wall", 1));
+        assert_eq!(learned.frame_utimes.len(), 20);
+        assert!(learned.why_nothing().starts_with("nothing articulated moves"));
+    }
+
+    #[test]
+    fn a_frame_that_is_not_later_is_refused_and_the_next_one_is_taken() {
+        let mut learner = Learner::new(&SkillConfig::default());
+        learner.push(&wall(500, 1.5)).unwrap();
+        for now in [500, 499, i64::MIN] {
+            let refused = learner.push(&wall(now, 1.5)).err();
+            let Some(LearnError::TimeRunsBackwards { frame: 1, before: 500, now: told }) = refused
+            else {
+                panic!("{refused:?}")
+            };
+            assert_eq!(told, now);
+        }
+        learner.push(&wall(501, 1.5)).unwrap();
+        assert_eq!(learner.tracker().frames(), 2);
+    }
+
+    #[test]
+    fn memory_holds_no_more_frames_than_are_asked_for_or_are_kept_whole() {
+        for (asked, held) in [(60, 60), (0, KEYFRAMES + 1)] {
+            let mut config = SkillConfig::default();
+            config.track.max_frames = asked;
+            let mut learner = after(0, 1.5, &config);
+            for frame in 0..100 {
+                learner.push(&wall(INTERVAL_US * frame, 1.5)).unwrap();
+                let frames = learner.tracker().frames();
+                assert!(frames <= held, "{frames} frames, {asked} are asked for");
+                let keyframes = learner.keyframes.iter().map(|(frame, _)| frame);
+                assert!(keyframes.max().is_some_and(|last| last < frames));
+                assert_eq!(learner.base.camera_from_base().len(), frames);
+            }
+        }
+    }
+
+    #[test]
+    fn before_anything_is_found_the_estimate_is_a_base_in_the_frame_of_the_first_camera() {
+        let nothing = Learner::live(&SkillConfig::default());
+        assert!(nothing.camera_from_object().is_none());
+        assert!(nothing.current_estimate("wall").joints.is_empty());
+        let model = after(3, 1.5, &SkillConfig::default()).current_estimate("wall");
+        assert_eq!((model.object.as_str(), model.schema.as_str()), ("wall", MODEL_SCHEMA));
+        assert!(model.joints.is_empty());
+        assert_eq!((model.parts.len(), model.parts[0].name.as_str()), (1, "base"));
+        assert!(model.parts[0].features > 0);
+        assert!((model.reference_frame.t - 7.0).abs() < 1e-9, "seconds of the first frame");
+    }
+}

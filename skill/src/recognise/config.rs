@@ -18,10 +18,12 @@ explained_config! {
         /// Where distinct matches lead to no object of a shortlist, all are tried, for what is not
         /// hidden. Set by the ablation.
         pub try_all_matches: bool = true,
-        /// What no features lead to is looked for by its shape: where its surface ends. Of 17 encounters
-        /// with plain things, on which the search was chosen, features find one and the search another
-        /// one; of about 380 wrong pairs it reports none. What is not recognised then costs 0.1 to
-        /// 0.4 s for each object. Set where a store holds few and different plain things.
+        /// What no features lead to is looked for by its shape: where its surface ends. The command
+        /// `recognise` does so by itself where a camera stands still and nothing else tells the object;
+        /// this value asks for it in single frames and in the live service too. Of 17 encounters with
+        /// plain things, on which the search was chosen, features find one and the search another one;
+        /// of about 380 wrong pairs it reports none. What is not recognised then costs 0.1 to 0.4 s for
+        /// each object. Set where a store holds few and different plain things.
         pub try_shape: bool = false,
         /// Most objects compared in full at a time; of more, the likeliest by their words come first,
         /// and those whose words stand out alone. Set where time for a frame is short.

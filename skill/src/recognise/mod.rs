@@ -27,8 +27,6 @@ mod normal_equations;
 mod object_search;
 mod occupied_space;
 mod patch_colour;
-#[cfg(test)]
-mod plain_slider;
 mod pnp;
 mod refine;
 mod render_cloud;
@@ -117,4 +115,140 @@ pub fn find(
         search.retry_with_all_matches();
     }
     search.best()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::test_data::{BOARD_M, PLATE_M, on_board, on_plate};
+    use super::*;
+    use crate::features::quantised::quantise;
+    use crate::object::appearance::{Appearance, ModelFeature, Surfel};
+    use crate::object::joint_geometry::JointGeometry;
+    use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
+    use crate::test_data::{painted, patches};
+    use linkage_frames::RgbdFrame;
+    use nalgebra::{Point3, Vector3};
+
+    /// Distance of the wall behind both parts, metres.
+    const WALL_M: f64 = 2.5;
+
+    /// A painted plate, and a painted board that was slid to the right by so much, before a plain wall.
+    fn slider(paint: u32, slid: f64) -> RgbdFrame {
+        let part = move |x: f64, y: f64| match (on_board(x - slid / BOARD_M, y), on_plate(x, y)) {
+            (true, _) => Some(1),
+            (false, true) => Some(0),
+            (false, false) => None,
+        };
+        let depth = move |x, y| part(x, y).map_or(WALL_M, |part| [PLATE_M, BOARD_M][part]);
+        painted(1, depth, move |x, y| match part(x, y) {
+            Some(1) => patches(paint, BOARD_M * x - slid, BOARD_M * y),
+            Some(_) => patches(paint + 1, PLATE_M * x, PLATE_M * y),
+            None => 120,
+        })
+    }
+
+    fn scene(paint: u32, slid: f64) -> Scene {
+        Scene::new(&slider(paint, slid)).unwrap()
+    }
+
+    /// What a picture shows of the slider, at configuration 0.
+    fn known(name: &str, paint: u32) -> Arc<KnownObject> {
+        let scene = scene(paint, 0.0);
+        let part_at = |z: f64| match z {
+            z if z < 0.5 * (BOARD_M + PLATE_M) => Some(1),
+            z if z < 0.5 * (PLATE_M + WALL_M) => Some(0),
+            _ => None,
+        };
+        let narrow = |v: Vector3<f64>| v.map(|x| x as f32).into();
+        let feature = |f: &crate::features::DescribedFeature| {
+            let point = f.point?;
+            Some(ModelFeature {
+                part: part_at(point.z)?,
+                kind: f.kind,
+                point: narrow(point.coords),
+                normal: narrow(f.normal),
+                size_m: f.size as f32,
+                descriptor: quantise(&f.descriptor).to_vec(),
+            })
+        };
+        let camera = &scene.frame.camera;
+        let surfel = |(u, v): (usize, usize)| {
+            let surface = scene.surface(u, v)?;
+            let point = camera.back_project(u as f64, v as f64, surface.z);
+            Some(Surfel {
+                part: part_at(point.z)?,
+                point: narrow(point.coords),
+                normal: narrow(surface.normal),
+                lab: scene.lab.at(u, v),
+            })
+        };
+        let pixels = (0..camera.height)
+            .step_by(3)
+            .flat_map(|v| (0..camera.width).step_by(3).map(move |u| (u, v)));
+        let appearance = Appearance {
+            features: scene.features.iter().filter_map(feature).collect(),
+            surfels: pixels.filter_map(surfel).collect(),
+            ..Appearance::default()
+        };
+        let slide = JointGeometry::slide(Vector3::x_axis(), Point3::origin());
+        let model = ObjectModel {
+            schema: MODEL_SCHEMA.to_owned(),
+            object: name.to_owned(),
+            reference_frame: ReferenceFrame::at_camera(0.0),
+            parts: vec![Part::new(0, "base", 9), Part::new(1, "part1", 9)],
+            joints: vec![Joint { range: [0.0, 0.3], ..Joint::of(&slide) }],
+            demonstrations: 1,
+            profile: "default".to_owned(),
+            version: "0".to_owned(),
+        };
+        Arc::new(KnownObject::new(model, &appearance))
+    }
+
+    fn recognised(scene: &Scene, objects: &[Arc<KnownObject>]) -> Recognition {
+        recognise(scene, objects, &RecogniseConfig::default(), 1)
+    }
+
+    #[test]
+    fn a_thing_is_recognised_where_it_stands_and_its_configuration_is_told() {
+        let found = recognised(&scene(1, 0.1), &[known("slider", 1)]);
+        let [slider] = &found.matches[..] else { panic!("{found:?}") };
+        assert_eq!(slider.object, "slider");
+        let pose = crate::math::rigid::pose_from_array(&slider.camera_from_object).unwrap();
+        assert!(pose.translation.vector.norm() < 0.01 && pose.rotation.angle() < 0.02, "{pose}");
+        let configuration = slider.joints[0].configuration.unwrap();
+        assert!((configuration - 0.1).abs() < 0.005, "{configuration}");
+    }
+
+    #[test]
+    fn of_several_things_only_the_one_in_sight_is_reported() {
+        let objects = [known("other", 20), known("slider", 1), known("third", 40)];
+        let found = recognised(&scene(1, 0.0), &objects);
+        let names: Vec<&str> = found.matches.iter().map(|m| m.object.as_str()).collect();
+        assert_eq!(names, ["slider"]);
+    }
+
+    #[test]
+    fn where_nothing_known_is_in_sight_nothing_is_reported() {
+        assert!(recognised(&scene(1, 0.0), &[]).matches.is_empty());
+        let other = known("other", 20);
+        assert!(recognised(&scene(1, 0.0), std::slice::from_ref(&other)).matches.is_empty());
+        assert!(find(&scene(1, 0.0), &other, &RecogniseConfig::default(), 1).is_none());
+    }
+
+    #[test]
+    fn one_object_is_found_whatever_score_is_asked_for() {
+        let strict = RecogniseConfig { min_score: 1.0, ..RecogniseConfig::default() };
+        let (scene, slider) = (scene(1, 0.0), known("slider", 1));
+        assert!(find(&scene, &slider, &strict, 1).is_some_and(|found| found.score > 0.5));
+        let refused = recognise(&scene, &[slider], &strict, 1);
+        assert!(refused.matches.is_empty());
+        assert_eq!(refused.best_refused_object.as_deref(), Some("slider"));
+        assert!(refused.best_refused > 0.5);
+    }
+
+    #[test]
+    fn the_same_picture_and_seed_give_the_same_answer() {
+        let (scene, objects) = (scene(1, 0.1), [known("slider", 1)]);
+        assert_eq!(recognised(&scene, &objects), recognised(&scene, &objects));
+    }
 }

@@ -8,13 +8,12 @@
 use super::kinematics::{Articulated, State};
 use super::render_cloud::{Cloud, visible};
 use super::scene::Scene;
-use nalgebra::{DMatrix, DVector};
+use crate::math::normal_equations::NormalEquations;
+use nalgebra::{DMatrix, DVector, Dyn};
 
-/// Normal equations over pose and configurations; of the symmetric matrix the lower triangle
-/// alone.
+/// Normal equations over pose and configurations; residuals are predicted less seen.
 pub struct System {
-    hessian: DMatrix<f64>,
-    gradient: DVector<f64>,
+    equations: NormalEquations<Dyn>,
     row: DVector<f64>,
 }
 
@@ -26,18 +25,13 @@ const UNTOLD_INFORMATION: f64 = 0.25;
 impl System {
     /// For so many unknowns.
     pub fn new(unknowns: usize) -> Self {
-        Self {
-            hessian: DMatrix::zeros(unknowns, unknowns),
-            gradient: DVector::zeros(unknowns),
-            row: DVector::zeros(unknowns),
-        }
+        Self { equations: NormalEquations::of(Dyn(unknowns)), row: DVector::zeros(unknowns) }
     }
 
     /// One residual, with how it changes with each unknown.
     pub fn add(&mut self, jacobian: impl IntoIterator<Item = f64>, residual: f64, weight: f64) {
         self.row.iter_mut().zip(jacobian).for_each(|(entry, value)| *entry = value);
-        self.gradient.axpy(weight * residual, &self.row, 1.0);
-        self.hessian.syger(weight, &self.row, &self.row, 1.0);
+        self.equations.add(&self.row, residual, weight);
     }
 
     /// Draws joints back that stand outside the range that was seen: a joint may turn a little
@@ -47,8 +41,8 @@ impl System {
             let excess = joint.excess(*q);
             if excess != 0.0 {
                 let weight = joint.slack().powi(-2);
-                self.gradient[6 + j] += weight * excess;
-                self.hessian[(6 + j, 6 + j)] += weight;
+                self.equations.right[6 + j] += weight * excess;
+                self.equations.left[(6 + j, 6 + j)] += weight;
             }
         }
     }
@@ -56,40 +50,40 @@ impl System {
     /// Holds the first unknowns, the pose, where they are.
     pub fn hold_pose(&mut self, weight: f64) {
         for k in 0..6 {
-            self.hessian[(k, k)] += weight;
+            self.equations.left[(k, k)] += weight;
         }
     }
 
     /// Standard deviation of each unknown where all others are unknown too, in the unknowns' own
     /// units: `None` where nothing tells of it.
     pub fn deviations(&self) -> Vec<Option<f64>> {
-        let mut hessian = self.hessian.clone();
-        hessian.fill_upper_triangle_with_lower_triangle();
-        let unknowns = hessian.nrows();
-        // Without any evidence an unknown stays as uncertain as this.
-        (0..unknowns).for_each(|k| hessian[(k, k)] += UNTOLD_INFORMATION);
-        let Some(covariance) = hessian.cholesky().map(|c| c.inverse()) else {
-            return vec![None; unknowns];
-        };
-        (0..unknowns)
-            .map(|k| covariance[(k, k)].sqrt())
-            .map(|deviation| (deviation < UNTOLD_DEVIATION).then_some(deviation))
-            .collect()
+        deviations_of(self.equations.information())
     }
 
     /// Standard deviation of each of the first six unknowns, the pose, where all others are known.
     pub fn pose_deviations(&self) -> Vec<Option<f64>> {
-        let hessian = self.hessian.view((0, 0), (6, 6)).into_owned();
-        Self { hessian, gradient: DVector::zeros(6), row: DVector::zeros(6) }.deviations()
+        deviations_of(self.equations.information().view((0, 0), (6, 6)).into_owned())
     }
 
     /// The step that lowers the residuals; `None` when it cannot be told.
     pub fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
-        for k in 0..self.hessian.nrows() {
-            self.hessian[(k, k)] += damping;
-        }
-        Some(self.hessian.cholesky()?.solve(&(-self.gradient)))
+        self.equations.damp(damping);
+        Some(-self.equations.solution()?)
     }
+}
+
+/// Standard deviations by the information of unknowns.
+fn deviations_of(mut information: DMatrix<f64>) -> Vec<Option<f64>> {
+    let unknowns = information.nrows();
+    // Without any evidence an unknown stays as uncertain as this.
+    (0..unknowns).for_each(|k| information[(k, k)] += UNTOLD_INFORMATION);
+    let Some(covariance) = information.cholesky().map(|c| c.inverse()) else {
+        return vec![None; unknowns];
+    };
+    (0..unknowns)
+        .map(|k| covariance[(k, k)].sqrt())
+        .map(|deviation| (deviation < UNTOLD_DEVIATION).then_some(deviation))
+        .collect()
 }
 
 /// Distances of visible surfels to the planes seen at their pixels, nearer than `gate`.

@@ -132,7 +132,7 @@ fn share_of_ends(moving: &[EndsInSight]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recognise::plain_slider::{WALL_M, look_for_plain_slider};
+    use crate::recognise::shape::test_data::{WALL_M, look_for_plain_slider};
     use nalgebra::Vector3;
 
     /// Matches of a wall that are so far from one to the next, metres, when the slider's frame is the

@@ -115,7 +115,7 @@ fn shape_score(
 mod tests {
     use super::*;
     use crate::math::rigid::Pose;
-    use crate::recognise::plain_slider::look_for_plain_slider;
+    use crate::recognise::shape::test_data::look_for_plain_slider;
 
     #[test]
     fn a_plain_thing_lies_where_its_parts_end() {

@@ -291,28 +291,9 @@ fn some_of(mut names: Vec<String>, asked: &str) -> String {
 mod tests {
     use super::*;
     use crate::object::appearance::{Appearance, Edge};
-    use crate::store::test_data::object;
+    use crate::store::test_data::{AS_IN_VERSION_5, AS_IN_VERSION_6, object};
     use crate::test_data::{features, features_seen};
     use rusqlite::OptionalExtension;
-
-    /// Takes back what versions 6 and 7 brought.
-    const AS_IN_VERSION_5: &str = "
-        DROP TRIGGER object_added;
-        DROP TRIGGER object_changed;
-        DROP TRIGGER object_removed;
-        DROP TABLE total;
-        DROP TABLE listed;
-        DROP TABLE postings;
-        DROP INDEX unlisted;
-        ALTER TABLE words RENAME TO numbered;
-        CREATE TABLE words (
-            object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
-            words BLOB NOT NULL
-        );
-        INSERT INTO words SELECT object, words FROM numbered;
-        DROP TABLE numbered;
-        ALTER TABLE object DROP COLUMN room;
-        PRAGMA user_version = 5;";
 
     fn execute(path: &Path, sql: &str) {
         Connection::open(path).unwrap().execute_batch(sql).unwrap();
@@ -416,6 +397,25 @@ mod tests {
         assert_eq!(store.get("door").unwrap(), object("door"));
         store.put(&door).unwrap();
         assert_eq!(store.get("door").unwrap(), door);
+    }
+
+    #[test]
+    fn objects_of_version_6_get_checksums_and_keep_their_words() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.linkage");
+        let door = StoredObject { appearance: features(3), ..object("door") };
+        let mut store = Store::open_or_create(&path).unwrap();
+        store.put(&door).unwrap();
+        let rank = |store: &Store| store.load().unwrap().rank(&features_seen(3, 1.0), 1).unwrap();
+        let ranked = rank(&store);
+        drop(store);
+        execute(&path, AS_IN_VERSION_6);
+        let store = Store::open(&path).unwrap();
+        assert_eq!(store.get("door").unwrap(), door);
+        assert_eq!(rank(&store), ranked);
+        let without = "SELECT count(*) FROM words WHERE checksum = 0 OR content = 0";
+        let count: i64 = store.connection.query_row(without, [], |row| row.get(0)).unwrap();
+        assert_eq!(count, 0);
     }
 
     #[test]

@@ -15,7 +15,8 @@ pub const SCHEMA_VERSION: i64 = 8;
 /// Marks an SQLite file as ours: "LNKG".
 const APPLICATION_ID: i64 = 0x4c4e_4b47;
 
-const CREATE: &str = "
+/// The objects of a new store and where they were learned.
+const OBJECTS: &str = "
 CREATE TABLE object (
     name TEXT PRIMARY KEY,
     model TEXT NOT NULL,
@@ -30,6 +31,10 @@ CREATE TABLE demonstration (
     learned_utime INTEGER NOT NULL
 );
 CREATE INDEX demonstration_of_object ON demonstration (object);
+";
+
+/// The words of each object and the lists of objects by word, of a new store and of one that had no lists.
+const LISTS: &str = "
 CREATE TABLE words (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
     object TEXT NOT NULL UNIQUE REFERENCES object (name) ON DELETE CASCADE,
@@ -70,69 +75,60 @@ CREATE TABLE listed (
 );
 ";
 
-/// What tells a new file to be a store of the newest version.
+/// What tells a file to be a store of the newest version.
 const MARKS: &str = "
 PRAGMA application_id = 1280199495;
 PRAGMA user_version = 8;
 ";
 
-/// What each version up to the newest lacks. The first trained a vocabulary of its own for every
-/// store; objects of the second know no edges: an empty list is written as one zero; rectified
-/// features of the third are upright, and its words those of another vocabulary; words of the
-/// fourth are written otherwise; the fifth has no lists, and words that lack are marked (`x'ff'`)
-/// to be made when they are needed; the sixth has no checksums; objects of the seventh know no room.
-const UPGRADES: [&[&str]; 7] = [
-    &["
+/// Objects of the first and the second version know no edges: an empty list is written as one zero.
+const ADD_EDGES: &str = "ALTER TABLE object ADD COLUMN edges BLOB NOT NULL DEFAULT x'00';";
+
+/// Objects up to the seventh version know no room.
+const ADD_ROOM: &str = "ALTER TABLE object ADD COLUMN room BLOB NOT NULL DEFAULT x'00';";
+
+/// The first version trained a vocabulary of its own for every store, words of the second and the third are
+/// those of another vocabulary, words of the fourth are written otherwise.
+const DROP_WORDS: &str = "
 DROP TABLE IF EXISTS vocabulary;
-CREATE TABLE IF NOT EXISTS words (
-    object TEXT PRIMARY KEY REFERENCES object (name) ON DELETE CASCADE,
-    words BLOB NOT NULL
-);
-PRAGMA user_version = 2;
-"],
-    &["
-ALTER TABLE object ADD COLUMN edges BLOB NOT NULL DEFAULT x'00';
-PRAGMA user_version = 3;
-"],
-    &["
-DELETE FROM words;
-PRAGMA user_version = 4;
-"],
-    &["
-DELETE FROM words;
-PRAGMA user_version = 5;
-"],
-    &["
-CREATE TABLE numbered (
-    number INTEGER PRIMARY KEY AUTOINCREMENT,
-    object TEXT NOT NULL UNIQUE REFERENCES object (name) ON DELETE CASCADE,
-    words BLOB
-);
-INSERT INTO numbered (object, words)
-    SELECT name, coalesce(words, x'ff') FROM object LEFT JOIN words ON object = name;
-DROP TABLE words;
-ALTER TABLE numbered RENAME TO words;
-CREATE INDEX unlisted ON words (number) WHERE words IS NOT NULL;
-CREATE TABLE postings (
-    list INTEGER PRIMARY KEY,
-    postings BLOB NOT NULL
-);
-PRAGMA user_version = 6;
-"],
-    &[
-        "
+DROP TABLE IF EXISTS words;
+";
+
+/// Words that lack are marked (`x'ff'`), to be made when they are needed.
+const MARK_WORDS: &str = "INSERT INTO words (object, words) SELECT name, x'ff' FROM object;";
+
+/// The fifth version has words as they are now, but neither numbers nor lists.
+const PUT_WORDS_ASIDE: &str = "ALTER TABLE words RENAME TO words_before;";
+
+/// Those words, and marks where they lack.
+const TAKE_WORDS_OVER: &str = "
+INSERT INTO words (object, words)
+    SELECT name, coalesce(words, x'ff') FROM object LEFT JOIN words_before ON object = name;
+DROP TABLE words_before;
+";
+
+/// The sixth version has lists, and no checksums.
+const ADD_COLUMNS_OF_CHECKSUMS: &str = "
 ALTER TABLE words ADD COLUMN content INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE words ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE postings ADD COLUMN checksum INTEGER NOT NULL DEFAULT 0;
-",
-        TOTALS,
-        "PRAGMA user_version = 7;",
-    ],
-    &["
-ALTER TABLE object ADD COLUMN room BLOB NOT NULL DEFAULT x'00';
-PRAGMA user_version = 8;
-"],
-];
+";
+
+/// What makes a store of an earlier version one of the newest, except for the checksums themselves.
+fn upgrades_from(version: i64) -> Vec<&'static str> {
+    let mut sql = Vec::new();
+    if version < 3 {
+        sql.push(ADD_EDGES);
+    }
+    match version {
+        ..=4 => sql.extend([DROP_WORDS, LISTS, MARK_WORDS, TOTALS]),
+        5 => sql.extend([PUT_WORDS_ASIDE, LISTS, TAKE_WORDS_OVER, TOTALS]),
+        6 => sql.extend([ADD_COLUMNS_OF_CHECKSUMS, TOTALS]),
+        _ => {}
+    }
+    sql.extend([ADD_ROOM, MARKS]);
+    sql
+}
 
 /// The first version with checksums.
 const FIRST_WITH_CHECKSUMS: i64 = 7;
@@ -179,15 +175,14 @@ fn upgrade(path: &Path, connection: &Connection) -> Result<(), StoreError> {
     // Another process may have been faster.
     match state(path, &alone)? {
         State::Empty => {
-            alone.execute_batch(CREATE).map_err(sql)?;
-            alone.execute_batch(TOTALS).map_err(sql)?;
-            alone.execute_batch(MARKS).map_err(sql)?;
+            for sql_text in [OBJECTS, LISTS, TOTALS, MARKS] {
+                alone.execute_batch(sql_text).map_err(sql)?;
+            }
             inverted_index::write_empty_directory(&alone).map_err(sql)?;
         }
         State::Version(SCHEMA_VERSION) => return Ok(()),
         State::Version(before) => {
-            let lacking = UPGRADES.into_iter().skip(usize::try_from(before - 1).unwrap_or(0));
-            for sql_text in lacking.flatten() {
+            for sql_text in upgrades_from(before) {
                 alone.execute_batch(sql_text).map_err(sql)?;
             }
             if before < FIRST_WITH_CHECKSUMS {
@@ -282,11 +277,48 @@ pub fn state(path: &Path, connection: &Connection) -> Result<State, StoreError> 
 
 #[cfg(test)]
 mod tests {
+    use super::super::test_data::{AS_IN_VERSION_5, AS_IN_VERSION_6};
     use super::*;
 
     #[test]
     fn the_mark_in_the_tables_is_the_mark_that_is_checked() {
         assert!(MARKS.contains(&format!("application_id = {APPLICATION_ID};")));
         assert!(MARKS.contains(&format!("user_version = {SCHEMA_VERSION};")));
+    }
+
+    /// What makes a new store one as an earlier version made it.
+    const EARLIER: [(i64, &[&str]); 7] = [
+        (1, &[AS_IN_VERSION_5, "ALTER TABLE object DROP COLUMN edges;", "DROP TABLE words;"]),
+        (2, &[AS_IN_VERSION_5, "ALTER TABLE object DROP COLUMN edges;"]),
+        (3, &[AS_IN_VERSION_5]),
+        (4, &[AS_IN_VERSION_5]),
+        (5, &[AS_IN_VERSION_5]),
+        (6, &[AS_IN_VERSION_6]),
+        (7, &["ALTER TABLE object DROP COLUMN room;"]),
+    ];
+
+    /// Tables, indices and triggers, and the columns of each table, with their types.
+    fn definitions(connection: &Connection) -> Vec<String> {
+        let sql = "SELECT concat_ws(' ', m.type, m.name, c.name, c.type, c.pk)
+            FROM sqlite_master m LEFT JOIN pragma_table_info(m.name) c ORDER BY m.name, c.cid";
+        let mut statement = connection.prepare(sql).unwrap();
+        statement.query_map([], |row| row.get(0)).unwrap().map(Result::unwrap).collect()
+    }
+
+    #[test]
+    fn a_store_of_any_earlier_version_gets_the_tables_of_a_new_one() {
+        for (version, back) in EARLIER {
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("s.linkage");
+            let connection = Connection::open(&path).unwrap();
+            prepare(&path, &connection).unwrap();
+            let newest = definitions(&connection);
+            back.iter().for_each(|sql| connection.execute_batch(sql).unwrap());
+            connection.pragma_update(None, "user_version", version).unwrap();
+            assert_ne!(definitions(&connection), newest, "version {version} has other tables");
+            prepare(&path, &connection).unwrap();
+            assert_eq!(definitions(&connection), newest, "from version {version}");
+            assert!(state(&path, &connection).unwrap().is_newest());
+        }
     }
 }

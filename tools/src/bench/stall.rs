@@ -1,6 +1,6 @@
 //! A source whose frames stop coming for a while, as those of a camera that stalls.
 
-use linkage_driver::{RgbdFrame, RgbdSource, SourceError, SourceStatistics};
+use linkage_driver::WrappedSource;
 use linkage_planner_bridge::service::SourceOpener;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,36 +21,14 @@ impl Stall {
     /// Opens a source that stalls.
     pub fn opener(&self, mut open: Box<SourceOpener>) -> Box<SourceOpener> {
         let stall = self.clone();
-        Box::new(move || Ok(Box::new(Stalling { source: open()?, stall: stall.clone() }) as Box<_>))
-    }
-}
-
-struct Stalling {
-    source: Box<dyn RgbdSource>,
-    stall: Stall,
-}
-
-impl RgbdSource for Stalling {
-    fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
-        while self.stall.0.load(Ordering::Relaxed) {
-            std::thread::sleep(POLL);
-        }
-        self.source.next_frame()
-    }
-
-    fn frame_count(&self) -> Option<usize> {
-        self.source.frame_count()
-    }
-
-    fn name(&self) -> &str {
-        self.source.name()
-    }
-
-    fn is_live(&self) -> bool {
-        self.source.is_live()
-    }
-
-    fn statistics(&self) -> SourceStatistics {
-        self.source.statistics()
+        Box::new(move || {
+            let stall = stall.clone();
+            Ok(Box::new(WrappedSource::new(open()?, move |source| {
+                while stall.0.load(Ordering::Relaxed) {
+                    std::thread::sleep(POLL);
+                }
+                source.next_frame()
+            })))
+        })
     }
 }

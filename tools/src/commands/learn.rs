@@ -9,7 +9,7 @@ use crate::report::{self, summary};
 use crate::source;
 use crate::steps::{demonstrate_past, remember, skill_config};
 use crate::tags::TagLog;
-use crate::view::{View, Wanted, Watched};
+use crate::view::{View, Wanted, watched};
 use linkage_driver::{RgbdFrame, RgbdSource};
 use linkage_skill::object::{Appearance, StoredObject};
 use linkage_skill::{Demonstration, SkillConfig, pose_to_array};
@@ -85,7 +85,7 @@ fn watch<'a>(
             view.frame(frame);
         }
     };
-    let mut frames = Watched::new(source::open(source, &args.take)?, show);
+    let mut frames = watched(source::open(source, &args.take)?, show);
     let demonstration = demonstrate_past(tags.as_mut(), &mut frames, &args.object, config, quiet)?;
     if let Some(losses) = source::losses(&frames.statistics()) {
         tracing::warn!(source, "not learned from: {losses}");

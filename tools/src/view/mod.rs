@@ -42,4 +42,4 @@ pub use disabled::View;
 #[cfg(feature = "view")]
 pub use enabled::View;
 pub use wanted::Wanted;
-pub use watched::Watched;
+pub use watched::watched;

@@ -8,9 +8,10 @@ use super::estimate::JointEstimate;
 use super::screw_joint::{ScrewJoint, ScrewMotion};
 use super::tracks_in_part_frame::TracksInFrame;
 use crate::learn::ego_motion::BaseObservation;
+use crate::math::normal_equations::NormalEquations;
 use crate::math::rigid::orthonormal_basis;
 use crate::math::robust::median_point;
-use nalgebra::{DMatrix, DVector, Matrix3, Point3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Dyn, Matrix3, Point3, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
 
 /// Squared Mahalanobis distance from which an observation is an outlier.
@@ -271,11 +272,10 @@ fn reduce(
     TrackEquations::of(joint, turns, view, track, cut).reduced()
 }
 
-/// Normal equations over (axis, origin, configurations of the known frames); of the symmetric
-/// matrix the lower triangle alone.
+/// Normal equations over (axis, origin, configurations of the known frames); residuals are predicted less
+/// seen.
 struct System {
-    hessian: DMatrix<f64>,
-    gradient: DVector<f64>,
+    equations: NormalEquations<Dyn>,
     /// By frame: row of its configuration; meaningful for known frames.
     rows: Vec<usize>,
 }
@@ -298,8 +298,8 @@ impl System {
             })
             .collect();
         for part in pieces {
-            system.hessian += part.hessian;
-            system.gradient += part.gradient;
+            system.equations.left += part.equations.left;
+            system.equations.right += part.equations.right;
         }
         system
     }
@@ -314,25 +314,26 @@ impl System {
                 size.saturating_sub(1)
             })
             .collect();
-        Self { hessian: DMatrix::zeros(size, size), gradient: DVector::zeros(size), rows }
+        Self { equations: NormalEquations::of(Dyn(size)), rows }
     }
 
     fn add(&mut self, r: &Reduced) {
+        let NormalEquations { left, right } = &mut self.equations;
         for a in 0..LINE {
-            self.gradient[a] += r.gradient[a];
+            right[a] += r.gradient[a];
             for b in 0..LINE {
-                self.hessian[(a, b)] += r.hessian[(a, b)];
+                left[(a, b)] += r.hessian[(a, b)];
             }
         }
         for (i, terms) in r.frames.iter().enumerate() {
             let column = self.rows[terms.frame];
-            self.gradient[column] += terms.gradient;
+            right[column] += terms.gradient;
             for a in 0..LINE {
-                self.hessian[(column, a)] += terms.cross[a];
+                left[(column, a)] += terms.cross[a];
             }
-            self.hessian[(column, column)] += terms.own;
+            left[(column, column)] += terms.own;
             let pulled = r.inverse * terms.coupling;
-            let mut below = self.hessian.column_mut(column);
+            let mut below = left.column_mut(column);
             for later in &r.frames[i..] {
                 below[self.rows[later.frame]] -= later.coupling.dot(&pulled);
             }
@@ -343,7 +344,7 @@ impl System {
     fn pin(&mut self, joint: &JointEstimate) {
         if joint.known[joint.anchor] {
             let row = self.rows[joint.anchor];
-            self.hessian[(row, row)] += 1e9;
+            self.equations.left[(row, row)] += 1e9;
         }
     }
 }
@@ -357,11 +358,12 @@ fn step(
     damping: f64,
 ) -> Option<JointEstimate> {
     let mut system = System::of(joint, view, tracks, cut);
-    for k in 0..system.hessian.nrows() {
-        system.hessian[(k, k)] += damping * system.hessian[(k, k)] + 1e-6;
+    let left = &mut system.equations.left;
+    for k in 0..left.nrows() {
+        left[(k, k)] += damping * left[(k, k)] + 1e-6;
     }
     system.pin(joint);
-    let delta = system.hessian.cholesky()?.solve(&(-system.gradient));
+    let delta = -system.equations.solution()?;
     if !delta.iter().all(|x| x.is_finite()) {
         return None;
     }
@@ -461,12 +463,10 @@ pub fn covariance(
     for r in &reduced {
         system.add(r);
     }
-    let size = system.hessian.nrows();
-    for k in 0..size {
-        system.hessian[(k, k)] += 1e-6;
-    }
+    let size = system.equations.right.len();
+    system.equations.damp(1e-6);
     system.pin(joint);
-    let Some(cholesky) = system.hessian.cholesky() else { return zero };
+    let Some(cholesky) = system.equations.left.cholesky() else { return zero };
     let line_of_gradient = cholesky.solve(&DMatrix::identity(size, LINE)).transpose();
     let mut between = DMatrix::zeros(LINE, LINE);
     for r in &reduced {

@@ -32,7 +32,7 @@ mod screw_joint;
 mod search_state;
 mod selection;
 #[cfg(test)]
-mod test_data;
+pub(crate) mod test_data;
 mod to_model;
 mod track_scores;
 mod tracks_in_part_frame;

@@ -70,3 +70,81 @@ fn accepted(
     }
     (accepted, rejections)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::test_data::{
+        FRAMES, ON_FRONT, drawer_recording, front, front_paths, recording_of,
+    };
+    use crate::learn::keyframes::Keyframes;
+    use crate::object::joint_geometry::JointKind;
+    use nalgebra::{Point3, Vector3};
+
+    fn learned(recording: &Recording) -> LearnedJoints {
+        learn(recording, 1, &mut StageTimes::default())
+    }
+
+    /// The tracks of the front and more, without pictures.
+    fn with_paths(more: Vec<Vec<Point3<f64>>>) -> Recording {
+        let paths = [front_paths(), more].concat();
+        Recording { keyframes: Keyframes::new(2), ..recording_of(paths, front) }
+    }
+
+    /// Paths of twenty places that are moved by `way` in each frame.
+    fn paths(way: impl Fn(usize) -> Vector3<f64>) -> Vec<Vec<Point3<f64>>> {
+        let path = |i: usize| {
+            let at = Point3::new(0.5 + 0.04 * (i % 5) as f64, 0.04 * (i / 5) as f64, 1.5);
+            (0..FRAMES).map(|f| at + way(f)).collect()
+        };
+        (0..20).map(path).collect()
+    }
+
+    #[test]
+    fn a_drawer_that_is_pulled_is_one_slide_on_the_base() {
+        let found = learned(&drawer_recording(front));
+        let [drawer] = &found.joints[..] else { panic!("{} joints", found.joints.len()) };
+        let joint = &drawer.joint;
+        assert_eq!((joint.kind, joint.parent, joint.child), (JointKind::Prismatic, 0, 1));
+        assert!(joint.axis[2].abs() > 0.999, "{:?}", joint.axis);
+        assert!((joint.range[1] - joint.range[0] - 0.3).abs() < 0.01, "{:?}", joint.range);
+        assert!(drawer.tracks.len() > ON_FRONT / 2);
+        assert!(found.rejections.is_empty());
+    }
+
+    #[test]
+    fn what_the_pictures_see_through_is_no_part_and_the_reason_is_told() {
+        // The board stays where it is; its tracks come nearer.
+        let found = learned(&drawer_recording(|_| 1.5));
+        assert!(found.joints.is_empty());
+        let [refused] = &found.rejections[..] else { panic!("{:?}", found.rejections) };
+        assert!(refused.reason.ends_with("seen through"), "{refused}");
+    }
+
+    #[test]
+    fn two_drawers_that_are_opened_one_after_the_other_are_two_joints() {
+        let other = paths(|f| Vector3::y() * -0.025 * (f.clamp(46, 58) - 46) as f64);
+        let found = learned(&with_paths(other));
+        let kinds: Vec<JointKind> = found.joints.iter().map(|j| j.joint.kind).collect();
+        assert_eq!(kinds, [JointKind::Prismatic; 2], "{:?}", found.rejections);
+    }
+
+    #[test]
+    fn what_always_moves_is_refused_and_the_reason_is_told() {
+        let hand = paths(|f| Vector3::y() * (0.01 * f as f64));
+        let found = learned(&with_paths(hand));
+        assert_eq!(found.joints.len(), 1, "the drawer");
+        let [refused] = &found.rejections[..] else { panic!("{:?}", found.rejections) };
+        assert!(refused.reason.contains("ever rests"), "{refused}");
+        assert!(refused.tracks > 10 && refused.frames > 30, "{refused}");
+    }
+
+    #[test]
+    fn where_nothing_moves_nothing_is_learned_and_nothing_refused() {
+        let still = recording_of(paths(|_| Vector3::zeros()), |_| 1.5);
+        let found = learned(&still);
+        assert!(found.joints.is_empty() && found.rejections.is_empty());
+        let empty = learned(&recording_of(Vec::new(), |_| 1.5));
+        assert!(empty.joints.is_empty() && empty.rejections.is_empty());
+    }
+}

@@ -14,9 +14,10 @@ use super::depth_following::{Following, Surface, residuals};
 use super::hinge::Hinge;
 use crate::learn::line_step::{line_covariance, moved_line};
 use crate::learn::recording::Recording;
+use crate::math::normal_equations::NormalEquations;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointGeometry;
-use nalgebra::{Matrix3x2, Matrix4, Matrix5, Matrix6, Point3, Vector3, Vector4, Vector5};
+use nalgebra::{Const, Matrix3x2, Matrix4, Matrix6, Point3, Vector3, Vector4, Vector5, Vector6};
 
 /// Gauss-Newton steps.
 const STEPS: usize = 6;
@@ -61,7 +62,7 @@ pub fn align_line(
     let mut geometry = from_planes.geometry();
     let mut thickness = THICKNESS_M;
     let known = prior(surface, from_planes, &geometry, thickness);
-    let covariance = line_covariance(&geometry, &known.information_of_line());
+    let covariance = line_covariance(&geometry, &information_of_line(&known));
     if from_planes.is_well_known() {
         return AlignedLine { geometry, covariance, rmse: from_planes.rmse };
     }
@@ -73,10 +74,10 @@ pub fn align_line(
             reduced_system(surface, &geometry, thickness, &mut q, recording);
         rmse = (squares / weight.max(1e-9)).sqrt();
         let known = prior(surface, from_planes, &geometry, thickness);
-        let system =
-            LineSystem { left: pictures.left + known.left, right: pictures.right + known.right };
-        information = system.information_of_line();
-        let Some(step) = system.left.cholesky().map(|c| c.solve(&system.right)) else { break };
+        let mut system = pictures;
+        system.add_weighted(&known, 1.0);
+        information = information_of_line(&system);
+        let Some(step) = system.solution() else { break };
         geometry = moved_line(&geometry, &step.fixed_rows::<4>(0).into_owned());
         thickness += step[THICKNESS];
         if step.norm() < 1e-6 {
@@ -89,24 +90,15 @@ pub fn align_line(
 
 /// The unknown after those of the line.
 const THICKNESS: usize = 4;
+/// The unknown of a keyframe after all that the keyframes share.
+const CONFIGURATION: usize = 5;
 
 /// Normal equations of the line's four unknowns and the thickness of its part.
-struct LineSystem {
-    left: Matrix5<f64>,
-    right: Vector5<f64>,
-}
+type LineEquations = NormalEquations<Const<5>>;
 
-impl LineSystem {
-    fn zero() -> Self {
-        Self { left: Matrix5::zeros(), right: Vector5::zeros() }
-    }
-
-    /// Information of the line, whatever the thickness is (Schur complement).
-    fn information_of_line(&self) -> Matrix4<f64> {
-        let of_line = self.left.fixed_view::<4, 4>(0, 0).into_owned();
-        let cross: Vector4<f64> = self.left.fixed_view::<4, 1>(0, THICKNESS).into_owned();
-        of_line - cross * cross.transpose() / self.left[(THICKNESS, THICKNESS)].max(1e-9)
-    }
+/// Information of the line, whatever the thickness is.
+fn information_of_line(equations: &LineEquations) -> Matrix4<f64> {
+    equations.without_last::<4>().information()
 }
 
 /// The normal equations without the configurations, which are brought up to date; then the sum of
@@ -117,8 +109,8 @@ fn reduced_system(
     thickness: f64,
     q: &mut [(usize, f64)],
     recording: &Recording,
-) -> (LineSystem, f64, f64) {
-    let mut all = LineSystem::zero();
+) -> (LineEquations, f64, f64) {
+    let mut all = LineEquations::zero();
     let (mut squares, mut weights) = (0.0, 0.0);
     let shifted: [JointGeometry; 4] = std::array::from_fn(|k| {
         let mut step = Vector4::zeros();
@@ -133,33 +125,28 @@ fn reduced_system(
         let motion = geometry.motion(*q);
         let beside = shifted.each_ref().map(|g| g.motion(*q));
         let other_face = f64::from(!surface.is_turned_to_camera(&(camera_from_base * motion)));
-        let (mut left, mut right) = (Matrix5::zeros(), Vector5::zeros());
-        let (mut cross, mut own, mut own_right) = (Vector5::zeros(), 0.0, 0.0);
+        let mut own = NormalEquations::<Const<6>>::zero();
         let mut found = 0.0;
         let behind = other_face * thickness;
         for r in residuals(surface, behind, &motion, picture, &camera_from_base) {
             let place = motion * r.point;
-            let slope = r.normal.dot(&geometry.velocity(&place));
-            let slopes = Vector5::from_fn(|k, _| match beside.get(k) {
+            let slopes = Vector6::from_fn(|k, _| match beside.get(k) {
                 Some(beside) => r.normal.dot(&(beside * r.point - place)) / DIFFERENCE,
-                None => -other_face,
+                None if k == THICKNESS => -other_face,
+                None => r.normal.dot(&geometry.velocity(&place)),
             });
             let w = (1.0 - (r.distance / CUT_M).powi(2)).max(0.0).powi(2);
-            left += w * slopes * slopes.transpose();
-            right += w * slopes * r.distance;
-            cross += w * slopes * slope;
-            own += w * slope * slope;
-            own_right += w * slope * r.distance;
+            own.add(&slopes, r.distance, w);
             squares += w * r.distance * r.distance;
             found += w;
         }
-        if own < 1e-9 || found < 1.0 {
+        let of_configuration = own.left[(CONFIGURATION, CONFIGURATION)];
+        if of_configuration < 1e-9 || found < 1.0 {
             continue;
         }
-        *q += own_right / own;
+        *q += own.right[CONFIGURATION] / of_configuration;
         let weight = INDEPENDENT.min(found) / found / RESIDUAL_M.powi(2);
-        all.left += weight * (left - cross * cross.transpose() / own);
-        all.right += weight * (right - cross * own_right / own);
+        all.add_weighted(&own.without_last(), weight);
         weights += found;
     }
     (all, squares, weights)
@@ -172,14 +159,13 @@ fn prior(
     from_planes: &Hinge,
     now: &JointGeometry,
     thickness: f64,
-) -> LineSystem {
+) -> LineEquations {
     let (u, v) = orthonormal_basis(&now.axis);
     let n = surface.points.len().max(1) as f64;
     let mean = Point3::from(surface.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
-    let mut all = LineSystem::zero();
+    let mut all = LineEquations::zero();
     let mut add = |slopes: Vector5<f64>, off: f64, sigma: f64| {
-        all.left += slopes * slopes.transpose() / sigma.powi(2);
-        all.right -= slopes * off / sigma.powi(2);
+        all.add(&slopes, -off, 1.0 / sigma.powi(2));
     };
     let turned = now.axis.into_inner() - from_planes.axis;
     let shifted = now.origin - from_planes.origin;
@@ -219,7 +205,6 @@ mod tests {
     use super::super::test_data::{HINGE_M, WIDTH_M, door_recording, turn};
     use super::*;
     use crate::math::rigid::distance_to_line;
-    use nalgebra::Vector6;
 
     /// The hinge that the planes of a door give, and the line aligned to its pictures; `share` of the
     /// whole opening is shown.
@@ -278,17 +263,14 @@ mod tests {
 
     #[test]
     fn an_unknown_thickness_takes_what_the_line_would_explain_as_well() {
-        let mut system = LineSystem::zero();
-        let add = |system: &mut LineSystem, slopes: Vector5<f64>| {
-            system.left += slopes * slopes.transpose();
-        };
+        let mut system = LineEquations::zero();
         // Each reading is of the thickness and of a shift of the line together, and the thickness is unknown.
-        (0..100).for_each(|_| add(&mut system, unit(2) - unit(THICKNESS)));
-        add(&mut system, unit(3));
-        let information = system.information_of_line();
+        (0..100).for_each(|_| system.add(&(unit(2) - unit(THICKNESS)), 0.0, 1.0));
+        system.add(&unit(3), 0.0, 1.0);
+        let information = information_of_line(&system);
         assert!(information[(2, 2)].abs() < 1e-9 && (information[(3, 3)] - 1.0).abs() < 1e-9);
-        add(&mut system, unit(THICKNESS) * 10.0);
-        assert!((system.information_of_line()[(2, 2)] - 50.0).abs() < 1e-9, "half as well");
+        system.add(&unit(THICKNESS), 0.0, 100.0);
+        assert!((information_of_line(&system)[(2, 2)] - 50.0).abs() < 1e-9, "half as well");
     }
 
     #[test]

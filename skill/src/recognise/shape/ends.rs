@@ -94,3 +94,83 @@ pub fn ends_in_sight(
     }
     counts
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_data::look_for_plain_slider;
+    use super::*;
+    use crate::math::rigid::Pose;
+    use crate::test_data::{board, seen as picture};
+
+    /// A place at which a surface that faces the camera is said to end.
+    fn end(x: f64, z: f64, outward: Vector3<f64>) -> ContourPoint {
+        let point = Point3::new(x, 0.0, z);
+        ContourPoint { part: 0, point, normal: -Vector3::z(), outward, configurations: [0.0; 2] }
+    }
+
+    /// What a picture of a board says of a place: it is 40 cm wide, 1.5 m away, and a metre before a wall;
+    /// at its lower left corner depth lacks.
+    fn told(c: &ContourPoint) -> Option<bool> {
+        let of_board = board(0.2, 1.5, 2.5);
+        let depth = |x, y| if x < -0.1 && y > 0.1 { f64::NAN } else { of_board(x, y) };
+        let scene = Scene::plain(&picture(1, depth)).unwrap();
+        ends(&scene, &ContourGrid::of(&scene), &IsometryMatrix3::identity(), c)
+    }
+
+    #[test]
+    fn a_surface_ends_where_the_picture_shows_its_border_and_to_that_side_only() {
+        assert_eq!(told(&end(0.2, 1.5, Vector3::x())), Some(true));
+        assert_eq!(told(&end(-0.2, 1.5, -Vector3::x())), Some(true));
+        assert_eq!(told(&end(0.2, 1.5, -Vector3::x())), Some(false), "to the other side");
+    }
+
+    #[test]
+    fn a_surface_does_not_end_where_it_goes_on_or_where_nothing_is() {
+        assert_eq!(told(&end(0.05, 1.5, Vector3::x())), Some(false), "it goes on");
+        assert_eq!(told(&end(0.4, 1.5, Vector3::x())), Some(false), "the wall is seen there");
+    }
+
+    #[test]
+    fn what_is_hidden_turned_away_or_out_of_sight_says_nothing() {
+        assert_eq!(told(&end(0.1, 2.0, Vector3::x())), None, "behind the board");
+        let turned = ContourPoint { normal: Vector3::z(), ..end(0.2, 1.5, Vector3::x()) };
+        assert_eq!(told(&turned), None, "turned away");
+        assert_eq!(told(&end(2.0, 1.5, Vector3::x())), None, "beside the picture");
+        assert_eq!(told(&end(0.0, -1.5, Vector3::x())), None, "behind the camera");
+        let mut dark = end(-0.18, 1.5, -Vector3::x());
+        dark.point.y = 0.18;
+        assert_eq!(told(&dark), None, "no depth");
+    }
+
+    /// Ends in sight of a slider that stands at 0.06 m, where it is taken to stand at `q`.
+    fn in_sight_at(q: f64) -> Vec<EndsInSight> {
+        look_for_plain_slider(Some(0.2), 0.06, |refiner, contours| {
+            let state = State { camera_from_object: Pose::identity(), q: vec![q] };
+            ends_in_sight(refiner.scene, refiner.articulated, contours, &state)
+        })
+    }
+
+    #[test]
+    fn parts_in_their_places_show_their_ends() {
+        for part in in_sight_at(0.06) {
+            assert!(part.count() > 20 && part.share() > 0.9, "{part:?}");
+            assert!(part.closeness > 0.5 * part.found as f64, "{part:?}");
+            assert!(part.closeness <= part.found as f64, "{part:?}");
+        }
+    }
+
+    #[test]
+    fn a_part_beside_its_place_lacks_ends_and_the_others_do_not() {
+        let [plate, board] = in_sight_at(0.0)[..] else { panic!("two parts") };
+        assert!(plate.share() > 0.9, "{plate:?}");
+        // Its upper and lower side slide along themselves.
+        assert!(board.share() < 0.75, "{board:?}");
+    }
+
+    #[test]
+    fn ends_that_are_not_known_at_a_configuration_are_not_asked_for() {
+        let [plate, board] = in_sight_at(0.25)[..] else { panic!("two parts") };
+        assert_eq!((board.count(), board.share()), (0, 1.0));
+        assert!(plate.count() > 0);
+    }
+}

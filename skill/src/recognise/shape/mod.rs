@@ -13,6 +13,8 @@ mod ends;
 mod object_shape;
 mod part_alignment;
 mod pose_search;
+#[cfg(test)]
+pub mod test_data;
 
 pub use contour_grid::ContourGrid;
 pub use ends::{EndsInSight, ends_in_sight};

@@ -85,3 +85,89 @@ pub fn aligned(
     }
     state.camera_from_object
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::object_shape::Contours;
+    use super::super::test_data::look_for_plain_slider;
+    use super::*;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    /// How far the board of the slider was slid, metres.
+    const SLID_M: f64 = 0.06;
+
+    /// The board's pose, off by this shift and turn about the line of sight.
+    fn off_by(shift: [f64; 3], turn: f64) -> Pose {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
+        Pose::from_parts((Vector3::from(shift) + Vector3::x() * SLID_M).into(), turn)
+    }
+
+    /// The board, aligned from a pose; by its surface alone if its contour is not `used`. The picture
+    /// shows it, or the wall alone.
+    fn board_from(start: Pose, is_there: bool, used: bool) -> Pose {
+        look_for_plain_slider(is_there.then_some(0.2), SLID_M, |refiner, contours| {
+            let camera = &refiner.scene.frame.camera;
+            let nothing = ContourGrid::new(Vec::new(), camera.depth_sensor, camera.fx);
+            let seen = if used { contours.seen } else { &nothing };
+            aligned(refiner.scene, seen, contours.shape, 1, start)
+        })
+    }
+
+    #[test]
+    fn a_board_beside_its_place_is_drawn_to_where_the_picture_ends() {
+        let found = board_from(off_by([0.012, -0.01, 0.02], 0.03), true, true);
+        let off = off_by([0.0; 3], 0.0).inverse() * found;
+        // A pixel is half a centimetre wide there.
+        assert!(off.translation.vector.norm() < 0.006, "{off}");
+        assert!(off.rotation.angle() < 0.015, "{off}");
+    }
+
+    #[test]
+    fn its_surface_alone_tells_how_far_a_board_is_and_leaves_it_where_it_is_in_its_plane() {
+        let start = off_by([0.012, -0.01, 0.02], 0.0);
+        let found = board_from(start, true, false);
+        assert!(found.translation.z.abs() < 0.002, "{found}");
+        let slid = (found.translation.vector - start.translation.vector).xy();
+        assert!(slid.norm() < 0.003, "{slid}");
+    }
+
+    #[test]
+    fn where_nothing_of_a_part_is_seen_its_pose_stays() {
+        let start = off_by([0.012, -0.01, 0.02], 0.03);
+        assert_eq!(board_from(start, false, true), start);
+    }
+
+    /// Rows that the board's contour adds, each place taken so many times, and what they tell of its pose.
+    fn rows(camera_from_object: Pose, times: usize) -> (usize, Vec<Option<f64>>) {
+        look_for_plain_slider(Some(0.2), SLID_M, |refiner, Contours { shape, seen }| {
+            let state = State { camera_from_object, q: vec![SLID_M] };
+            let mut system = System::new(7);
+            let own: Vec<&ContourPoint> = shape.contour.iter().filter(|c| c.part == 1).collect();
+            let places = own.iter().copied().cycle().take(times * own.len());
+            let count =
+                add_contour(&mut system, refiner.scene, seen, places, refiner.articulated, &state);
+            (count, system.pose_deviations())
+        })
+    }
+
+    #[test]
+    fn only_places_near_an_end_in_the_picture_count() {
+        let (all, _) = rows(Pose::identity(), 1);
+        assert!(all > 40, "{all}");
+        assert_eq!(rows(Pose::translation(0.0, 0.0, 0.3), 1).0, 0, "far behind");
+        let about = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
+        let turned = Pose::from_parts(Vector3::new(0.5, 0.0, 2.4).into(), about);
+        assert_eq!(rows(turned, 1).0, 0, "in its place, but with its back to the camera");
+    }
+
+    #[test]
+    fn of_more_than_a_hundred_places_each_counts_less() {
+        let [(_, once), (two, twice), (four, often)] =
+            [1, 2, 4].map(|times| rows(Pose::identity(), times));
+        assert!(two > 100 && four == 2 * two);
+        // How it is turned in its plane its contour tells by itself.
+        let turn = |told: &[Option<f64>]| told[2].unwrap();
+        assert!(turn(&twice) < turn(&once));
+        assert!((turn(&twice) - turn(&often)).abs() < 1e-9);
+    }
+}

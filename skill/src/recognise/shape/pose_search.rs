@@ -214,3 +214,161 @@ fn spread(points: &[ContourPoint], most: usize) -> Vec<ContourPoint> {
     }
     kept
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::object_shape::Contours;
+    use super::super::test_data::look_for_plain_slider;
+    use super::*;
+    use nalgebra::Vector3;
+
+    /// How far the board of the slider was slid, metres.
+    const SLID_M: f64 = 0.06;
+
+    fn place(at: [f64; 3], normal: Vector3<f64>, outward: Vector3<f64>) -> ContourPoint {
+        ContourPoint { part: 0, point: at.into(), normal, outward, configurations: [0.0; 2] }
+    }
+
+    /// A place at this x, of a surface that faces the camera.
+    fn facing(x: f64, outward: Vector3<f64>) -> ContourPoint {
+        place([x, 0.0, 1.0], -Vector3::z(), outward)
+    }
+
+    fn turned(axis: Vector3<f64>, about: [f64; 3]) -> Pose {
+        let about = Point3::from(about);
+        let rotation = UnitQuaternion::from_scaled_axis(axis);
+        Pose::from_parts(Translation3::from(about - rotation * about), rotation)
+    }
+
+    #[test]
+    fn one_place_laid_on_another_tells_a_whole_pose() {
+        let model = facing(0.2, Vector3::x());
+        let truth = turned(Vector3::new(0.4, -0.3, 1.2), [0.1, 0.2, 0.9]);
+        let seen = ContourPoint {
+            point: truth * model.point,
+            normal: truth * model.normal,
+            outward: truth * model.outward,
+            ..model
+        };
+        let apart = truth.inverse() * laid_on(&model, &seen).unwrap();
+        assert!(apart.rotation.angle() < 1e-7 && apart.translation.vector.norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_place_that_is_no_number_is_laid_on_nothing() {
+        let unknown = place([f64::NAN, 0.0, 1.0], -Vector3::z(), Vector3::x());
+        assert!(laid_on(&facing(0.0, Vector3::x()), &unknown).is_none());
+    }
+
+    #[test]
+    fn places_are_spread_as_far_as_may_be_and_both_are_kept_where_edges_meet() {
+        let line: Vec<ContourPoint> =
+            (0..=10).map(|i| facing(0.1 * f64::from(i), Vector3::y())).collect();
+        let places = |kept: Vec<ContourPoint>| -> Vec<f64> {
+            kept.iter().map(|c| (10.0 * c.point.x).round()).collect()
+        };
+        assert_eq!(places(spread(&line, 3)), [0.0, 10.0, 5.0]);
+        assert_eq!(spread(&line, 100).len(), 11, "no more than there are");
+        let corner = [facing(0.0, Vector3::x()), facing(0.0, Vector3::y())];
+        assert_eq!(spread(&corner, 5).len(), 2);
+        assert_eq!(spread(&[line[0], line[0]], 5).len(), 1, "one place twice");
+        assert!(spread(&[], 5).is_empty());
+    }
+
+    #[test]
+    fn of_poses_that_are_one_the_best_is_kept() {
+        let at = |score: f64, pose| (score, 20, pose);
+        let poses = vec![
+            at(9.0, Pose::identity()),
+            at(8.0, Pose::translation(0.03, 0.0, 0.0)),
+            at(7.0, Pose::translation(0.3, 0.0, 0.0)),
+            at(6.0, turned(Vector3::z() * 1.5, [0.0; 3])),
+        ];
+        let scores = |most| -> Vec<f64> {
+            distinct(poses.clone(), most).into_iter().map(|(score, ..)| score).collect()
+        };
+        assert_eq!(scores(9), [9.0, 7.0, 6.0]);
+        assert_eq!(scores(2), [9.0, 7.0]);
+    }
+
+    #[test]
+    fn a_small_turn_of_a_thing_a_metre_away_is_no_other_pose() {
+        let little = turned(Vector3::y() * 0.1, [0.0, 0.0, 1.0]);
+        assert!(little.translation.vector.norm() > SAME.0, "its frame's origin goes far");
+        assert_eq!(distinct(vec![(2.0, 20, Pose::identity()), (1.0, 20, little)], 9).len(), 1);
+    }
+
+    /// Looks at the slider's board as it is judged in the picture.
+    fn judged<T>(look: impl FnOnce(&Judge) -> T) -> T {
+        look_for_plain_slider(Some(0.2), SLID_M, |refiner, contours| {
+            let own: Vec<ContourPoint> =
+                contours.shape.contour.iter().filter(|c| c.part == 1).copied().collect();
+            look(&Judge::new(refiner.scene, contours.seen, &own, contours.shape, 1))
+        })
+    }
+
+    #[test]
+    fn the_pose_in_which_a_board_is_seen_scores_more_than_one_beside_it() {
+        judged(|judge| {
+            let score = |x: f64| judge.judged(Pose::translation(x, 0.0, 0.0)).map(|(s, ..)| s);
+            let in_place = score(SLID_M).unwrap();
+            assert!(score(SLID_M + 0.08).is_none_or(|beside| beside < in_place - 10.0));
+        });
+    }
+
+    #[test]
+    fn a_pose_where_the_picture_shows_no_ends_is_refused() {
+        judged(|judge| {
+            for nowhere in [[0.5, 0.0, 0.0], [SLID_M, 0.0, 0.3], [SLID_M, 0.0, -0.3]] {
+                let pose = Pose::translation(nowhere[0], nowhere[1], nowhere[2]);
+                assert!(judge.judged(pose).is_none(), "{nowhere:?}");
+            }
+        });
+    }
+
+    #[test]
+    fn surface_that_is_seen_through_is_told_from_what_agrees() {
+        judged(|judge| {
+            let of = |x: f64, z: f64| judge.surface(&matrix_pose(&Pose::translation(x, 0.0, z)));
+            // At its border a surfel may see what is beside the board.
+            let [alike, other, through] = of(SLID_M, 0.0);
+            assert!(alike > 30 && other == 0 && through <= 4, "{alike} {other} {through}");
+            let [alike, other, through] = of(SLID_M, -0.3);
+            assert!(alike == 0 && other == 0 && through > 30, "{alike} {other} {through}");
+            let [alike, other, through] = of(SLID_M, 0.3);
+            assert!(alike == 0 && other == 0 && through <= 4, "hidden by what stands before it");
+        });
+    }
+
+    #[test]
+    fn a_plain_board_is_suggested_where_it_stands() {
+        let (poses, suggested) = look_for_plain_slider(Some(0.2), SLID_M, |refiner, contours| {
+            let Contours { shape, seen } = contours;
+            let found = shape_hypotheses(refiner.scene, seen, refiner.articulated, shape);
+            let poses: Vec<Pose> =
+                found.iter().map(|h| refiner.articulated.poses(&h.state)[h.part]).collect();
+            (poses, found)
+        });
+        let of_board = suggested.iter().filter(|h| h.part == 1);
+        assert!((1..=KEPT).contains(&of_board.count()));
+        let is_in_place = |h: &Hypothesis| {
+            let off = Pose::translation(SLID_M, 0.0, 0.0).inverse() * h.camera_from_part;
+            h.part == 1 && off.translation.vector.norm() < 0.015 && off.rotation.angle() < 0.03
+        };
+        assert!(suggested.iter().any(is_in_place), "{suggested:?}");
+        for (hypothesis, pose) in suggested.iter().zip(poses) {
+            let apart = hypothesis.camera_from_part.inverse() * pose;
+            assert!(apart.translation.vector.norm() < 1e-9, "the state has the part there");
+            assert!(hypothesis.support >= LEAST_HITS);
+        }
+    }
+
+    #[test]
+    fn nothing_is_suggested_before_a_wall_alone() {
+        let found = look_for_plain_slider(None, SLID_M, |refiner, contours| {
+            let Contours { shape, seen } = contours;
+            shape_hypotheses(refiner.scene, seen, refiner.articulated, shape).len()
+        });
+        assert_eq!(found, 0);
+    }
+}

@@ -75,3 +75,79 @@ fn best_seen(base: &EgoMotion, cluster: &Cluster, frames: &[usize]) -> Option<us
         |t: usize| cluster.tracks.iter().filter(|&&id| base.tracks[id].at(t).is_some()).count();
     frames.iter().copied().max_by_key(|&t| (seen(t), std::cmp::Reverse(t)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::test_data::seen_along;
+    use crate::math::rigid::rotation_about;
+    use nalgebra::Vector3;
+
+    const FRAMES: usize = 30;
+
+    /// A lid's motion since the first frame: it turns about a hinge 40 cm beside it.
+    fn motion(frame: usize) -> Pose {
+        let hinge = Point3::new(-0.4, 0.0, 1.5);
+        rotation_about(&hinge, &Vector3::y_axis(), 0.03 * frame as f64)
+    }
+
+    /// Paths of places on the lid.
+    fn lid() -> Vec<Vec<Point3<f64>>> {
+        let path = |i: usize| {
+            let at = Point3::new(0.1 * (i % 4) as f64, 0.1 * (i / 4) as f64, 1.5);
+            (0..FRAMES).map(|f| motion(f) * at).collect()
+        };
+        (0..12).map(path).collect()
+    }
+
+    fn all_of(base: &EgoMotion) -> Cluster {
+        Cluster { tracks: (0..base.tracks.len()).collect() }
+    }
+
+    #[test]
+    fn the_motion_of_a_part_is_that_of_its_places() {
+        let (base, paths) = (seen_along(&lid()), lid());
+        let found = estimate(&base, &all_of(&base), 1).unwrap();
+        let [first, last] = [0, FRAMES - 1].map(|f| found.base_from_part[f].unwrap());
+        for path in &paths {
+            let led = last * first.inverse() * path[0];
+            assert!((led - path[FRAMES - 1]).norm() < 0.006, "{led}");
+        }
+        assert_eq!(found.tracks.len(), paths.len());
+    }
+
+    #[test]
+    fn in_its_reference_frame_a_part_has_the_directions_of_the_base_and_its_centroid_as_origin() {
+        let base = seen_along(&lid());
+        let found = estimate(&base, &all_of(&base), 1).unwrap();
+        let reference = found.base_from_part[0].unwrap();
+        let centroid = centroid(&base, &all_of(&base)).unwrap();
+        assert!(reference.rotation.angle() < 1e-6);
+        assert!((reference.translation.vector - centroid.coords).norm() < 1e-6);
+    }
+
+    #[test]
+    fn few_tracks_and_none_have_no_trajectory() {
+        let base = seen_along(&lid());
+        assert!(estimate(&base, &Cluster { tracks: Vec::new() }, 1).is_none());
+        assert!(estimate(&base, &Cluster { tracks: vec![0, 1] }, 1).is_none());
+    }
+
+    #[test]
+    fn a_track_that_departs_from_the_motion_does_not_follow_it() {
+        let mut paths = lid();
+        let away = |f: usize| Point3::new(0.1 + 0.01 * f as f64, 0.1, 1.5);
+        paths.push((0..FRAMES).map(away).collect());
+        let base = seen_along(&paths);
+        let base_from_part = (0..FRAMES).map(|f| Some(motion(f))).collect();
+        let motion = PartMotion { base_from_part, tracks: all_of(&base).tracks };
+        assert_eq!(followers(&base, &motion), (0..12).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn nothing_follows_a_motion_that_is_never_known() {
+        let base = seen_along(&lid());
+        let motion = PartMotion { base_from_part: vec![None; FRAMES], tracks: vec![0, 1, 2] };
+        assert!(followers(&base, &motion).is_empty());
+    }
+}

@@ -1,13 +1,13 @@
 //! What the searches for plain things are tested with: a board without features that slides to and fro, in
 //! x, before a plain plate, and a wall behind both.
 
-use super::config::RecogniseConfig;
-use super::kinematics::{Articulated, ChainJoint};
-use super::refine::Refiner;
-use super::render_cloud::KnownEdge;
-use super::scene::Scene;
-use super::shape::{ContourGrid, Contours, ObjectShape};
-use super::test_data::{BOARD_M, PLATE_M, slider_surface};
+use super::super::config::RecogniseConfig;
+use super::super::kinematics::{Articulated, ChainJoint};
+use super::super::refine::Refiner;
+use super::super::render_cloud::KnownEdge;
+use super::super::scene::Scene;
+use super::super::test_data::{BOARD_M, PLATE_M, slider_surface};
+use super::{ContourGrid, Contours, ObjectShape};
 use crate::object::joint_geometry::JointGeometry;
 use crate::test_data::seen as picture;
 use nalgebra::{Point3, Vector3};
