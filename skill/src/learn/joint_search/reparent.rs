@@ -129,7 +129,7 @@ mod tests {
     use std::sync::Arc;
 
     const FRAMES: usize = 60;
-    const POINTS: usize = 12;
+    const POINTS: usize = 36;
 
     /// A chair's seat turns to and fro, then its back leans.
     fn seat_turn(f: usize) -> f64 {
@@ -159,7 +159,7 @@ mod tests {
     fn places() -> Vec<Point3<f64>> {
         let on = |y: f64| {
             (0..POINTS)
-                .map(move |i| Point3::new(0.05 + 0.03 * i as f64, y + 0.02 * (i % 4) as f64, 1.4))
+                .map(move |i| Point3::new(0.05 + 0.01 * i as f64, y + 0.02 * (i % 4) as f64, 1.4))
         };
         on(0.0).chain(on(-0.4)).collect()
     }

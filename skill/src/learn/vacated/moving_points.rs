@@ -180,8 +180,7 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.view.picture.utime
     }
 
-    /// A surface with a normal faces the camera at a place.
-    pub fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
         let to_camera = self.view.camera_place() - place;
         normal.dot(&to_camera) > MIN_FACING * to_camera.norm()
     }
