@@ -85,7 +85,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
             .take(MOST_SURFACES)
         {
             if !search.explains(&surface) {
-                search.consider_whole_or_parted(surface, end);
+                search.consider_whole_or_parted(&surface, end);
             }
         }
     }
@@ -110,31 +110,30 @@ impl Search<'_> {
     }
 
     /// A surface that is no part may be several, the first of which was not put back before the next one left.
-    fn consider_whole_or_parted(&mut self, surface: RestSurface, end: End) {
-        let parts = surface.parted_by_time(self.views, end);
+    fn consider_whole_or_parted(&mut self, surface: &RestSurface, end: End) {
         if self.consider(surface) {
             return;
         }
-        for part in parts {
+        for part in surface.parted_by_time(self.views, end) {
             tracing::debug!("a surface that left in two steps");
-            self.consider(part);
+            self.consider(&part);
         }
     }
 
     /// Adds the joint of a surface, if it is believed; whether it is, or waits for another one.
-    fn consider(&mut self, surface: RestSurface) -> bool {
+    fn consider(&mut self, surface: &RestSurface) -> bool {
         let Self { recording, views, turning, .. } = *self;
-        let frame = RestFrame::of(&surface, views);
+        let frame = RestFrame::of(surface, views);
         tracing::debug!(?frame, "what is beside it");
-        let Some(part) = part_of(&surface, frame, &self.joints, turning, recording, views) else {
+        let Some(part) = part_of(surface, frame, &self.joints, turning, recording, views) else {
             return false;
         };
-        let learned = part.to_learned(&surface, recording);
+        let learned = part.to_learned(surface, recording);
         let is_drawer = frame.is_set_in() || part.is_clearly_a_slide() && !frame.is_open();
         if is_drawer || may_be_of(&learned.joint, &self.joints) {
             add(learned, &mut self.joints);
         } else {
-            self.waiting.push((surface, learned));
+            self.waiting.push((surface.clone(), learned));
         }
         true
     }

@@ -136,8 +136,8 @@ impl Distances {
         Self { all, at_rest, away, is_rest_told }
     }
 
-    /// What is seen away is the surface that rested. They may be larger where they are so at rest too, and where
-    /// the motion tells that it is no person.
+    /// What is seen away is the surface that rested. The distances may be larger where they are so at rest too, and
+    /// where the motion tells that it is no person.
     fn are_of_one_shape(&self, is_clearly_a_slide: bool) -> bool {
         let is_as_at_rest = self.is_rest_told && self.away <= SAME_AT_REST * self.at_rest;
         let may_be_noisy = is_as_at_rest || is_clearly_a_slide;

@@ -48,8 +48,8 @@ impl<'r> View<'r> {
         Some(self.base_from_camera * camera.back_project(u as f64, v as f64, f64::from(z)))
     }
 
-    /// Whether other keyframes see through the reading of a pixel, as `ask` tells: it is asked once, for each surface
-    /// at rest wants to know it. Threads that ask at once get the same answer.
+    /// Whether other keyframes see through the reading of a pixel, as `ask` tells. The answer is kept, for
+    /// it is the same for each surface at rest. Threads that ask at once get the same answer.
     pub fn is_seen_through(&self, u: usize, v: usize, ask: impl Fn() -> bool) -> bool {
         let Some(known) = self.is_seen_through.get(v * self.picture.depth.width() + u) else {
             return ask();
