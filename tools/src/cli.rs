@@ -499,8 +499,9 @@ pub struct BenchArgs {
     /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations
     /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
     /// a folder of recordings; recognise: look for learned things in stills, known ones and
-    /// look-alikes (other rooms and shots by --seed), and in libraries of up to 100 000; follow: follow
-    /// what was learned from a recording through it; serve: time from the end of a demonstration
+    /// look-alikes (other rooms and shots by --seed), and in libraries of up to 100 000; false-reports:
+    /// look for the objects of a store in recordings that do not show them (a recording shows the
+    /// object whose name its own begins with); follow: follow what was learned from a recording through it; serve: time from the end of a demonstration
     /// to its model over LCM and from a frame to its prediction, and how a stream of setpoints
     /// keeps its time; soak: memory of a service that is used for long; logs: fit pose logs of
     /// known type; tracking: play clips forward and back
@@ -517,9 +518,13 @@ pub struct BenchArgs {
     #[arg(long)]
     pub brief: bool,
     /// recognise: keep what is learned in this store, one for each --seed, and take from it what
-    /// is there already, so that recognition is compared on the same models
+    /// is there already, so that recognition is compared on the same models; false-reports: the objects
+    /// to look for
     #[arg(long, value_name = "FILE")]
     pub store: Option<PathBuf>,
+    /// false-reports: stills of each recording, evenly spread
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub stills: usize,
     /// recognise: the largest library that is written to a store too, and opened from it; 10 000
     /// objects take 1 GB of the folder for temporary files
     #[arg(long, value_name = "N", default_value_t = 10_000)]

@@ -160,9 +160,13 @@ impl Verdict {
     /// How much it looks like the object, 0 to 1. What moved is the object's own: however well
     /// the rest looks, a door of other paint is another door.
     pub fn appearance_score(&self) -> f64 {
-        let worst =
-            self.parts.iter().skip(1).map(PartVerdict::texture_mismatch).fold(0.0, f64::max);
-        self.correlation.max(0.0) * (1.0 - worst)
+        self.correlation.max(0.0) * self.own_texture()
+    }
+
+    /// 1, or less where a moving part stands where the state puts it but has another texture than the
+    /// learned one; 0 where it is certainly another thing.
+    pub fn own_texture(&self) -> f64 {
+        1.0 - self.parts.iter().skip(1).map(PartVerdict::texture_mismatch).fold(0.0, f64::max)
     }
 
     /// Less than 1 where the state claims surface that is seen through. Of the base that may be
@@ -194,10 +198,8 @@ impl Verdict {
     /// Share of the surface in its place that is of the learned colour, 0 to 1; of a moving part whose
     /// texture is another one, 0.
     pub fn likeness(&self) -> f64 {
-        let worst =
-            self.parts.iter().skip(1).map(PartVerdict::texture_mismatch).fold(0.0, f64::max);
         let alike: usize = self.parts.iter().map(|part| part.alike).sum();
-        (1.0 - worst) * alike as f64 / self.agree_normal.max(1) as f64
+        self.own_texture() * alike as f64 / self.agree_normal.max(1) as f64
     }
 
     /// [`Self::free_space`] of what was found by shape. `base_known`: the base stands where the state

@@ -14,6 +14,7 @@ use crate::recognise::config::RecogniseConfig;
 use crate::recognise::retrieval::{Index, Words};
 use crate::recognise::{KnownObject, Recognition, Scene, recognise};
 use lru::LruCache;
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -114,10 +115,11 @@ impl Store {
 impl Library {
     /// A library of objects in memory.
     pub fn new(objects: Vec<StoredObject>) -> Self {
-        let index = Index::new(objects.iter().map(|o| Words::of(&o.appearance)));
+        let words: Vec<Words> = objects.par_iter().map(|o| Words::of(&o.appearance)).collect();
         let names = objects.iter().map(|o| o.model.object.clone()).collect();
         let ready = |o: StoredObject| Arc::new(KnownObject::new(o.model, &o.appearance));
-        Self { names, index, objects: Objects::Ready(objects.into_iter().map(ready).collect()) }
+        let objects = Objects::Ready(objects.into_par_iter().map(ready).collect());
+        Self { names, index: Index::new(words), objects }
     }
 
     /// A library of a store's objects, with their names and index.

@@ -3,6 +3,7 @@
 mod ablation;
 mod dir;
 mod disturb;
+mod false_reports;
 mod follow;
 mod live;
 mod logs;
@@ -23,6 +24,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     match args.suite.as_str() {
         "ablation" => ablation::run(args, common),
         "dir" => dir::run(args, common),
+        "false-reports" => false_reports::run(args, common),
         "follow" => follow::run(args, common),
         "logs" => logs::run(args),
         "paper" => paper::run(args, common),
@@ -31,7 +33,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         "soak" => soak::run(args, common),
         "tracking" => tracking::run(args, common),
         other => Err(anyhow!(
-            "no suite \"{other}\"; known: ablation, dir, follow, logs, paper, recognise, serve, soak, tracking"
+            "no suite \"{other}\"; known: ablation, dir, false-reports, follow, logs, paper, recognise, serve, soak, tracking"
         )
         .into()),
     }
