@@ -5,8 +5,9 @@
 //! In: a refined state and its evidence. Out: the evidence without the parts that could as well be
 //! elsewhere.
 
-use super::elimination::told_within;
-use super::evidence::{Detection, RefinedPose, configuration_deviations, evident_joints};
+use super::evidence::{
+    Detection, RefinedPose, configuration_deviations, evident_joints, told_within,
+};
 use super::hypothesis::fit_of_inliers;
 use super::kinematics::State;
 use super::refine::{FEATURE_WORTH, Refiner};

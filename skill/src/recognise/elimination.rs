@@ -2,12 +2,11 @@
 //! never showed, gives no evidence of its own; but wherever else it stood it would hide what
 //! is seen behind it. Where that leaves only a narrow interval, the configuration is known.
 
-use super::evidence::Detection;
+use super::evidence::{Detection, told_within};
 use super::kinematics::{Articulated, State};
 use super::render_cloud::Cloud;
 use super::scene::Scene;
 use super::verify::verify;
-use crate::object::joint_geometry::JointKind;
 use rayon::prelude::*;
 use std::collections::HashSet;
 
@@ -21,11 +20,6 @@ const MIN_CELLS: usize = 60;
 const NOISE_SHARE: f64 = 0.08;
 /// Share of the resting parts' surface that a configuration must leave as visible as it is.
 const KEPT_SURFACE: f64 = 0.85;
-
-/// How far off a told configuration may be: radians or metres.
-pub fn told_within(kind: JointKind) -> f64 {
-    if kind == JointKind::Prismatic { 0.02 } else { 0.087 }
-}
 
 /// Tells configurations that nothing seen beyond the joint shows, where all others can be
 /// ruled out.

@@ -105,6 +105,20 @@ pub fn configuration_deviations(articulated: &Articulated, system: &System) -> V
     articulated.joints.iter().zip(&of_all[6..]).map(of_joint).collect()
 }
 
+/// How far off a told configuration may be: radians or metres.
+pub fn told_within(kind: JointKind) -> f64 {
+    if kind == JointKind::Prismatic { 0.02 } else { 0.087 }
+}
+
+/// Withdraws configurations whose standard deviation is so large that nothing is told: a locker's door
+/// that two features hold is at 0.85 rad, give or take 1.2.
+pub fn withdraw_uncertain(articulated: &Articulated, found: &mut Detection) {
+    let joints = articulated.joints.iter().zip(&found.deviations);
+    for (evident, (joint, deviation)) in found.evident.iter_mut().zip(joints) {
+        *evident &= deviation.is_none_or(|d| d < told_within(joint.geometry.kind));
+    }
+}
+
 /// Share of right ones among the reports with a perfect score.
 const CEILING: f64 = 0.97;
 /// Score at which half of that share is right.
@@ -121,6 +135,7 @@ pub fn probability(score: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
     use nalgebra::{Point3, Vector3};
 
@@ -130,6 +145,29 @@ mod tests {
         assert!(at(0.0) < 0.002 && at(0.2) < 0.05);
         assert!((1..=100).all(|i| at(f64::from(i) / 100.0) > at(f64::from(i - 1) / 100.0)));
         assert!(at(1.0) < 0.98);
+    }
+
+    #[test]
+    fn a_configuration_that_may_be_anything_is_not_told() {
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
+        let joints = vec![ChainJoint::new(hinge, [0, 1], [0.0, 1.4])];
+        let articulated = Articulated { parts: 2, joints };
+        let is_told = |deviation| {
+            let state = State { camera_from_object: Pose::identity(), q: vec![0.9] };
+            let mut found = Detection {
+                state,
+                score: 0.9,
+                inliers: 9,
+                verdict: Verdict::default(),
+                placed: vec![true; 2],
+                evident: vec![true],
+                deviations: vec![deviation],
+            };
+            withdraw_uncertain(&articulated, &mut found);
+            found.evident[0]
+        };
+        assert!(is_told(Some(0.06)) && !is_told(Some(1.2)));
+        assert!(is_told(None), "without depth nothing tells how sure it is");
     }
 
     #[test]

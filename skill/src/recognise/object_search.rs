@@ -11,7 +11,7 @@ use super::config::RecogniseConfig;
 use super::elimination::add_by_elimination;
 use super::evidence::{
     Detection, RefinedPose, configuration_deviations, evident_joints, is_believed, placed_parts,
-    score_of,
+    score_of, withdraw_uncertain,
 };
 use super::hypothesis::{self, Hypothesis};
 use super::kinematics::Articulated;
@@ -310,6 +310,7 @@ fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
     if config.check_rivals && is_believed(found.score, config) {
         withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
     }
+    withdraw_uncertain(articulated, &mut found);
     if config.eliminate && is_believed(found.score, config) {
         add_by_elimination(scene, articulated, cloud, &mut found);
     }

@@ -98,9 +98,7 @@ fn shape_score(
     let moving = || in_sight.iter().skip(1);
     let found =
         moving().zip(&placed[1..]).filter(|m| *m.1).map(|(ends, _)| ends.found).sum::<usize>();
-    let judged = moving().filter(|ends| ends.count() >= ENOUGH_ENDS);
-    let worst = judged.map(EndsInSight::share).fold(1.0, f64::min);
-    let ends = ((worst - FOUND.0) / (FOUND.1 - FOUND.0)).clamp(0.0, 1.0);
+    let ends = share_of_ends(moving());
     let evidence = 1.0 - (-(found as f64) / ENDS).exp();
     let base_known = placed[0] && placed.iter().skip(1).any(|placed| *placed);
     verdict.likeness()
@@ -109,6 +107,21 @@ fn shape_score(
         * verdict.coverage(base_known)
         * ends
         * evidence
+}
+
+/// How well the picture ends where the moving parts do, 0 to 1: all of them together, but 0 where one of
+/// them does not. A handle or a hand hides some ends of each; the more parts fit, the surer it is.
+fn share_of_ends<'e>(moving: impl Iterator<Item = &'e EndsInSight>) -> f64 {
+    let judged: Vec<&EndsInSight> = moving.filter(|ends| ends.count() >= ENOUGH_ENDS).collect();
+    if judged.is_empty() {
+        return 1.0;
+    }
+    if judged.iter().any(|ends| ends.share() <= FOUND.0) {
+        return 0.0;
+    }
+    let of = |count: fn(&EndsInSight) -> usize| judged.iter().map(|e| count(e)).sum::<usize>();
+    let share = of(|ends| ends.found) as f64 / of(EndsInSight::count) as f64;
+    ((share - FOUND.0) / (FOUND.1 - FOUND.0)).clamp(0.0, 1.0)
 }
 
 #[cfg(test)]
@@ -134,6 +147,20 @@ mod tests {
     fn a_plate_whose_ends_do_not_tell_its_place_tells_no_configuration() {
         // Within the gate for ends the plate could as well be two centimetres beside.
         assert!(look_for_plain_slider(Some(0.2), 0.06, find).is_none());
+    }
+
+    #[test]
+    fn ends_of_all_moving_parts_count_together_but_each_must_be_there() {
+        let share = |ends: &[(usize, usize)]| {
+            let ends: Vec<EndsInSight> = ends
+                .iter()
+                .map(|&(found, missing)| EndsInSight { found, missing, closeness: 0.0 })
+                .collect();
+            share_of_ends(ends.iter())
+        };
+        assert!(share(&[(87, 11), (73, 15)]) > share(&[(73, 15)]));
+        assert_eq!(share(&[(90, 0), (10, 10)]), 0.0);
+        assert_eq!(share(&[(90, 0), (1, 10)]), 1.0, "few ends decide nothing");
     }
 
     #[test]

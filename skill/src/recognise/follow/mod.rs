@@ -21,8 +21,7 @@ pub use answer::Asked;
 
 use super::ambiguity::withdraw_ambiguous;
 use super::config::RecogniseConfig;
-use super::elimination::told_within;
-use super::evidence::{Detection, evident_joints};
+use super::evidence::{Detection, evident_joints, told_within};
 use super::kinematics::{Articulated, State};
 use super::known_object::KnownObject;
 use super::refine::Refiner;
