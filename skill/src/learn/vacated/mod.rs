@@ -32,7 +32,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 use rest_frame::RestFrame;
 use rest_surface::{End, RestSurface, vacated_surfaces};
-use vacated_part::{PARALLEL_RAD, VacatedPart};
+use vacated_part::{PARALLEL_RAD, Rivals, VacatedPart};
 use view::View;
 
 /// Most surfaces that are tried at either end of the recording, the greatest first.
@@ -311,10 +311,9 @@ fn best_part(
         None => (*h, follow(h, SQUARE_RAD)),
     });
     let square: Vec<(Hypothesis, VacatedPart)> = square.collect();
-    let held = square.iter().filter(|(_, part)| part.is_held_hinge());
-    let best_hinge = held.map(|(_, part)| part.agreement()).fold(0.0, f64::max);
+    let rivals = Rivals::of(square.iter().map(|(_, part)| part));
     let square: Vec<(Hypothesis, VacatedPart)> =
-        square.into_iter().map(|(h, part)| (h, part.beside(best_hinge, slides))).collect();
+        square.into_iter().map(|(h, part)| (h, part.beside(rivals, slides))).collect();
     square.iter().for_each(|(_, part)| part.trace());
     let may_slide = frame.is_closed()
         && square.iter().any(|(_, part)| is_slide(part) && part.doubt().is_none());
@@ -322,7 +321,7 @@ fn best_part(
         .into_iter()
         .filter(|(_, part)| !(may_slide && part.hardly_turns()))
         .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
-    let any = follow(&hypothesis, ANY_RAD).beside(best_hinge, slides);
+    let any = follow(&hypothesis, ANY_RAD).beside(rivals, slides);
     any.trace();
     let best = if value(&any) > BETTER * value(&square) { any } else { square };
     best.doubt().is_none().then_some(best)

@@ -56,6 +56,11 @@ const MIN_TRAVEL_M: f64 = 0.04;
 /// than a share as well. Of a cooker's drawer it was 0.87, of a screen on an arm 1.14.
 const MIN_SLIDE_RADII: [f64; 2] = [0.6, 1.0];
 const UNLIKE_A_HINGE: f64 = 0.9;
+/// A hinge is believed where all slides agree less than so well, as a share of its own agreement. Of seven parts that
+/// turned it was 0.45 to 0.83; of nine surfaces of drawers, sliding doors and persons, the best hinge had 0.94 to 1.25.
+const UNLIKE_A_SLIDE: f64 = 0.9;
+/// Least agreement of a slide, while it is away from its rest, to speak against a hinge.
+const LEAST_OF_A_RIVAL: f64 = 0.15;
 /// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
 pub const PARALLEL_RAD: f64 = 0.08;
 /// A surface that has moved less than this is still at rest, metres.
@@ -96,11 +101,30 @@ pub struct VacatedPart {
     lead_s: f64,
     /// Nothing else moves near it; asked only where nothing moved before it.
     is_alone: bool,
-    /// How well keyframes agree with the best hinge of the same surface that something holds and about which it
-    /// turns; 0 where there is none.
-    best_hinge: f64,
+    /// The other motions that the same surface may have.
+    rivals: Rivals,
     /// It is parallel to a slide that is known.
     is_parallel: bool,
+}
+
+/// How well keyframes agree with the best of the motions that a surface may have, by their kinds; 0 without any.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Rivals {
+    /// Of the hinges that something holds and about which it turns.
+    hinge: f64,
+    /// Of the slides along which it goes.
+    slide: f64,
+}
+
+impl Rivals {
+    /// The best among all that were followed.
+    pub fn of<'p>(parts: impl Iterator<Item = &'p VacatedPart> + Clone) -> Self {
+        let best = |is_one: fn(&VacatedPart) -> bool| {
+            let ones = parts.clone().filter(|part| is_one(part));
+            ones.map(VacatedPart::agreement).fold(0.0, f64::max)
+        };
+        Self { hinge: best(VacatedPart::is_held_hinge), slide: best(VacatedPart::is_found_slide) }
+    }
 }
 
 /// The surface in one keyframe.
@@ -141,7 +165,9 @@ impl Distances {
     fn are_of_one_shape(&self, is_clearly_a_slide: bool) -> bool {
         let is_as_at_rest = self.is_rest_told && self.away <= SAME_AT_REST * self.at_rest;
         let may_be_noisy = is_as_at_rest || is_clearly_a_slide;
-        self.all <= if may_be_noisy { MAX_NOISY_MEDIAN_M } else { MAX_MEDIAN_M }
+        // What rests for long is close to its readings on the whole, whatever it is away from its rest.
+        let median = if self.is_rest_told { self.all.max(self.away) } else { self.all };
+        median <= if may_be_noisy { MAX_NOISY_MEDIAN_M } else { MAX_MEDIAN_M }
     }
 }
 
@@ -187,18 +213,17 @@ impl VacatedPart {
             unattached_ratio,
             lead_s,
             is_alone,
-            best_hinge: 0.0,
+            rivals: Rivals::default(),
             is_parallel: false,
         }
     }
 
-    /// Beside the hinges of the same surface, the best of which keyframes agree with so well, and beside the slides
-    /// that are known, by their directions.
-    pub fn beside(self, best_hinge: f64, slides: &[Vector3<f64>]) -> Self {
+    /// Beside the other motions of the same surface, and the slides that are known, by their directions.
+    pub fn beside(self, rivals: Rivals, slides: &[Vector3<f64>]) -> Self {
         let axis = self.geometry().axis;
         let is_parallel =
             !self.is_hinge() && slides.iter().any(|slide| line_angle(slide, &axis) < PARALLEL_RAD);
-        Self { best_hinge, is_parallel, ..self }
+        Self { rivals, is_parallel, ..self }
     }
 
     /// The joint's line.
@@ -223,6 +248,7 @@ impl VacatedPart {
             (turn * self.reach < MIN_TRAVEL_M, "it hardly moves"),
             (shown < LEAST_KEYFRAMES * keyframes, "few pictures show it"),
             (self.may_as_well_turn(), "it may as well turn"),
+            (self.may_as_well_slide(), "it may as well slide"),
             (!self.is_there_throughout(), "it comes and leaves"),
             (through as f64 > MAX_VIOLATION * (found + through) as f64, "it is seen through"),
             (
@@ -246,16 +272,29 @@ impl VacatedPart {
         self.is_hinge() && self.unattached_ratio <= MAX_UNATTACHED && !self.hardly_turns()
     }
 
+    /// It is a slide along which it goes, and is found elsewhere.
+    fn is_found_slide(&self) -> bool {
+        !self.is_hinge()
+            && self.turn() > MIN_TRAVEL_M
+            && self.agreement_elsewhere() > LEAST_OF_A_RIVAL
+    }
+
+    /// A hinge of what slides nearly as well: a sliding door, whose depth does not change, may turn in its plane, and
+    /// so may a sleeve.
+    fn may_as_well_slide(&self) -> bool {
+        self.is_hinge() && self.rivals.slide > UNLIKE_A_SLIDE * self.agreement()
+    }
+
     /// It is a slide, and hinges that something holds agree much worse.
     pub fn is_clearly_a_slide(&self) -> bool {
-        !self.is_hinge() && is_unlike_a_hinge(self.agreement(), self.best_hinge)
+        !self.is_hinge() && is_unlike_a_hinge(self.agreement(), self.rivals.hinge)
     }
 
     /// A slide whose way, in radii of its surface, is too short to tell it from a turn about the best hinge. The
     /// drawers of a cabinet go in parallel: no hinge speaks against the second one.
     fn may_as_well_turn(&self) -> bool {
         let way_in_radii = self.turn() / self.radius;
-        let of_hinges = if self.is_parallel { 0.0 } else { self.best_hinge };
+        let of_hinges = if self.is_parallel { 0.0 } else { self.rivals.hinge };
         !self.is_hinge() && is_too_short_to_tell(way_in_radii, self.agreement(), of_hinges)
     }
 
@@ -532,6 +571,8 @@ mod tests {
         assert!(seen(0.0068, 0.0066), "a door 2.3 m away");
         assert!(!seen(0.0055, 0.0072), "a person there");
         assert!(!seen(0.009, 0.009));
+        let long_at_rest = Distances::of(vec![0.004; 90], vec![0.0064; 10]);
+        assert!(!long_at_rest.are_of_one_shape(false), "it rests most of the time");
         let hardly_at_rest = Distances::of(vec![0.0068; 2], vec![0.0066; 98]);
         assert!(!hardly_at_rest.are_of_one_shape(false));
         assert!(hardly_at_rest.are_of_one_shape(true), "a drawer there");
