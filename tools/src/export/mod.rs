@@ -15,6 +15,7 @@ mod gap;
 mod joint;
 mod json;
 mod main_surface;
+mod manifold;
 mod mesh;
 mod mjcf;
 mod names;
