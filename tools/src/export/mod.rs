@@ -22,6 +22,7 @@ mod names;
 mod overlap;
 mod patch;
 mod sdf;
+mod seen_carrier;
 mod solid_cells;
 mod surface_nets;
 mod upright;
