@@ -172,10 +172,9 @@ fn motion(
 ) -> anyhow::Result<Markup> {
     let joints = &demonstration.model.joints;
     let charts = curves(demonstration, appearance).into_iter().zip(joints).map(|(curve, joint)| {
-        let known = curve.deviations.iter().filter(|d| d.is_some()).count();
         let band = band::in_words(Band {
-            known,
-            all: curve.deviations.len(),
+            kind: joint.kind,
+            deviations: &curve.deviations,
             has_tracks: tracks_of(demonstration, joint.child).next().is_some(),
         });
         let caption = format!("{}: configuration over time. {band}", joint.name);
