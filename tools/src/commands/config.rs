@@ -10,7 +10,7 @@ pub fn run(args: &ConfigArgs, common: &Common) -> Outcome {
     match args.action {
         ConfigAction::Dump => {
             let configuration = skill_config(common)?.to_explained_toml();
-            answer(&format!("{}\n\n{}", configuration.trim_end(), rig_as_comments()))
+            answer(format!("{}\n\n{}", configuration.trim_end(), rig_as_comments()))
         }
     }
 }

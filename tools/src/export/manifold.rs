@@ -52,7 +52,7 @@ fn without_flaps(triangles: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
 
 /// True where the corners come in rising order, wherever one begins.
 fn is_turned_as_sorted([a, b, c]: &[u32; 3]) -> bool {
-    (a < b && b < c) || (b < c && c < a) || (c < a && a < b)
+    [[a, b, c], [b, c, a], [c, a, b]].iter().any(|turned| turned.is_sorted())
 }
 
 /// An edge, the lower vertex first.
@@ -146,7 +146,7 @@ fn wedges(
         let half = begin + 0.5 * (end - begin).rem_euclid(TAU);
         let inwards = u * half.cos() + v * half.sin();
         found.push(Wedge { bounds: [a, b], inwards });
-        ring = ring.into_iter().filter(|(_, _, number)| *number != a && *number != b).collect();
+        ring.retain(|(_, _, number)| *number != a && *number != b);
     }
     found
 }
