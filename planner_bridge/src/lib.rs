@@ -5,6 +5,7 @@ pub mod channel;
 pub mod client;
 pub mod joint_deviation;
 pub mod limits;
+pub mod mechanics;
 pub mod messages;
 pub mod plan;
 pub mod service;
@@ -12,5 +13,6 @@ pub mod trajectory;
 
 pub use client::{Client, ClientError};
 pub use limits::{Access, MotionLimits, Rig, RigError, Safety, Streaming, Synchronisation};
+pub use mechanics::{JointMechanics, Mechanics, ObjectMechanics};
 pub use plan::{PREDICTION_SCHEMA, Plan, PlanError, Prediction, Request, predict};
 pub use trajectory::{Knot, Task, TrajectoryError, knots, time_optimal, together};

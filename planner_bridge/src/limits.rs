@@ -1,5 +1,6 @@
 //! A rig's file: network and motion limits.
 
+use crate::mechanics::Mechanics;
 use linkage_driver::text_table::read_settings;
 use linkage_skill::internals::merge;
 use linkage_skill::object::JointKind;
@@ -35,6 +36,9 @@ pub struct Rig {
     pub streaming: Streaming,
     /// Who may command the service.
     pub access: Access,
+    /// What drives joints and what resists them, for exports.
+    #[serde(default)]
+    pub mechanics: Mechanics,
 }
 
 /// Who may command the service.
@@ -100,8 +104,7 @@ pub enum Synchronisation {
 
 impl Default for Rig {
     fn default() -> Self {
-        toml::from_str(include_str!("../../config/rigs/default.toml"))
-            .expect("config/rigs/default.toml is checked by a test")
+        toml::from_str(Self::DEFAULT_TEXT).expect("config/rigs/default.toml is checked by a test")
     }
 }
 
@@ -114,6 +117,9 @@ pub struct RigError {
 }
 
 impl Rig {
+    /// The default rig's file, with its explanations.
+    pub const DEFAULT_TEXT: &str = include_str!("../../config/rigs/default.toml");
+
     /// Reads a rig's file; what it leaves out is as in `config/rigs/default.toml`.
     ///
     /// # Errors
@@ -157,6 +163,7 @@ impl Rig {
                 return Err(format!("{name}.{key} is {value}: it must be finite and above 0"));
             }
         }
+        self.mechanics.check()?;
         self.streaming.check(self.safety.frame_age)
     }
 
@@ -197,6 +204,20 @@ mod tests {
     #[test]
     fn the_default_rig_is_sound() {
         assert_eq!(Rig::default().check(), Ok(()));
+    }
+
+    #[test]
+    fn the_values_that_the_default_rig_shows_in_comments_can_be_set() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("rig.toml");
+        let shown = |line: &'static str| line.trim_start_matches('#');
+        let (_, mechanics) = Rig::DEFAULT_TEXT.split_once("# [mechanics.revolute]").unwrap();
+        let set: Vec<&str> = mechanics.lines().map(shown).collect();
+        std::fs::write(&file, "[mechanics.revolute]".to_owned() + &set.join("\n")).unwrap();
+        let rig = Rig::read(&file).unwrap();
+        assert_eq!(rig.mechanics.of("any", JointKind::Revolute).effort, Some(30.0));
+        assert_eq!(rig.mechanics.of("fridge", JointKind::Revolute).friction, Some(4.0));
+        assert_eq!(Rig { mechanics: Mechanics::default(), ..rig }, Rig::default());
     }
 
     #[test]

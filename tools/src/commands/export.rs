@@ -1,7 +1,7 @@
 //! `linkage export`.
 
 use crate::cli::{ExportArgs, ExportFormat};
-use crate::export::{Description, mjcf, sdf, urdf, usd};
+use crate::export::{Description, json, mjcf, sdf, urdf, usd};
 use crate::outcome::Outcome;
 use crate::output::{write_json, write_text};
 use anyhow::{Context, bail};
@@ -12,16 +12,16 @@ use std::path::Path;
 pub fn run(args: &ExportArgs) -> Outcome {
     let object = Store::open(&args.store)?.get(&args.object)?;
     let out = args.out.as_deref().unwrap_or(Path::new("-"));
+    let rig = match &args.rig {
+        Some(path) => Rig::read(path)?,
+        None => Rig::default(),
+    };
     let write = match args.format {
-        ExportFormat::Json => return write_json(out, &object.model),
+        ExportFormat::Json => return write_json(out, &json(&object.model, &rig)),
         ExportFormat::Urdf => urdf,
         ExportFormat::Sdf => sdf,
         ExportFormat::Mjcf => mjcf,
         ExportFormat::Usd => usd,
-    };
-    let rig = match &args.rig {
-        Some(path) => Rig::read(path)?,
-        None => Rig::default(),
     };
     let mut description = Description::new(&object, &rig)?;
     for link in description.links.iter().filter(|link| !link.is_seen) {

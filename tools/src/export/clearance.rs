@@ -8,6 +8,7 @@
 use super::cuboid::Cuboid;
 use super::joint::Hinge;
 use super::overlap::overlap;
+use super::seen_carrier::give_way;
 use super::solid_cells::SolidCells;
 use linkage_skill::Pose;
 use nalgebra::Vector3;
@@ -36,6 +37,12 @@ pub struct Body {
     pub surface: Vec<(Vector3<f64>, Vector3<f64>)>,
 }
 
+impl Body {
+    fn places(&self) -> Vec<Vector3<f64>> {
+        self.surface.iter().map(|(place, _)| *place).collect()
+    }
+}
+
 /// The boxes of each part, in the export's frame at configuration 0.
 pub fn shapes(bodies: &[Body], joints: &[Hinge]) -> Vec<Vec<Cuboid>> {
     let carries = |part: usize| joints.iter().any(|j| j.parent == part);
@@ -45,6 +52,10 @@ pub fn shapes(bodies: &[Body], joints: &[Hinge]) -> Vec<Vec<Cuboid>> {
         false => body.boxes.clone(),
     };
     let mut boxes: Vec<Vec<Cuboid>> = bodies.iter().enumerate().map(taken).collect();
+    for joint in joints.iter().filter(|j| !carries(j.child)) {
+        let [own, carrier] = [joint.child, joint.parent].map(|part| bodies[part].places());
+        boxes[joint.child] = give_way(&boxes[joint.child], &own, &carrier, joint);
+    }
     trim_neighbours(&mut boxes, joints);
     let shape = |part: usize| {
         let passing = passing_through(part, &boxes, joints);

@@ -9,13 +9,13 @@ use super::clearance::{Body, shapes};
 use super::colour::srgb;
 use super::cuboid::{Cuboid, Inertia, LEAST_PLACES};
 use super::fitted_boxes::fitted_boxes;
-use super::joint::Hinge;
+use super::joint::{Hinge, Motion};
 use super::main_surface::main_surface;
 use super::mesh::Mesh;
 use super::patch::Patch;
 use super::upright::{box_rotation, world_from_object};
 use anyhow::bail;
-use linkage_planner_bridge::Rig;
+use linkage_planner_bridge::{JointMechanics, Rig};
 use linkage_skill::Pose;
 use linkage_skill::object::{Appearance, ObjectModel, Part, StoredObject};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -60,7 +60,7 @@ impl Description {
         let model = &object.model;
         let rotation = upright(model, &object.appearance);
         let to_world = Pose::from_parts(Translation3::identity(), rotation);
-        let joints = model.joints.iter().map(|j| Hinge::new(j, &to_world, rig));
+        let joints = model.joints.iter().map(|j| Hinge::new(j, &model.object, &to_world, rig));
         let joints = joints.collect::<anyhow::Result<Vec<Hinge>>>()?;
         let patches = patches(object, &to_world);
         let numbered = model.parts.iter().zip(&patches).enumerate();
@@ -118,9 +118,33 @@ impl Description {
             "Learned by Linkage from RGB-D. Metres, radians, kilograms; z is up (as far as it was seen). \
              Rotation of this frame from the object frame, qx qy qz qw: {:.9} {:.9} {:.9} {:.9}. \
              Masses and inertias are guesses: 150 kg/m3 for boxes, as furniture is mostly hollow, 600 kg/m3 for boards, 0.05 kg at \
-             least. Efforts, damping and friction are guesses; velocities are the rig's.",
-            q.i, q.j, q.k, q.w
+             least. {} Velocities are the rig's.",
+            q.i,
+            q.j,
+            q.k,
+            q.w,
+            self.origin_of_mechanics()
         )
+    }
+
+    /// Which efforts, dampings and frictions are the rig's and which are guesses.
+    fn origin_of_mechanics(&self) -> String {
+        let given = [
+            ("hinges and screws", self.joints.iter().find(|j| j.motion != Motion::Slides)),
+            ("slides", self.joints.iter().find(|j| j.motion == Motion::Slides)),
+        ];
+        let told = given.into_iter().filter_map(|(kind, joint)| {
+            let JointMechanics { effort, damping, friction } = joint?.given;
+            let keys = [("effort", effort), ("damping", damping), ("friction", friction)];
+            let keys = keys.iter().filter(|(_, value)| value.is_some()).map(|(key, _)| *key);
+            let keys = keys.collect::<Vec<_>>().join(", ");
+            (!keys.is_empty()).then(|| format!("The rig gives {keys} of {kind}. "))
+        });
+        let told: String = told.collect();
+        match told.is_empty() {
+            true => "Efforts, damping and friction are guesses.".to_owned(),
+            false => told + "What of effort, damping and friction it does not give is a guess.",
+        }
     }
 }
 

@@ -1,15 +1,15 @@
 //! A joint as the formats hold it: its line in the export's frame, its range and its limits.
 
 use anyhow::bail;
-use linkage_planner_bridge::Rig;
+use linkage_planner_bridge::{JointMechanics, Rig};
 use linkage_skill::Pose;
 use linkage_skill::object::{Joint, JointGeometry, JointKind};
 
-/// Damping where nothing is known: newton metre seconds a radian, newton seconds a metre.
+/// Damping where the rig gives none: newton metre seconds a radian, newton seconds a metre.
 const DAMPING: [f64; 2] = [0.1, 1.0];
-/// Dry friction where nothing is known: newton metres, newtons.
+/// Dry friction where the rig gives none: newton metres, newtons.
 const FRICTION: [f64; 2] = [0.05, 0.5];
-/// What a drive may spend: newton metres, newtons. The formats want a limit; no rig has one.
+/// What a drive may spend where the rig does not say: newton metres, newtons. The formats want a limit.
 const EFFORT: [f64; 2] = [30.0, 100.0];
 
 /// A joint of links that are named by their number.
@@ -29,6 +29,8 @@ pub struct Hinge {
     pub effort: f64,
     pub damping: f64,
     pub friction: f64,
+    /// What of these three the rig gives; the others are guesses.
+    pub given: JointMechanics,
 }
 
 /// How a joint moves along or about its axis.
@@ -41,11 +43,16 @@ pub enum Motion {
 }
 
 impl Hinge {
-    /// A joint as the formats hold it.
+    /// A joint of an object, by the object's name, as the formats hold it.
     ///
     /// # Errors
     /// When it neither turns, slides nor screws.
-    pub fn new(joint: &Joint, world_from_object: &Pose, rig: &Rig) -> anyhow::Result<Self> {
+    pub fn new(
+        joint: &Joint,
+        object: &str,
+        world_from_object: &Pose,
+        rig: &Rig,
+    ) -> anyhow::Result<Self> {
         let motion = match joint.kind {
             JointKind::Revolute => Motion::Turns,
             JointKind::Prismatic => Motion::Slides,
@@ -57,6 +64,7 @@ impl Hinge {
             ),
         };
         let slides = usize::from(motion == Motion::Slides);
+        let given = rig.mechanics.of(object, joint.kind);
         Ok(Self {
             name: joint.name.clone(),
             parent: joint.parent,
@@ -65,9 +73,10 @@ impl Hinge {
             line: joint.geometry().transformed(world_from_object),
             range: joint.range,
             velocity: rig.limits(joint.kind).velocity,
-            effort: EFFORT[slides],
-            damping: DAMPING[slides],
-            friction: FRICTION[slides],
+            effort: given.effort.unwrap_or(EFFORT[slides]),
+            damping: given.damping.unwrap_or(DAMPING[slides]),
+            friction: given.friction.unwrap_or(FRICTION[slides]),
+            given,
         })
     }
 
@@ -105,7 +114,7 @@ mod tests {
     fn hinge(line: &JointGeometry) -> Hinge {
         let joint = Joint { name: "lid".to_owned(), range: [-0.5, 1.5], ..Joint::of(line) };
         let world_from_object = Pose::new(Vector3::x(), Vector3::z() * std::f64::consts::FRAC_PI_2);
-        Hinge::new(&joint, &world_from_object, &Rig::default()).unwrap()
+        Hinge::new(&joint, "box", &world_from_object, &Rig::default()).unwrap()
     }
 
     #[test]
@@ -128,6 +137,20 @@ mod tests {
     }
 
     #[test]
+    fn the_guesses_are_those_that_the_rig_s_file_shows() {
+        for (table, slides) in [("revolute", 0), ("prismatic", 1)] {
+            let (_, shown) =
+                Rig::DEFAULT_TEXT.split_once(&format!("# [mechanics.{table}]")).unwrap();
+            let value = |key: &str| {
+                let (_, rest) = shown.split_once(&format!("# {key} = ")).unwrap();
+                rest.split_whitespace().next().unwrap().parse::<f64>().unwrap()
+            };
+            let guesses = [EFFORT[slides], DAMPING[slides], FRICTION[slides]];
+            assert_eq!(["effort", "damping", "friction"].map(value), guesses, "{table}");
+        }
+    }
+
+    #[test]
     fn configurations_reach_from_one_end_of_the_range_to_the_other() {
         let described = hinge(&JointGeometry::hinge(Vector3::x_axis(), Point3::origin()));
         assert_eq!(described.configurations(3), [-0.5, 0.5, 1.5]);
@@ -140,7 +163,7 @@ mod tests {
             kind: JointKind::Fixed,
             ..Joint::of(&JointGeometry::slide(Vector3::x_axis(), Point3::origin()))
         };
-        let error = Hinge::new(&fixed, &Pose::identity(), &Rig::default()).unwrap_err();
+        let error = Hinge::new(&fixed, "box", &Pose::identity(), &Rig::default()).unwrap_err();
         assert!(error.to_string().contains("use --format json"), "{error}");
     }
 }

@@ -2,6 +2,7 @@
 
 use super::cuboid::Cuboid;
 use super::fused_surface::FusedSurface;
+use super::manifold::{Triangulated, manifold};
 use super::patch::Patch;
 use super::surface_nets::surface_nets;
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify};
@@ -9,14 +10,14 @@ use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 use std::fmt::Write;
 
-/// Most triangles of a part.
+/// Most triangles of a part, before places where solids touch are cut apart.
 pub const MOST_TRIANGLES: usize = 4_000;
 /// Fewer triangles are no surface.
 const LEAST_TRIANGLES: usize = 20;
 /// How far the surface may move where triangles are joined, as a share of its extent.
 const SIMPLIFICATION: f32 = 0.02;
 
-/// Triangles in a link's frame.
+/// Triangles in a link's frame: a closed surface, every edge of which is in two of them.
 #[derive(Clone)]
 pub struct Mesh {
     /// The file that a description names, relative to its own.
@@ -35,7 +36,7 @@ impl Mesh {
     pub fn fused(patches: &[Patch], like: &Cuboid, origin: &Point3<f64>) -> Option<Self> {
         let surface = FusedSurface::new(patches, like)?;
         let (places, triangles) = surface_nets(&surface.samples());
-        let (places, triangles) = simplified(places, &triangles)?;
+        let (places, triangles) = manifold(simplified(places, &triangles)?);
         let normals = normals(&places, &triangles);
         let colours = places.iter().zip(&normals).map(|(p, n)| surface.colour(p, n)).collect();
         let vertices = places.iter().map(|p| p - origin.coords).collect();
@@ -57,9 +58,6 @@ impl Mesh {
         text
     }
 }
-
-/// Places of vertices, and the triangles of them.
-type Triangulated = (Vec<Point3<f64>>, Vec<[u32; 3]>);
 
 /// The same surface in fewer triangles; `None` where nothing is left.
 fn simplified(places: Vec<Point3<f64>>, triangles: &[[u32; 3]]) -> Option<Triangulated> {

@@ -13,13 +13,16 @@ mod fitted_boxes;
 mod fused_surface;
 mod gap;
 mod joint;
+mod json;
 mod main_surface;
+mod manifold;
 mod mesh;
 mod mjcf;
 mod names;
 mod overlap;
 mod patch;
 mod sdf;
+mod seen_carrier;
 mod solid_cells;
 mod surface_nets;
 mod upright;
@@ -28,6 +31,7 @@ mod usd;
 mod xml;
 
 pub use description::Description;
+pub use json::json;
 pub use mjcf::mjcf;
 pub use sdf::sdf;
 pub use urdf::urdf;
@@ -38,7 +42,7 @@ mod tests {
     use super::clearance::{chain, moved};
     use super::overlap::overlap;
     use super::*;
-    use linkage_planner_bridge::Rig;
+    use linkage_planner_bridge::{JointMechanics, ObjectMechanics, Rig};
     use linkage_skill::internals::Surfel;
     use linkage_skill::object::{
         Appearance, Joint, JointGeometry, JointKind, MODEL_SCHEMA, Part, ReferenceFrame,
@@ -246,6 +250,40 @@ mod tests {
         let text = urdf(&description).unwrap();
         assert!(text.contains("link name=\"world_\"") && text.contains("joint name=\"world__2\""));
         assert!(sdf(&description).unwrap().contains("<child>world_</child>"));
+    }
+
+    #[test]
+    fn what_the_rig_gives_of_a_joint_reaches_every_format_and_is_no_guess() {
+        let object = cupboard();
+        let given =
+            JointMechanics { effort: Some(41.25), damping: Some(0.625), friction: Some(0.375) };
+        let own = ObjectMechanics { revolute: given, ..ObjectMechanics::default() };
+        let mut rig = Rig::default();
+        rig.mechanics.objects.insert(object.model.object.clone(), own);
+        let of_rig = |rig: &Rig| Description::new(&object, rig).unwrap();
+        let (given, guessed) = (of_rig(&rig), of_rig(&Rig::default()));
+        for (format, write, wanted) in [
+            ("urdf", urdf as fn(&Description) -> anyhow::Result<String>, 1.0),
+            ("sdf", sdf, 1.0),
+            ("mjcf", mjcf, 1.0),
+            ("usd", usd, std::f64::consts::PI / 180.0),
+        ] {
+            let text = write(&given).unwrap();
+            let damping = format!("{:.6}", 0.625 * wanted);
+            for value in ["41.25", damping.trim_end_matches('0'), "0.375"] {
+                assert!(text.contains(value), "{format}: {value} in {text}");
+            }
+            assert!(text.contains("The rig gives effort, damping, friction of hinges"), "{text}");
+            let text = write(&guessed).unwrap();
+            assert!(text.contains("Efforts, damping and friction are guesses."), "{text}");
+        }
+        let model = serde_json::to_value(json(&object.model, &rig)).unwrap();
+        let [door, drawer] = [0, 2].map(|joint| &model["mechanics"][joint]);
+        assert_eq!(door["effort"], 41.25);
+        assert_eq!(door["guessed"], serde_json::json!([]));
+        assert_eq!(drawer["guessed"], serde_json::json!(["effort", "damping", "friction"]));
+        let read: ObjectModel = serde_json::from_value(model).unwrap();
+        assert_eq!(read.joints.len(), 3, "it is read as a model");
     }
 
     #[test]

@@ -100,7 +100,8 @@ fn joint<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> i
             ("velocity", &velocity),
         ];
         empty(w, "limit", &limit)?;
-        // Drake refuses dry friction.
-        empty(w, "dynamics", &[("damping", &joint.damping.to_string()), ("friction", "0")])
+        // Drake warns of dry friction in URDF, so that a guess is not worth it.
+        let friction = joint.given.friction.unwrap_or(0.0).to_string();
+        empty(w, "dynamics", &[("damping", &joint.damping.to_string()), ("friction", &friction)])
     })
 }

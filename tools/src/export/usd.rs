@@ -1,7 +1,8 @@
 //! USD with its physics schema, as Isaac Sim and Omniverse read it, as text.
 //!
 //! The object is an articulation: rigid bodies beside each other, joints between them, and a fixed
-//! joint between the base and the world. Angles of USD are degrees.
+//! joint between the base and the world. Angles of USD are degrees. USD's own physics has no friction of joints;
+//! it is written under the names that Newton and MuJoCo read.
 
 use super::cuboid::{Cuboid, Inertia};
 use super::description::{Description, Link};
@@ -177,6 +178,8 @@ fn joint(of: &Description, joint: &Hinge) -> String {
         float drive:{drive}:physics:stiffness = 0
         float drive:{drive}:physics:damping = {damping}
         float drive:{drive}:physics:maxForce = {effort}
+        custom float newton:friction = {friction}
+        custom float mjc:frictionloss = {friction}
     }}
 "#,
         name = joint.name,
@@ -184,6 +187,7 @@ fn joint(of: &Description, joint: &Hinge) -> String {
         at = triple(of.in_parent(joint)),
         damping = number(joint.damping / unit),
         effort = joint.effort,
+        friction = joint.friction,
     )
 }
 

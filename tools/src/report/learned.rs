@@ -1,7 +1,9 @@
 //! The page about a demonstration: what was learned in words, what was refused, the motion in
 //! pictures, and the numbers at its end.
 
+use super::band::{self, Band};
 use super::chart::{self, Curve, Ground};
+use super::depth_spread::Surface;
 use super::draw::{Canvas, part_colour};
 use super::film_strip::film_strip;
 use super::layout::{self, facts, keys, part_style, vector};
@@ -38,7 +40,7 @@ pub fn demonstration_page(
         @if !model.joints.is_empty() {
             h2 { "How it moves" }
             (animation(demonstration, appearance)?)
-            (motion(demonstration)?)
+            (motion(demonstration, appearance)?)
             (strip(demonstration, appearance)?)
             h2 { "How its parts hang together" }
             (tree(model))
@@ -71,7 +73,7 @@ pub fn save_demonstration_pictures(
         }
     }
     let path = dir.join("configuration.svg");
-    std::fs::write(&path, chart::svg(&curves(demonstration), Ground::White)?)?;
+    std::fs::write(&path, chart::svg(&curves(demonstration, appearance), Ground::White)?)?;
     written.push(path);
     Ok(written)
 }
@@ -164,13 +166,18 @@ fn refused(demonstration: &Demonstration) -> Markup {
 }
 
 /// Configurations over time.
-fn motion(demonstration: &Demonstration) -> anyhow::Result<Markup> {
+fn motion(
+    demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
+) -> anyhow::Result<Markup> {
     let joints = &demonstration.model.joints;
-    let charts = curves(demonstration).into_iter().zip(joints).map(|(curve, joint)| {
-        let band = curve.deviations.iter().any(Option::is_some);
-        let band =
-            if band { "; the band is the standard deviation of single features" } else { "" };
-        let caption = format!("{}: configuration over time{band}", joint.name);
+    let charts = curves(demonstration, appearance).into_iter().zip(joints).map(|(curve, joint)| {
+        let band = band::in_words(Band {
+            kind: joint.kind,
+            deviations: &curve.deviations,
+            has_tracks: tracks_of(demonstration, joint.child).next().is_some(),
+        });
+        let caption = format!("{}: configuration over time. {band}", joint.name);
         Ok(layout::chart(&chart::svg(&[curve], Ground::Page)?, &caption))
     });
     let charts: Vec<Markup> = charts.collect::<anyhow::Result<_>>()?;
@@ -178,9 +185,9 @@ fn motion(demonstration: &Demonstration) -> anyhow::Result<Markup> {
 }
 
 /// Each joint's configuration over time, with how well the features agree on it.
-fn curves(demonstration: &Demonstration) -> Vec<Curve> {
+fn curves(demonstration: &Demonstration, appearance: Option<&Appearance>) -> Vec<Curve> {
     let of_joint = |joint: &Joint| {
-        let by_frame = deviations_by_frame(demonstration, joint);
+        let by_frame = deviations_by_frame(demonstration, appearance, joint);
         let at = |t: f64| {
             let utime = (t * 1e6).round() as i64;
             let after = demonstration.frame_utimes.partition_point(|u| *u < utime - 1);
@@ -196,10 +203,26 @@ fn curves(demonstration: &Demonstration) -> Vec<Curve> {
     demonstration.model.joints.iter().map(of_joint).collect()
 }
 
-/// Standard deviation of a joint's configuration in each frame, where it is known.
-pub fn deviations_by_frame(demonstration: &Demonstration, joint: &Joint) -> Vec<Option<f64>> {
-    let poses = &demonstration.camera_from_part[joint.child];
-    spread::deviations(tracks_of(demonstration, joint.child), poses, &joint.geometry())
+/// Standard deviation of a joint's configuration in each frame, where it is known: as tracked features
+/// tell it, or depth where there are none.
+pub fn deviations_by_frame(
+    demonstration: &Demonstration,
+    appearance: Option<&Appearance>,
+    joint: &Joint,
+) -> Vec<Option<f64>> {
+    let (part, line) = (joint.child, joint.geometry());
+    let poses = &demonstration.camera_from_part[part];
+    match tracks_of(demonstration, part).next() {
+        Some(_) => spread::deviations(tracks_of(demonstration, part), poses, &line),
+        None => {
+            let places = demonstration.plain_surface.get(part).map_or(&[][..], Vec::as_slice);
+            Surface::of(appearance, part, places).deviations(
+                demonstration.keyframes.iter(),
+                poses,
+                &line,
+            )
+        }
+    }
 }
 
 /// The motion as an animation.

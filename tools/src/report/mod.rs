@@ -1,8 +1,10 @@
 //! Reports for people: HTML pages, pictures and text.
 
 mod animation;
+mod band;
 mod chart;
 mod demo_page;
+mod depth_spread;
 mod draw;
 mod encountered;
 mod film_strip;

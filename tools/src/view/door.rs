@@ -9,13 +9,13 @@ use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Viewers at once.
 const MOST_VIEWERS: usize = 32;
 /// Wait after a connection that could not be taken: this process has too many open files.
 const AFTER_FAILURE: Duration = Duration::from_millis(100);
-/// Longest wait for the request of a connection.
+/// Longest wait for the whole request of a connection, in however many pieces it comes.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// An open door; closed when dropped.
@@ -104,8 +104,7 @@ impl Drop for Place {
 
 /// Passes a viewer on until it goes, unless it may not look.
 fn pass(mut viewer: TcpStream, server: SocketAddr, host: &str) -> io::Result<()> {
-    viewer.set_read_timeout(Some(REQUEST_TIMEOUT))?;
-    let request = request(&mut viewer)?;
+    let request = request(&mut viewer, REQUEST_TIMEOUT)?;
     if let Err(origin) = may_look(&request, host) {
         tracing::warn!(origin, "a web page was kept from the view");
         let told = format!("Pages of {origin} may not look; open one of this host.\n");
@@ -131,10 +130,16 @@ fn pass(mut viewer: TcpStream, server: SocketAddr, host: &str) -> io::Result<()>
     copied
 }
 
-/// What a viewer sends first, up to the empty line.
-fn request(viewer: &mut TcpStream) -> io::Result<Vec<u8>> {
+/// What a viewer sends first, up to the empty line, where all of that comes in time.
+fn request(viewer: &mut TcpStream, timeout: Duration) -> io::Result<Vec<u8>> {
+    let end = Instant::now() + timeout;
     let (mut request, mut some) = (Vec::new(), [0; 1024]);
     while !request.windows(4).any(|bytes| bytes == b"\r\n\r\n") {
+        let left = end.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(io::Error::other("its request did not come in time"));
+        }
+        viewer.set_read_timeout(Some(left))?;
         let count = viewer.read(&mut some)?;
         if count == 0 || request.len() + count > MOST_REQUEST_BYTES {
             return Err(io::Error::other("it sent no request"));
@@ -154,7 +159,7 @@ mod tests {
         let inside = server.local_addr().unwrap();
         std::thread::spawn(move || {
             for mut viewer in server.incoming().flatten() {
-                let asked = request(&mut viewer).unwrap().to_ascii_uppercase();
+                let asked = request(&mut viewer, REQUEST_TIMEOUT).unwrap().to_ascii_uppercase();
                 viewer.write_all(&asked).unwrap();
             }
         });
@@ -181,6 +186,25 @@ mod tests {
         let page = answer(&door, b"GET / HTTP/1.1\r\nOrigin: https://example.org\r\n\r\n");
         assert!(page.starts_with("HTTP/1.1 403 "), "{page}");
         assert!(page.contains("https://example.org may not look"), "{page}");
+    }
+
+    #[test]
+    fn a_stranger_who_sends_a_request_in_drops_does_not_hold_a_place_for_long() {
+        let listener = TcpListener::bind((hidden_address(), 0)).unwrap();
+        let mut stranger = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (mut viewer, _) = listener.accept().unwrap();
+        let drips = std::thread::spawn(move || {
+            while stranger.write_all(b"x").is_ok() {
+                std::thread::sleep(Duration::from_millis(10));
+            }
+        });
+        let begin = Instant::now();
+        let answer = request(&mut viewer, Duration::from_millis(200));
+        assert!(answer.is_err() && begin.elapsed() >= Duration::from_millis(200));
+        // A busy machine may be late; without the deadline it would wait for 16 KiB of drops.
+        assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
+        drop(viewer);
+        drips.join().unwrap();
     }
 
     #[test]

@@ -95,7 +95,7 @@ impl View {
     pub fn demonstration(&self, seen: &Demonstration, appearance: Option<&Appearance>) {
         let model = &seen.model;
         let deviations: Vec<_> =
-            model.joints.iter().map(|j| deviations_by_frame(seen, j)).collect();
+            model.joints.iter().map(|j| deviations_by_frame(seen, appearance, j)).collect();
         for (index, &utime) in seen.frame_utimes.iter().enumerate() {
             let poses = seen.camera_from_part.iter().map(|t| t.get(index).copied().flatten());
             let mut shown = Shown::learned(model, poses.collect(), appearance);
