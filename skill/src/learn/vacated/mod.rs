@@ -313,7 +313,7 @@ fn best_part(
     let square: Vec<(Hypothesis, VacatedPart)> = square.collect();
     let rivals = Rivals::of(square.iter().map(|(_, part)| part));
     let square: Vec<(Hypothesis, VacatedPart)> =
-        square.into_iter().map(|(h, part)| (h, part.beside(rivals, slides))).collect();
+        square.into_iter().map(|(h, part)| (h, part.beside(&rivals, slides))).collect();
     square.iter().for_each(|(_, part)| part.trace());
     let may_slide = frame.is_closed()
         && square.iter().any(|(_, part)| is_slide(part) && part.doubt().is_none());
@@ -321,7 +321,7 @@ fn best_part(
         .into_iter()
         .filter(|(_, part)| !(may_slide && part.hardly_turns()))
         .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
-    let any = follow(&hypothesis, ANY_RAD).beside(rivals, slides);
+    let any = follow(&hypothesis, ANY_RAD).beside(&rivals, slides);
     any.trace();
     let best = if value(&any) > BETTER * value(&square) { any } else { square };
     best.doubt().is_none().then_some(best)
