@@ -7,6 +7,7 @@
 //! camera that stands still count together, and what is plain is looked for in its room and by its shape.
 
 use crate::cli::{BenchArgs, Common};
+use crate::console::Progress;
 use crate::outcome::Outcome;
 use crate::output::write_json;
 use crate::steps::{recognise_view, skill_config};
@@ -50,9 +51,13 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     // All are compared, not those alone that stand out by their words.
     config.recognise.shortlist = objects.len();
     let mut report = Report::default();
-    for recording in folders(dir)? {
-        look_through(&recording, &objects, args.stills, &config, &mut report)?;
+    let recordings = folders(dir)?;
+    let progress = Progress::new("recordings", Some(recordings.len()), common.quiet);
+    for recording in &recordings {
+        look_through(recording, &objects, args.stills, &config, &mut report)?;
+        progress.step();
     }
+    progress.finish(&format!("{} recordings of {}", recordings.len(), dir.display()));
     print(&report);
     if let Some(path) = &args.json {
         write_json(path, &report)?;
