@@ -57,9 +57,8 @@ const MIN_TRAVEL_M: f64 = 0.04;
 const MIN_SLIDE_RADII: [f64; 2] = [0.6, 1.0];
 const UNLIKE_A_HINGE: f64 = 0.9;
 /// A slide speaks against a hinge where it agrees so well, as a share of the hinge's agreement: in all keyframes, and
-/// in those in which the part is away from its rest. Of nine parts that turned, the best slides had at most 0.83 and
-/// 0.71, but for a locker's door with 0.95 and 0.49. Of nine surfaces of drawers, sliding doors and persons the best
-/// hinges had at least 0.94 and 0.59 against them.
+/// in those in which the part is away from its rest. Of seven parts that turned, the best slides had at most 0.83 and
+/// 0.71, of a locker's door 0.95 and 0.49; of nine surfaces of drawers, sliding doors and persons at least 0.94 and 0.59.
 const AS_GOOD_AS_A_HINGE: [f64; 2] = [0.9, 0.55];
 /// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
 pub const PARALLEL_RAD: f64 = 0.08;
