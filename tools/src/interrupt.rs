@@ -1,13 +1,15 @@
-//! Ctrl-C, SIGTERM, and SIGHUP of a terminal that closes.
+//! Ctrl-C, SIGTERM, SIGHUP of a terminal that closes, and the other signals that would end the
+//! program without a word: SIGQUIT, SIGUSR1 and SIGUSR2. A service that streams setpoints brakes first.
 //!
 //! While frames are taken, the first signal ends them, and the program decides what that means: see
 //! [`stopped`]. A second signal ends the program at once, and so does any that comes when no frames
 //! are taken. The exit status is then 128 plus the signal's number: 130 for Ctrl-C, 143
-//! for SIGTERM, 129 for SIGHUP. Where SIGHUP is ignored, as nohup has it, it stays so.
+//! for SIGTERM, 129 for SIGHUP. Where one of them but Ctrl-C and SIGTERM is ignored, as nohup has it with
+//! SIGHUP, it stays so.
 
 use crate::outcome::{Failure, Outcome};
 use anyhow::anyhow;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2};
 use signal_hook::flag;
 use std::fmt::Display;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -37,8 +39,8 @@ fn flags() -> &'static Flags {
 
 /// Handlers are called in the order in which they are registered.
 fn install(flags: &Flags) -> std::io::Result<()> {
-    let signals = [SIGINT, SIGTERM, SIGHUP];
-    for signal in signals.into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP)) {
+    let others = [SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2].into_iter().filter(|&s| !is_ignored(s));
+    for signal in [SIGINT, SIGTERM].into_iter().chain(others) {
         let status = status_of(signal).into();
         flag::register_conditional_shutdown(signal, status, Arc::clone(&flags.is_fatal))?;
         flag::register_conditional_shutdown(signal, status, Arc::clone(&flags.stop))?;
@@ -66,6 +68,9 @@ impl Signal {
         let name = match self.0 {
             SIGINT => "Ctrl-C",
             SIGHUP => "SIGHUP",
+            SIGQUIT => "SIGQUIT",
+            SIGUSR1 => "SIGUSR1",
+            SIGUSR2 => "SIGUSR2",
             _ => "SIGTERM",
         };
         Failure { status: status_of(self.0), cause: anyhow!("stopped by {name}: {what}") }
@@ -126,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn ctrl_c_ends_a_camera_and_spoils_a_recording_while_sigterm_spoils_both() {
+    fn ctrl_c_ends_a_camera_and_spoils_a_recording_while_other_signals_spoil_both() {
         let after = |signal: i32, is_live: bool| {
             watch();
             signal_hook::low_level::raise(signal).unwrap();
@@ -136,8 +141,10 @@ mod tests {
         assert_eq!(after(SIGINT, false), Some(130));
         assert_eq!(after(SIGTERM, true), Some(143));
         assert_eq!(after(SIGTERM, false), Some(143));
-        if !is_ignored(SIGHUP) {
-            assert_eq!(after(SIGHUP, true), Some(129));
+        for (signal, status) in [(SIGHUP, 129), (SIGQUIT, 131), (SIGUSR1, 138), (SIGUSR2, 140)] {
+            if !is_ignored(signal) {
+                assert_eq!(after(signal, true), Some(status));
+            }
         }
         watch();
         assert!(stopped("source", false).is_ok());

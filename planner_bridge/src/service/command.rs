@@ -102,6 +102,9 @@ pub enum Fault {
 pub const SCHEMA: i32 = 2;
 /// Bytes of a name: those that the real-time half has room for.
 const MAX_NAME: usize = 63;
+/// Places of the queue of commands that are kept free for CANCEL: a flood of other commands must not
+/// have it refused.
+pub const PLACES_FOR_CANCEL: usize = 4;
 /// Bytes of a packet on the channel of commands; the longest command has some 400.
 const MAX_PACKET: usize = 4096;
 
@@ -257,6 +260,10 @@ impl<'q> Dispatcher<'q> {
         // Whoever perceives may be busy with a frame, and braking waits for nobody.
         if let (Action::Cancel, Some(pulse)) = (&action, &self.pulse) {
             pulse.halt();
+        }
+        let kept_free = if action == Action::Cancel { 0 } else { PLACES_FOR_CANCEL };
+        if self.commands.capacity().is_some_and(|all| self.commands.len() + kept_free >= all) {
+            return Err(Fault::TooMany);
         }
         match self.commands.try_send(Command { utime, valid_until, action }) {
             Ok(()) => {
@@ -441,9 +448,9 @@ mod tests {
 
     #[test]
     fn one_that_finds_no_room_is_answered_too() {
-        let mut bench = bench(1);
-        bench.take(&encode(&message(4)).unwrap());
-        let second = linkage::Command { utime: NOW + 1, ..message(4) };
+        let mut bench = bench(1 + PLACES_FOR_CANCEL);
+        bench.take(&encode(&message(2)).unwrap());
+        let second = linkage::Command { utime: NOW + 1, ..message(2) };
         let notes = bench.take(&encode(&second).unwrap());
         let answered = |n: &Note| matches!(n, Note::NotTaken(a) if a.utime == NOW + 1);
         assert!(notes.iter().any(answered));
@@ -451,6 +458,21 @@ mod tests {
         bench.commands.try_recv().unwrap();
         bench.take(&encode(&second).unwrap());
         assert_eq!(bench.commands.try_recv().map(|c| c.utime), Ok(NOW + 1));
+    }
+
+    #[test]
+    fn a_flood_of_commands_leaves_room_for_cancel() {
+        let mut bench = bench(8 + PLACES_FOR_CANCEL);
+        for i in 0..100 {
+            let utime = NOW + i;
+            bench.take(&encode(&linkage::Command { utime, ..message(2) }).unwrap());
+        }
+        assert_eq!(bench.commands.len(), 8);
+        let cancel = linkage::Command { utime: NOW + 100, ..message(4) };
+        let notes = bench.take(&encode(&cancel).unwrap());
+        assert!(!notes.iter().any(|n| matches!(n, Note::NotTaken(_))), "CANCEL was refused");
+        let last = bench.commands.try_iter().last().map(|c| (c.utime, c.action));
+        assert_eq!(last, Some((NOW + 100, Action::Cancel)));
     }
 
     #[test]

@@ -27,7 +27,7 @@ pub use stream::{Orders, Pulse, StreamError, StreamParts, Streamer};
 
 use authority::Authority;
 use capture::Capture;
-use command::Listener;
+use command::{Listener, PLACES_FOR_CANCEL};
 use heartbeat::HeartbeatListener;
 use linkage_driver::SourceError;
 use linkage_driver::live::{host_utime, latest};
@@ -80,7 +80,7 @@ pub struct ServiceReport {
 
 /// Frames that wait for perception; when more come, the oldest are dropped.
 const WAITING_FRAMES: usize = 8;
-/// Commands that wait for it; more are refused.
+/// Commands that wait for it, besides CANCEL; more are refused.
 const WAITING_COMMANDS: usize = 16;
 /// Packets that wait to be published; when more come, the oldest are dropped.
 const WAITING_PACKETS: usize = 64;
@@ -120,7 +120,8 @@ pub fn serve_observed(
     let (frame_writer, frames) = latest(WAITING_FRAMES);
     let (packet_writer, packets) = latest(WAITING_PACKETS);
     let (note_writer, notes) = latest(WAITING_NOTES);
-    let (command_writer, commands) = crossbeam_channel::bounded(WAITING_COMMANDS);
+    let (command_writer, commands) =
+        crossbeam_channel::bounded(WAITING_COMMANDS + PLACES_FOR_CANCEL);
     let out = publisher::Outbox { packets: packet_writer, notes: note_writer, observer };
 
     let capture = Capture::new(source, open, config.playback, frame_writer, out.clone());
