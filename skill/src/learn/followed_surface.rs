@@ -32,31 +32,25 @@ impl FollowedSurface<'_> {
         let plain_surface = self.points.iter().map(|p| first * p).collect();
         orient(&mut geometry, &mut configuration);
         let is_reversed = geometry.axis.dot(&self.geometry.axis) < 0.0;
-        let covariance = if is_reversed { reversed(self.covariance) } else { self.covariance };
         let mut base_from_part: Trajectory =
             vec![None; recording.ego_motion.camera_from_base.len()];
         for (&frame, &q) in frames.iter().zip(&configuration) {
             base_from_part[frame] = Some(geometry.motion(q));
         }
-        let joint = Joint {
+        let mut joint = Joint {
             range: range_of(&configuration),
-            covariance: covariance_rows(&covariance),
+            covariance: covariance_rows(&self.covariance),
             observations: frames.len(),
             position_rmse: self.rmse,
             configuration: recording.tracks.timed(&frames, &configuration),
             type_probabilities: [(geometry.kind, 1.0)].into(),
-            ..Joint::of(&geometry)
+            ..Joint::of(&self.geometry)
         };
+        if is_reversed {
+            joint.turn_round();
+        }
         LearnedJoint { joint, base_from_part, tracks: Vec::new(), plain_surface }
     }
-}
-
-/// The covariance of the same line with its axis the other way round.
-fn reversed(mut covariance: Matrix6<f64>) -> Matrix6<f64> {
-    for (row, column) in [(0, 3), (3, 0)] {
-        covariance.fixed_view_mut::<3, 3>(row, column).neg_mut();
-    }
-    covariance
 }
 
 #[cfg(test)]

@@ -127,6 +127,15 @@ impl Joint {
         }
     }
 
+    /// Lets its axis point the other way, so that its configurations count down.
+    pub fn turn_round(&mut self) {
+        self.axis = self.axis.map(|x| -x);
+        for (r, row) in self.covariance.iter_mut().enumerate() {
+            let with_origin = |c: &usize| (r < 3) != (*c < 3);
+            (0..row.len()).filter(with_origin).for_each(|c| row[c] = -row[c]);
+        }
+    }
+
     /// Covariance of (axis, origin); `None` where it is not known.
     pub fn known_covariance(&self) -> Option<Matrix6<f64>> {
         let rows: &[[f64; 6]; 6] = self.covariance.as_slice().try_into().ok()?;

@@ -9,14 +9,17 @@ use super::part_plane::PartPlane;
 use super::plane_segments::{Cylinder, PlanePatch, Sampling, moving_patches};
 use super::planes_about_axis::{edges, plane_observations};
 use crate::learn::ego_motion::EgoMotion;
-use crate::learn::learned_joint::{LearnedJoint, range_of};
+use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
 use crate::learn::recording::Recording;
 use crate::learn::tracking::TrackSet;
 use crate::math::rigid::{Pose, distance_to_line};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
+use nalgebra::Vector3;
 
 /// Share of the keyframes from which a joint is known well enough.
 const KNOWN_ENOUGH: f64 = 0.9;
+/// A first configuration that is no farther from 0 is 0, radians.
+const SAME_ZERO_RAD: f64 = 0.05;
 /// How much farther than its tracks a part may reach, as a share of the tracks' reach.
 const MAX_BEYOND: f64 = 0.5;
 /// How much farther than that it may reach, metres.
@@ -57,6 +60,7 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
     let shown = shown_by_plane(learned, &patches, &frames, &linked);
     if !shown.is_empty() {
         apply(learned, &shown, &recording.tracks);
+        count_from_first_frame(learned, &recording.tracks);
     }
 }
 
@@ -152,12 +156,33 @@ fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
     learned.joint.configuration = set.timed(&frames, &turns);
 }
 
+/// Counts the configurations from the first frame on, where the plane shows the part in frames before those in which it
+/// was known: a flap that was shut at first and known from when it stood open would be told as open where it is shut.
+fn count_from_first_frame(learned: &mut LearnedJoint, set: &TrackSet) {
+    let known: Vec<(usize, f64)> = configurations(learned)
+        .into_iter()
+        .enumerate()
+        .filter_map(|(frame, q)| Some((frame, q?)))
+        .collect();
+    let Some(&(_, first)) = known.first().filter(|(_, q)| q.abs() > SAME_ZERO_RAD) else { return };
+    let mut geometry = learned.joint.geometry();
+    let to_first = geometry.motion(first);
+    let (frames, mut turns): (Vec<usize>, Vec<f64>) = known.into_iter().unzip();
+    orient(&mut geometry, &mut turns);
+    if geometry.axis.dot(&Vector3::from(learned.joint.axis)) < 0.0 {
+        learned.joint.turn_round();
+    }
+    learned.plain_surface.iter_mut().for_each(|place| *place = to_first * *place);
+    let all: Vec<(usize, f64)> = frames.into_iter().zip(turns).collect();
+    apply(learned, &all, set);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::learn::plane_hinges::part_plane::LINKS;
     use crate::object::model::Joint;
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Point3;
 
     const LAST: usize = 40;
 
@@ -197,6 +222,31 @@ mod tests {
 
     fn keyframes() -> Vec<usize> {
         (0..=LAST).step_by(4).collect()
+    }
+
+    #[test]
+    fn what_was_shut_at_first_is_shut_at_zero_and_opens_upwards() {
+        // Its tracks show it from frame 20 on, as it is shut; the plane shows it before.
+        let opened = |f: usize| if f < 20 { 0.05 * f as f64 } else { 2.0 - 0.05 * f as f64 };
+        let track_from = |f: usize| line().motion(opened(f) - opened(20));
+        let frames: Vec<usize> = (0..=LAST).step_by(4).collect();
+        let set = TrackSet { frame_utimes: (0..=LAST as i64).collect(), tracks: Vec::new() };
+        let place = Point3::new(0.0, 0.3, 1.0);
+        let mut learned = LearnedJoint {
+            joint: Joint::of(&line()),
+            base_from_part: (0..=LAST)
+                .map(|f| frames.contains(&f).then(|| track_from(f)))
+                .collect(),
+            tracks: Vec::new(),
+            plain_surface: vec![place],
+        };
+        let was = learned.base_from_part[24].unwrap() * place;
+        count_from_first_frame(&mut learned, &set);
+        let q: Vec<f64> = learned.joint.configuration.iter().map(|(_, q)| *q).collect();
+        assert!(q[0].abs() < 1e-9 && (q[5] - 1.0).abs() < 1e-9 && q[10].abs() < 1e-9, "{q:?}");
+        assert!((learned.joint.range[1] - 1.0).abs() < 1e-9 && learned.joint.range[0].abs() < 1e-9);
+        let is = learned.base_from_part[24].unwrap() * learned.plain_surface[0];
+        assert!((was - is).norm() < 1e-9, "the part is where it was");
     }
 
     /// The patch, shown from its other side and, by a wedge, not parallel to the first.

@@ -165,20 +165,20 @@ fn score(
         let moved: Vec<(Point3<f64>, Vector3<f64>)> =
             few.iter().map(|(p, n)| (motion * p, motion * n)).collect();
         for (best, view) in best.iter_mut().zip(targets) {
-            *best = best.max(margin(view, &moved));
+            *best = best.max(margin(view, &moved, few.len()));
         }
     }
     best.iter().sum::<f64>() / targets.len() as f64
 }
 
-/// Share of points that a keyframe shows in their places, less that which it sees through.
-pub fn margin(view: &MovingPoints, moved: &[(Point3<f64>, Vector3<f64>)]) -> f64 {
+/// Points that a keyframe shows in their places, less those which it sees through, as a share of `all`.
+pub fn margin(view: &MovingPoints, moved: &[(Point3<f64>, Vector3<f64>)], all: usize) -> f64 {
     let of = |(p, n): &(Point3<f64>, Vector3<f64>)| match view.evidence(p, n) {
         Evidence::Found => 1.0,
         Evidence::Through => -1.0,
         Evidence::Unknown => 0.0,
     };
-    moved.iter().map(of).sum::<f64>() / moved.len().max(1) as f64
+    moved.iter().map(of).sum::<f64>() / all.max(1) as f64
 }
 
 #[cfg(test)]

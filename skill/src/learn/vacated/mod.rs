@@ -57,6 +57,8 @@ const ALONG_RAD: f64 = 0.15;
 const FRONT_RAD: f64 = 0.012;
 /// Agreement that any direction must have more than the square one, as a factor.
 const BETTER: f64 = 1.03;
+/// Thicknesses of a part that are tried where it shows its other face, metres.
+const THICKNESSES_M: [f64; 5] = [0.0, 0.012, 0.024, 0.036, 0.05];
 /// A part that is shown in so many times as many keyframes is better known.
 const MANY_MORE: f64 = 1.2;
 /// Lines that make a smaller angle and are closer are one, radians and metres.
@@ -324,6 +326,21 @@ fn best_part(
     let any = follow(&hypothesis, ANY_RAD).beside(&rivals, slides);
     any.trace();
     let best = if value(&any) > BETTER * value(&square) { any } else { square };
+    let follow_thick = |thickness: &f64| {
+        let thick = surface.with_other_face(*thickness);
+        let mut hypothesis = hypothesis;
+        hypothesis.geometry = *best.geometry();
+        let part = VacatedPart::follow(&thick, &hypothesis, ANY_RAD, moving, recording);
+        part.beside(&rivals, slides)
+    };
+    let best = if best.shows_other_face() {
+        let thick: Vec<VacatedPart> = THICKNESSES_M.par_iter().map(follow_thick).collect();
+        thick.iter().for_each(VacatedPart::trace);
+        let thick = thick.into_iter().max_by(|a, b| value(a).total_cmp(&value(b)));
+        thick.filter(|thick| value(thick) > BETTER * value(&best)).unwrap_or(best)
+    } else {
+        best
+    };
     best.doubt().is_none().then_some(best)
 }
 

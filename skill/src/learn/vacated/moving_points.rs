@@ -180,7 +180,8 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.view.picture.utime
     }
 
-    fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    /// A surface with this normal is seen from its front.
+    pub fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
         let to_camera = self.view.camera_place() - place;
         normal.dot(&to_camera) > MIN_FACING * to_camera.norm()
     }

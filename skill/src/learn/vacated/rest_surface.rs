@@ -58,9 +58,23 @@ pub struct RestSurface {
     pub points: Vec<Point3<f64>>,
     /// Unit normals there, towards the camera.
     pub normals: Vec<Vector3<f64>>,
+    /// How far behind these places the other face is, metres; `None` where only one face is known.
+    pub thickness: Option<f64>,
 }
 
 impl RestSurface {
+    /// The same with another face so many metres behind: a lid that is opened shows its underside.
+    pub fn with_other_face(&self, thickness: f64) -> Self {
+        Self { thickness: Some(thickness), ..self.clone() }
+    }
+
+    /// Places and normals of both its faces, as far as they are known.
+    pub fn faces(&self) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> + '_ {
+        let front = || self.points.iter().zip(&self.normals).map(|(p, n)| (*p, *n));
+        let other = self.thickness.map(|t| front().map(move |(p, n)| (p - t * n, -n)));
+        front().chain(other.into_iter().flatten())
+    }
+
     /// The middle of its places.
     pub fn centre(&self) -> Point3<f64> {
         let sum: Vector3<f64> = self.points.iter().map(|p| p.coords).sum();
@@ -97,7 +111,7 @@ impl RestSurface {
         let of = |is_later: bool| {
             let kept = (0..left.len()).filter(|k| (left[*k] >= sorted[i]) == is_later);
             let (points, normals) = kept.map(|k| (self.points[k], self.normals[k])).unzip();
-            Self { keyframe: self.keyframe, points, normals }
+            Self { points, normals, ..*self }
         };
         [false, true].map(of).into()
     }
@@ -136,7 +150,7 @@ pub fn vacated_surfaces(
         let step = places.len().div_ceil(MAX_POINTS).max(1);
         let points: Vec<Point3<f64>> = places.iter().copied().step_by(step).collect();
         let normals = points.iter().map(|p| normal_at(p, &places, &camera)).collect();
-        RestSurface { keyframe: at(0), points, normals }
+        RestSurface { keyframe: at(0), points, normals, thickness: None }
     };
     pieces.into_iter().map(surface).collect()
 }

@@ -76,6 +76,8 @@ const APART_M: f64 = 0.05;
 const APART_RADII: f64 = 0.5;
 /// Share of the keyframes in which nothing else moves where no person is.
 const LEAST_ALONE: f64 = 0.9;
+/// Least share of the keyframes that show the other face of a part for it to be looked for.
+const LEAST_TURNED_AWAY: f64 = 0.1;
 /// Errors that all readings share: radians and metres.
 const SYSTEMATIC_RAD: f64 = 0.01;
 const SYSTEMATIC_M: f64 = 0.004;
@@ -100,6 +102,8 @@ pub struct VacatedPart {
     lead_s: f64,
     /// Nothing else moves near it; asked only where nothing moved before it.
     is_alone: bool,
+    /// Share of the keyframes in which its other face is towards the camera.
+    turned_away: f64,
     /// The other motions that the same surface may have.
     rivals: Rivals,
     /// It is parallel to a slide that is known.
@@ -202,6 +206,7 @@ impl VacatedPart {
         let reach = reach(line, &surface.points);
         let lead_s = lead_of_others(surface, &aligned.q, reach, moving);
         let is_alone = lead_s < MIN_LEAD_S && is_alone(surface, &aligned, moving);
+        let turned_away = share_turned_away(surface, &aligned, moving);
         let radius = surface.radius();
         Self {
             aligned,
@@ -213,6 +218,7 @@ impl VacatedPart {
             unattached_ratio,
             lead_s,
             is_alone,
+            turned_away,
             rivals: Rivals::default(),
             is_parallel: false,
         }
@@ -260,6 +266,11 @@ impl VacatedPart {
             (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+    }
+
+    /// It is a hinge by which it shows its other face for a while.
+    pub fn shows_other_face(&self) -> bool {
+        self.is_hinge() && self.turned_away > LEAST_TURNED_AWAY
     }
 
     /// It is a hinge about which hardly anything turns.
@@ -339,6 +350,7 @@ impl VacatedPart {
             unattached = self.unattached_ratio,
             lead = self.lead_s,
             alone = self.is_alone,
+            away = self.turned_away,
             turn = self.turn(),
             reach = self.reach,
             axis = ?self.geometry().axis.as_slice(),
@@ -396,7 +408,7 @@ fn path(
     let row = |(k, view): (usize, &MovingPoints)| -> Vec<f64> {
         let at = |(q, moved): (&f64, &Vec<_>)| {
             let must_rest = k == surface.keyframe && q.abs() > step;
-            if must_rest { -1e6 } else { margin(view, moved) }
+            if must_rest { -1e6 } else { margin(view, moved, surface.points.len()) }
         };
         configurations.iter().zip(&moved).map(at).collect()
     };
@@ -452,7 +464,19 @@ fn moved(
     q: f64,
 ) -> Vec<(Point3<f64>, Vector3<f64>)> {
     let motion = geometry.motion(q);
-    surface.points.iter().zip(&surface.normals).map(|(p, n)| (motion * p, motion * n)).collect()
+    surface.faces().map(|(p, n)| (motion * p, motion * n)).collect()
+}
+
+/// Share of the keyframes in which most of the surface is turned away from the camera.
+fn share_turned_away(surface: &RestSurface, aligned: &Aligned, moving: &[MovingPoints]) -> f64 {
+    let is_away = |(view, q): &(&MovingPoints, &f64)| {
+        let motion = aligned.geometry.motion(**q);
+        let sides = surface.points.iter().zip(&surface.normals);
+        let front = sides.filter(|(p, n)| view.faces(&(motion * *p), &(motion * *n))).count();
+        2 * front < surface.points.len()
+    };
+    let away = moving.iter().zip(&aligned.q).filter(is_away).count();
+    away as f64 / moving.len().max(1) as f64
 }
 
 /// What each keyframe shows of the surface where the joint puts it, and the distances of its points from the
