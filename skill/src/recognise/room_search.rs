@@ -29,6 +29,10 @@ const HYPOTHESES: usize = 6;
 /// their own room had moved by up to 4 cm and things before the same wall in another room by up to 10, while
 /// a cabinet that stood 20 or 31 cm from where another one was learned was taken for that one.
 const FARTHEST_MOVED_M: f64 = 0.12;
+/// Farthest that it may have turned, radians. Things that were found rightly had turned by up to 0.10; a cabinet of
+/// which little more than its door was seen had turned by 0.40 about the hinge, and its door was told as open by so
+/// much too far.
+const FARTHEST_TURNED_RAD: f64 = 0.2;
 /// Ends in sight of a part from which they decide whether the part is there.
 const ENOUGH_ENDS: usize = 12;
 /// Share of a part's ends in sight that the picture has too: of another thing, and of the part.
@@ -79,7 +83,12 @@ fn spread(places: &[Point3<f64>]) -> f64 {
 fn refined(refiner: &Refiner, contours: Contours, hypothesis: &Hypothesis) -> Option<RefinedPose> {
     let Refiner { scene, articulated, cloud, room, .. } = *refiner;
     let state = refiner.settle(hypothesis)?;
-    if moved_by(cloud, &hypothesis.state, &state) > FARTHEST_MOVED_M {
+    let of_room = &hypothesis.state;
+    let moved_m = moved_by(cloud, of_room, &state);
+    let [was, is] = [of_room, &state].map(|s| s.camera_from_object.rotation);
+    let turned_rad = was.angle_to(&is);
+    tracing::debug!(moved_m, turned_rad, "beside where its room says");
+    if moved_m > FARTHEST_MOVED_M || turned_rad > FARTHEST_TURNED_RAD {
         return None;
     }
     let verdict = verify(scene, articulated, cloud, &state);
@@ -151,6 +160,7 @@ mod tests {
     use super::*;
     use crate::math::rigid::Pose;
     use crate::recognise::shape::test_data::{WALL_M, look_for_plain_slider};
+    use nalgebra::Rotation3;
 
     /// Matches of a wall that are so far from one to the next, metres, when the slider's frame is the
     /// camera's but for this shift in x.
@@ -207,6 +217,24 @@ mod tests {
             .map(|m| Match { model_point: m.model_point - 0.2 * Vector3::z(), ..m })
             .collect();
         assert!(found(Some(0.2), &farther).is_none());
+    }
+
+    #[test]
+    fn what_is_turned_far_from_where_its_room_says_tells_nothing() {
+        // Where the wall says that the slider is turned about its middle, it is not.
+        let turned = |turn: f64| -> Vec<Match> {
+            let middle = Vector3::new(0.0, 0.0, 1.5);
+            let about = Rotation3::from_axis_angle(&Vector3::y_axis(), turn);
+            let back = |p: Point3<f64>| Point3::from(about * (p.coords - middle) + middle);
+            let turned = |m: Match| Match {
+                model_point: back(m.model_point),
+                model_normal: about * m.model_normal,
+                ..m
+            };
+            of_wall(0.2, 0.0).into_iter().map(turned).collect()
+        };
+        assert!(found(Some(0.2), &turned(0.02)).is_some());
+        assert!(found(Some(0.2), &turned(0.35)).is_none());
     }
 
     #[test]
