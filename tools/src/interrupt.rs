@@ -1,5 +1,5 @@
-//! Ctrl-C, SIGTERM, SIGHUP of a terminal that closes, and the other signals that would end the
-//! program without a word: SIGQUIT, SIGUSR1 and SIGUSR2. A service that streams setpoints brakes first.
+//! Ctrl-C, SIGTERM, SIGHUP of a terminal that closes, SIGQUIT (whose first one dumps no core), SIGUSR1 and
+//! SIGUSR2: a service that streams setpoints brakes before it ends.
 //!
 //! While frames are taken, the first signal ends them, and the program decides what that means: see
 //! [`stopped`]. A second signal ends the program at once, and so does any that comes when no frames
@@ -98,9 +98,8 @@ pub fn unwatch() -> Option<Signal> {
     came.then(|| Signal(signal.load(Ordering::SeqCst) as i32))
 }
 
-/// Frames are over. Ctrl-C is how one says that a live camera has shown enough; a recording that a
-/// signal cut short, and a camera whose program is told to go by SIGTERM or whose terminal closed, have not shown what was
-/// asked for.
+/// Frames are over. Ctrl-C is how one says that a live camera has shown enough; a recording that a signal cut
+/// short, and a camera whose program another signal told to end, have not shown what was asked for.
 ///
 /// # Errors
 /// With the status of the signal, where what was seen must not be used.

@@ -127,8 +127,8 @@ impl Joint {
         }
     }
 
-    /// Lets its axis point the other way, so that its configurations count down.
-    pub fn turn_round(&mut self) {
+    /// Lets its axis point the other way, with its covariance; its configurations have to be given anew.
+    pub(crate) fn turn_round(&mut self) {
         self.axis = self.axis.map(|x| -x);
         for (r, row) in self.covariance.iter_mut().enumerate() {
             let with_origin = |c: &usize| (r < 3) != (*c < 3);

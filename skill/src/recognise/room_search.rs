@@ -87,7 +87,7 @@ fn refined(refiner: &Refiner, contours: Contours, hypothesis: &Hypothesis) -> Op
     let moved_m = moved_by(cloud, of_room, &state);
     let [was, is] = [of_room, &state].map(|s| s.camera_from_object.rotation);
     let turned_rad = was.angle_to(&is);
-    tracing::debug!(moved_m, turned_rad, "beside where its room says");
+    tracing::debug!(moved_m, turned_rad, "moved from where its room says");
     if moved_m > FARTHEST_MOVED_M || turned_rad > FARTHEST_TURNED_RAD {
         return None;
     }
@@ -225,9 +225,9 @@ mod tests {
         let turned = |turn: f64| -> Vec<Match> {
             let middle = Vector3::new(0.0, 0.0, 1.5);
             let about = Rotation3::from_axis_angle(&Vector3::y_axis(), turn);
-            let back = |p: Point3<f64>| Point3::from(about * (p.coords - middle) + middle);
+            let about_middle = |p: Point3<f64>| Point3::from(about * (p.coords - middle) + middle);
             let turned = |m: Match| Match {
-                model_point: back(m.model_point),
+                model_point: about_middle(m.model_point),
                 model_normal: about * m.model_normal,
                 ..m
             };

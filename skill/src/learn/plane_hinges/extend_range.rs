@@ -9,17 +9,18 @@ use super::part_plane::PartPlane;
 use super::plane_segments::{Cylinder, PlanePatch, Sampling, moving_patches};
 use super::planes_about_axis::{edges, plane_observations};
 use crate::learn::ego_motion::EgoMotion;
-use crate::learn::learned_joint::{LearnedJoint, orient, range_of};
+use crate::learn::learned_joint::{LearnedJoint, orient, range_of, span_of};
 use crate::learn::recording::Recording;
 use crate::learn::tracking::TrackSet;
 use crate::math::rigid::{Pose, distance_to_line};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
-use nalgebra::Vector3;
 
 /// Share of the keyframes from which a joint is known well enough.
 const KNOWN_ENOUGH: f64 = 0.9;
-/// A first configuration that is no farther from 0 is 0, radians.
+/// Up to this far from 0 the first configuration counts as 0, radians.
 const SAME_ZERO_RAD: f64 = 0.05;
+/// Frames that must agree on it.
+const TELL_ZERO: usize = 3;
 /// How much farther than its tracks a part may reach, as a share of the tracks' reach.
 const MAX_BEYOND: f64 = 0.5;
 /// How much farther than that it may reach, metres.
@@ -59,8 +60,11 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
     direct(learned, &patches, &recording.tracks, &linked);
     let shown = shown_by_plane(learned, &patches, &frames, &linked);
     if !shown.is_empty() {
+        let known_from = learned.base_from_part.iter().position(Option::is_some);
         apply(learned, &shown, &recording.tracks);
-        count_from_first_frame(learned, &recording.tracks);
+        if shown.iter().any(|(frame, _)| Some(*frame) < known_from) {
+            count_from_first_frame(learned, &recording.tracks);
+        }
     }
 }
 
@@ -156,25 +160,31 @@ fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
     learned.joint.configuration = set.timed(&frames, &turns);
 }
 
-/// Counts the configurations from the first frame on, where the plane shows the part in frames before those in which it
-/// was known: a flap that was shut at first and known from when it stood open would be told as open where it is shut.
+/// Counts the configurations from the first frame on, where planes show the part in frames before those in which it
+/// was known. Else a flap that was first known standing open would be said to be open when it is shut.
 fn count_from_first_frame(learned: &mut LearnedJoint, set: &TrackSet) {
-    let known: Vec<(usize, f64)> = configurations(learned)
-        .into_iter()
-        .enumerate()
-        .filter_map(|(frame, q)| Some((frame, q?)))
-        .collect();
-    let Some(&(_, first)) = known.first().filter(|(_, q)| q.abs() > SAME_ZERO_RAD) else { return };
+    let known = configurations(learned).into_iter().enumerate();
+    let (frames, mut turns): (Vec<usize>, Vec<f64>) =
+        known.filter_map(|(frame, q)| Some((frame, q?))).unzip();
+    // A single frame may show the plane of a hand.
+    let at_first = &turns[..turns.len().min(TELL_ZERO)];
+    let Some(&first) = turns.first() else { return };
+    if first.abs() < SAME_ZERO_RAD || span_of(at_first) > SAME_ZERO_RAD {
+        return;
+    }
     let mut geometry = learned.joint.geometry();
     let to_first = geometry.motion(first);
-    let (frames, mut turns): (Vec<usize>, Vec<f64>) = known.into_iter().unzip();
+    learned.plain_surface.iter_mut().for_each(|place| *place = to_first * *place);
+    let axis = geometry.axis;
     orient(&mut geometry, &mut turns);
-    if geometry.axis.dot(&Vector3::from(learned.joint.axis)) < 0.0 {
+    if geometry.axis.dot(&axis) < 0.0 {
         learned.joint.turn_round();
     }
-    learned.plain_surface.iter_mut().for_each(|place| *place = to_first * *place);
-    let all: Vec<(usize, f64)> = frames.into_iter().zip(turns).collect();
-    apply(learned, &all, set);
+    for (&frame, &q) in frames.iter().zip(&turns) {
+        learned.base_from_part[frame] = Some(geometry.motion(q));
+    }
+    learned.joint.range = range_of(&turns);
+    learned.joint.configuration = set.timed(&frames, &turns);
 }
 
 #[cfg(test)]
@@ -182,7 +192,7 @@ mod tests {
     use super::*;
     use crate::learn::plane_hinges::part_plane::LINKS;
     use crate::object::model::Joint;
-    use nalgebra::Point3;
+    use nalgebra::{Point3, Vector3};
 
     const LAST: usize = 40;
 
@@ -224,29 +234,52 @@ mod tests {
         (0..=LAST).step_by(4).collect()
     }
 
-    #[test]
-    fn what_was_shut_at_first_is_shut_at_zero_and_opens_upwards() {
-        // Its tracks show it from frame 20 on, as it is shut; the plane shows it before.
-        let opened = |f: usize| if f < 20 { 0.05 * f as f64 } else { 2.0 - 0.05 * f as f64 };
-        let track_from = |f: usize| line().motion(opened(f) - opened(20));
-        let frames: Vec<usize> = (0..=LAST).step_by(4).collect();
+    /// A flap by its turn in each keyframe, as it is told before and after its first frames were found.
+    fn counted_from_first(turned: impl Fn(usize) -> f64) -> (LearnedJoint, [Point3<f64>; 2]) {
+        let frames = keyframes();
         let set = TrackSet { frame_utimes: (0..=LAST as i64).collect(), tracks: Vec::new() };
-        let place = Point3::new(0.0, 0.3, 1.0);
+        let pose = |f: usize| frames.contains(&f).then(|| line().motion(turned(f)));
         let mut learned = LearnedJoint {
             joint: Joint::of(&line()),
-            base_from_part: (0..=LAST)
-                .map(|f| frames.contains(&f).then(|| track_from(f)))
-                .collect(),
+            base_from_part: (0..=LAST).map(pose).collect(),
             tracks: Vec::new(),
-            plain_surface: vec![place],
+            plain_surface: vec![Point3::new(0.0, 0.3, 1.0)],
         };
-        let was = learned.base_from_part[24].unwrap() * place;
+        let place = |l: &LearnedJoint| l.base_from_part[24].unwrap() * l.plain_surface[0];
+        let was = place(&learned);
         count_from_first_frame(&mut learned, &set);
-        let q: Vec<f64> = learned.joint.configuration.iter().map(|(_, q)| *q).collect();
-        assert!(q[0].abs() < 1e-9 && (q[5] - 1.0).abs() < 1e-9 && q[10].abs() < 1e-9, "{q:?}");
-        assert!((learned.joint.range[1] - 1.0).abs() < 1e-9 && learned.joint.range[0].abs() < 1e-9);
-        let is = learned.base_from_part[24].unwrap() * learned.plain_surface[0];
+        let is = place(&learned);
+        (learned, [was, is])
+    }
+
+    fn told(learned: &LearnedJoint) -> Vec<f64> {
+        learned.joint.configuration.iter().map(|[_, q]| *q).collect()
+    }
+
+    #[test]
+    fn what_was_shut_at_first_is_shut_at_zero_and_opens_upwards() {
+        // Known from when it stood open, it was told as 0 there and as 2 radians where it is shut.
+        let opened = |f: usize| 0.1 * f.clamp(12, 32) as f64 - 1.2;
+        let (learned, [was, is]) = counted_from_first(|f| 2.0 - opened(f));
+        let q = told(&learned);
+        assert!(q[0].abs() < 1e-9 && (q[10] - 2.0).abs() < 1e-9, "{q:?}");
+        assert_eq!(learned.joint.axis, [-1.0, -0.0, -0.0], "it grows as the flap opens");
+        assert!(learned.joint.range[0].abs() < 1e-9 && (learned.joint.range[1] - 2.0).abs() < 1e-9);
         assert!((was - is).norm() < 1e-9, "the part is where it was");
+    }
+
+    #[test]
+    fn a_flap_may_turn_by_more_than_half_a_circle_from_its_first_frame() {
+        let opened = |f: usize| 0.19 * f.clamp(12, 32) as f64 - 0.19 * 12.0;
+        let (learned, _) = counted_from_first(|f| opened(f) - 1.9);
+        let q = told(&learned);
+        assert!(q[0].abs() < 1e-9 && (q[10] - 3.8).abs() < 1e-9, "{q:?}");
+    }
+
+    #[test]
+    fn one_frame_that_differs_from_the_next_ones_is_no_zero() {
+        let (learned, _) = counted_from_first(|f| if f == 0 { 1.0 } else { 0.0 });
+        assert!(learned.joint.configuration.is_empty(), "as it was");
     }
 
     /// The patch, shown from its other side and, by a wedge, not parallel to the first.

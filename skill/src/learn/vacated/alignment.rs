@@ -117,7 +117,7 @@ fn normal_equations(
         own_right: 0.0,
     };
     let (mut pairs, mut weights) = (0, 0.0);
-    for (point, normal) in surface.faces() {
+    for (point, normal) in surface.places() {
         let place = motion * point;
         let Some(reading) = view.nearest(&place, &(motion * normal)) else { continue };
         let off = reading - place;

@@ -165,20 +165,26 @@ fn score(
         let moved: Vec<(Point3<f64>, Vector3<f64>)> =
             few.iter().map(|(p, n)| (motion * p, motion * n)).collect();
         for (best, view) in best.iter_mut().zip(targets) {
-            *best = best.max(margin(view, &moved, few.len()));
+            *best = best.max(margin(view, &moved, false));
         }
     }
     best.iter().sum::<f64>() / targets.len() as f64
 }
 
-/// Points that a keyframe shows in their places, less those which it sees through, as a share of `all`.
-pub fn margin(view: &MovingPoints, moved: &[(Point3<f64>, Vector3<f64>)], all: usize) -> f64 {
-    let of = |(p, n): &(Point3<f64>, Vector3<f64>)| match view.evidence(p, n) {
+/// Share of points that a keyframe shows in their places, less that which it sees through. Of a plate they are the
+/// points of both faces, one of which at most is seen.
+pub fn margin(view: &MovingPoints, moved: &[(Point3<f64>, Vector3<f64>)], is_plate: bool) -> f64 {
+    let worth = |evidence: Evidence| match evidence {
         Evidence::Found => 1.0,
         Evidence::Through => -1.0,
         Evidence::Unknown => 0.0,
     };
-    moved.iter().map(of).sum::<f64>() / all.max(1) as f64
+    let all = moved.len().max(1) as f64;
+    if is_plate {
+        2.0 * moved.iter().map(|(p, n)| worth(view.evidence_of_plate(p, n))).sum::<f64>() / all
+    } else {
+        moved.iter().map(|(p, n)| worth(view.evidence(p, n))).sum::<f64>() / all
+    }
 }
 
 #[cfg(test)]

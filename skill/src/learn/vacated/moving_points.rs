@@ -149,6 +149,11 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         }
     }
 
+    /// The same of a plate, of which only the face that is turned to the camera is seen, or seen through.
+    pub fn evidence_of_plate(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> Evidence {
+        if self.faces(place, normal) { self.evidence(place, normal) } else { Evidence::Unknown }
+    }
+
     /// The readings around a place in the camera frame; `None` outside the picture and without any.
     fn around(&self, in_camera: &Point3<f64>) -> Option<Around> {
         let camera = &self.view.picture.camera;

@@ -68,8 +68,13 @@ impl RestSurface {
         Self { thickness: Some(thickness), ..self.clone() }
     }
 
+    /// Both its faces are known, or assumed.
+    pub fn is_plate(&self) -> bool {
+        self.thickness.is_some()
+    }
+
     /// Places and normals of both its faces, as far as they are known.
-    pub fn faces(&self) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> + '_ {
+    pub fn places(&self) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> + '_ {
         let front = || self.points.iter().zip(&self.normals).map(|(p, n)| (*p, *n));
         let other = self.thickness.map(|t| front().map(move |(p, n)| (p - t * n, -n)));
         front().chain(other.into_iter().flatten())
@@ -299,6 +304,18 @@ mod tests {
         assert!((centre.y - PIVOT_M[1]).abs() < 0.01 && (centre.z - PIVOT_M[2]).abs() < 1e-6);
         assert!(found[0].normals.iter().all(|n| n.z < -0.9), "towards the camera");
         assert_eq!(found[0].keyframe, 0);
+    }
+
+    #[test]
+    fn a_plate_has_its_other_face_behind_the_first() {
+        let surface = surfaces(turn, End::First).remove(0);
+        let plate = surface.with_other_face(0.03);
+        let n = surface.points.len();
+        let places: Vec<_> = plate.places().collect();
+        assert_eq!((surface.places().count(), places.len()), (n, 2 * n));
+        let [front, behind] = [places[0], places[n]];
+        assert!((behind.0.z - front.0.z - 0.03).abs() < 1e-3, "farther from the camera");
+        assert_eq!(behind.1, -front.1);
     }
 
     #[test]

@@ -109,6 +109,30 @@ pub fn drawer(way: impl Fn(usize) -> f64, beside: f64) -> Recording {
     })
 }
 
+/// Thickness of a flap, metres: between two of those that are tried.
+pub const FLAP_M: f64 = 0.03;
+
+/// A recording of a flap of 30 by 25 cm that stands upright, facing the camera, and turns down towards it, by its turn
+/// in each frame, radians: beyond a quarter it shows its other face, [`FLAP_M`] behind the first.
+pub fn flap(turn: impl Fn(usize) -> f64) -> Recording {
+    let foot = Vector3::new(0.0, 0.05, 1.3);
+    recorded(|frame| {
+        let (sin, cos) = turn(frame).sin_cos();
+        let (up, normal) = (Vector3::new(0.0, -cos, -sin), Vector3::new(0.0, sin, -cos));
+        move |x, y| {
+            let ray = Vector3::new(x, y, 1.0);
+            let face = |behind: f64| {
+                let z = (normal.dot(&foot) - behind) / normal.dot(&ray);
+                let from_foot = z * ray - foot;
+                let is_on_it =
+                    from_foot.x.abs() < 0.15 && (0.0..0.25).contains(&up.dot(&from_foot));
+                if z > 0.0 && is_on_it { z } else { WALL_M }
+            };
+            face(0.0).min(face(FLAP_M)).min(WALL_M)
+        }
+    })
+}
+
 /// A recording by the depth along each ray, in each frame.
 fn recorded<D: Fn(f64, f64) -> f64>(depth: impl Fn(usize) -> D) -> Recording {
     let mut keyframes = Keyframes::new(FRAMES);

@@ -285,7 +285,7 @@ impl VacatedPart {
 
     /// A hinge of what slides nearly as well: a sliding door, whose depth does not change, may turn in its plane, and
     /// so may a sleeve.
-    fn may_as_well_slide(&self) -> bool {
+    pub fn may_as_well_slide(&self) -> bool {
         let hinge = [self.agreement(), self.agreement_elsewhere()];
         self.is_hinge() && self.rivals.slides.iter().any(|slide| is_as_good(hinge, *slide))
     }
@@ -350,7 +350,7 @@ impl VacatedPart {
             unattached = self.unattached_ratio,
             lead = self.lead_s,
             alone = self.is_alone,
-            away = self.turned_away,
+            turned_away = self.turned_away,
             turn = self.turn(),
             reach = self.reach,
             axis = ?self.geometry().axis.as_slice(),
@@ -408,7 +408,7 @@ fn path(
     let row = |(k, view): (usize, &MovingPoints)| -> Vec<f64> {
         let at = |(q, moved): (&f64, &Vec<_>)| {
             let must_rest = k == surface.keyframe && q.abs() > step;
-            if must_rest { -1e6 } else { margin(view, moved, surface.points.len()) }
+            if must_rest { -1e6 } else { margin(view, moved, surface.is_plate()) }
         };
         configurations.iter().zip(&moved).map(at).collect()
     };
@@ -464,18 +464,18 @@ fn moved(
     q: f64,
 ) -> Vec<(Point3<f64>, Vector3<f64>)> {
     let motion = geometry.motion(q);
-    surface.faces().map(|(p, n)| (motion * p, motion * n)).collect()
+    surface.places().map(|(p, n)| (motion * p, motion * n)).collect()
 }
 
-/// Share of the keyframes in which most of the surface is turned away from the camera.
+/// Share of the keyframes towards whose camera most of the surface has its other face.
 fn share_turned_away(surface: &RestSurface, aligned: &Aligned, moving: &[MovingPoints]) -> f64 {
-    let is_away = |(view, q): &(&MovingPoints, &f64)| {
+    let is_turned_away = |(view, q): &(&MovingPoints, &f64)| {
         let motion = aligned.geometry.motion(**q);
         let sides = surface.points.iter().zip(&surface.normals);
-        let front = sides.filter(|(p, n)| view.faces(&(motion * *p), &(motion * *n))).count();
-        2 * front < surface.points.len()
+        let away = sides.filter(|(p, n)| view.faces(&(motion * *p), &-(motion * *n))).count();
+        2 * away > surface.points.len()
     };
-    let away = moving.iter().zip(&aligned.q).filter(is_away).count();
+    let away = moving.iter().zip(&aligned.q).filter(is_turned_away).count();
     away as f64 / moving.len().max(1) as f64
 }
 
@@ -495,7 +495,12 @@ fn what_is_seen(
         let distances = if is_at_rest { &mut at_rest } else { &mut away };
         let mut one = Seen { frame: view.frame(), ..Seen::default() };
         for (p, normal) in moved(surface, &aligned.geometry, *q) {
-            match view.evidence(&p, &normal) {
+            let evidence = if surface.is_plate() {
+                view.evidence_of_plate(&p, &normal)
+            } else {
+                view.evidence(&p, &normal)
+            };
+            match evidence {
                 Evidence::Through => {
                     one.through += 1;
                     one.agreement -= 1.0 / n;
