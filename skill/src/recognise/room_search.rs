@@ -30,8 +30,8 @@ const HYPOTHESES: usize = 6;
 /// a cabinet that stood 20 or 31 cm from where another one was learned was taken for that one.
 const FARTHEST_MOVED_M: f64 = 0.12;
 /// Farthest that it may have turned, radians. Things that were found rightly had turned by up to 0.10; a cabinet of
-/// which little more than its door was seen had turned by 0.40 about the hinge, and its door was told as open by so
-/// much too far.
+/// which little more than its door was seen had turned by 0.40 about the hinge, and its door was told 0.40 too far
+/// open.
 const FARTHEST_TURNED_RAD: f64 = 0.2;
 /// Ends in sight of a part from which they decide whether the part is there.
 const ENOUGH_ENDS: usize = 12;

@@ -335,8 +335,8 @@ fn best_part(
     best.doubt().is_none().then_some(best)
 }
 
-/// A part that shows its other face, followed by that too, if the part is believed then and agrees better: a lid that
-/// stands open. What may as well slide shows no other face, whatever turns better by having one.
+/// A part that shows its other face, such as a lid that stands open: followed by both faces, where it is believed then
+/// and agrees better; else as it was. What may as well slide does not turn, so that it has no other face to show.
 fn with_other_face(
     part: VacatedPart,
     surface: &RestSurface,
