@@ -32,6 +32,7 @@ impl DepthSensor {
     /// - Time of flight: 1.2 mm near, 4 mm at 3 m (Tölgyessy et al. 2021, Azure Kinect and Kinect v2).
     /// - Stereo: 0.08 pixels of disparity at a focal length of 447 pixels and a baseline of 50 mm (RealSense D435,
     ///   whose maker's formula this is), and a millimetre of its filters.
+    #[inline]
     pub fn reading_sigma(self, z: f64) -> f64 {
         match self {
             Self::StructuredLight => {
@@ -56,11 +57,13 @@ impl DepthSensor {
     }
 
     /// One figure for the noise of a feature at depth `z`, along and across the ray.
+    #[inline]
     pub fn feature_sigma(self, z: f64) -> f64 {
         (self.relative(z) * (0.002 + 0.0012 * z * z)).max(feature_across_sigma(z))
     }
 
     /// Noise of a reading relative to that of structured light.
+    #[inline]
     fn relative(self, z: f64) -> f64 {
         match self {
             Self::StructuredLight => 1.0,
@@ -71,6 +74,7 @@ impl DepthSensor {
 
 /// Standard deviation of a feature's place across the viewing ray at depth `z`: that of the colour picture, whatever
 /// the depth sensor.
+#[inline]
 pub fn feature_across_sigma(z: f64) -> f64 {
     0.0003 + 0.7 * z / NOMINAL_FOCAL_PX
 }

@@ -1,9 +1,10 @@
 //! One RGB-D frame: colour and depth of the same instant, in the same pixels.
 
 use crate::camera::PinholeCamera;
+use crate::depth::DepthBounds;
 use crate::frame_error::FrameError;
 use nalgebra::Point3;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Refuses a picture whose columns and rows are not the camera's; asked before memory is taken
 /// for its pixels.
@@ -95,6 +96,7 @@ pub struct DepthImage {
     width: usize,
     height: usize,
     metres: Vec<f32>,
+    bounds: OnceLock<DepthBounds>,
 }
 
 impl DepthImage {
@@ -122,7 +124,7 @@ impl DepthImage {
                 *z = f32::NAN;
             }
         }
-        Ok(Self { width, height, metres })
+        Ok(Self { width, height, metres, bounds: OnceLock::new() })
     }
 
     /// Takes raw sensor units, 0 meaning "no reading".
@@ -172,6 +174,11 @@ impl DepthImage {
     /// All values in metres, NaN where the sensor saw nothing; top row first.
     pub fn as_metres(&self) -> &[f32] {
         &self.metres
+    }
+
+    /// The readings around each place; computed when they are asked for first, and kept: half as much memory again.
+    pub fn bounds(&self) -> &DepthBounds {
+        self.bounds.get_or_init(|| DepthBounds::of(self))
     }
 
     /// Raw sensor units, 0 where there is no reading or more than 16 bits can say.

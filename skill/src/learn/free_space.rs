@@ -74,30 +74,24 @@ pub fn count_free_space(
     found
 }
 
-/// Pixels that are asked about a place, from two to the left and above it on.
-const AROUND: [(usize, usize); 9] =
-    [(2, 2), (0, 0), (2, 0), (4, 0), (0, 2), (4, 2), (0, 4), (2, 4), (4, 4)];
+/// Pixels at the border of a picture that are not asked.
+const BORDER_PX: f64 = 3.0;
 
-/// What a depth picture says about a point in the camera frame.
+/// What a depth picture says about a point in the camera frame, by the readings around the cell next to its pixel.
 pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
-    let Some(pixel) = picture.camera.project(in_camera) else { return Probe::Unknown };
-    if !picture.camera.sees(&pixel, 3.0) {
-        return Probe::Unknown;
+    let camera = &picture.camera;
+    let pixel = camera.project(in_camera).filter(|px| camera.sees(px, BORDER_PX));
+    let bounds = picture.depth.bounds();
+    let Some(cell) = pixel.and_then(|px| bounds.cell_at(px.x, px.y)) else { return Probe::Unknown };
+    let margin = depth_margin(camera.depth_sensor, in_camera.z);
+    let [nearest, farthest] = bounds.around(cell).map(f64::from);
+    if nearest > in_camera.z + margin {
+        Probe::Through
+    } else if farthest >= in_camera.z - margin {
+        Probe::Agrees
+    } else {
+        Probe::Unknown
     }
-    let (u, v) = ((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
-    let margin = depth_margin(picture.camera.depth_sensor, in_camera.z);
-    let (mut reaches, mut ends) = (false, false);
-    // The reading at the place itself most often decides.
-    for (x, y) in AROUND {
-        if let Some(z) = picture.depth.at(u + x - 2, v + y - 2) {
-            reaches |= f64::from(z) >= in_camera.z - margin;
-            ends |= f64::from(z) <= in_camera.z + margin;
-            if reaches && ends {
-                return Probe::Agrees;
-            }
-        }
-    }
-    if reaches { Probe::Through } else { Probe::Unknown }
 }
 
 /// Difference of depths up to which they may be of one surface, at depth `z`; metres.
@@ -118,6 +112,16 @@ mod tests {
         assert_eq!((count(1.2).through, count(1.2).agrees), (1, 0));
         assert_eq!((count(1.5).through, count(1.5).agrees), (0, 1));
         assert_eq!(count(2.0).count(), 0, "the board hides it");
+    }
+
+    #[test]
+    fn one_reading_around_a_point_that_is_of_it_agrees_and_a_hole_says_nothing() {
+        let at = |picture: &RgbdFrame, x: f64| probe_point(picture, &Point3::new(x, 0.0, 1.5));
+        let edge = seen(0, |x, _| if x < 0.0 { 1.5 } else { 2.5 });
+        assert_eq!(at(&edge, -0.002), Probe::Agrees);
+        assert_eq!(at(&edge, 0.05), Probe::Through);
+        assert_eq!(at(&seen(0, |_, _| f64::NAN), 0.0), Probe::Unknown);
+        assert_eq!(at(&edge, 9.0), Probe::Unknown, "outside the picture");
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! are sought in the keyframes of the parent's longest rest; the keyframes in which the parent is
 //! elsewhere tell whether it carries them.
 
-use super::depth_following::thinned;
+use super::depth_following::{MAX_POINTS, thinned};
 use super::extend_range::extend_to;
 use super::plain_search::search;
 use super::same_joint::is_known;
@@ -94,7 +94,7 @@ impl Rest {
     ) -> bool {
         let known: Vec<(usize, Pose)> = poses(learned).collect();
         let (Some(first), Some(last)) = (known.first(), known.last()) else { return false };
-        let points = thinned(&learned.plain_surface);
+        let points = thinned(&learned.plain_surface, MAX_POINTS);
         let (mut carried, mut held) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
         let mut asked = 0;
         for (frame, picture) in recording.keyframes.iter().filter(|(f, _)| !self.frames.contains(f))

@@ -1,7 +1,7 @@
 //! A plain part that turns: the planes about a candidate's line are followed in the depth pictures,
 //! the line is aligned to them, and the part is believed where all of them bear it out.
 
-use super::depth_following::{Following, Search, Surface, follow};
+use super::depth_following::{Following, MAX_POINTS, Search, Surface, follow};
 use super::face_edge::{FaceEdges, face_edges};
 use super::hinge::{Candidate, Hinge, SYSTEMATIC_RAD};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
@@ -47,6 +47,8 @@ const FEW_PLANES_VIOLATION: f64 = 0.06;
 /// is none about the line that all planes tell.
 const HOPELESS_SHOWN: f64 = 0.4;
 const HOPELESS_VIOLATION: f64 = 0.35;
+/// Points by which a part is followed until its line is known.
+const FIRST_POINTS: usize = 50;
 /// Keyframes on end for which a part must rest.
 const REST_KEYFRAMES: usize = 4;
 /// Turn that it may make meanwhile, radians.
@@ -255,15 +257,15 @@ fn followed(
     patches: &[PlanePatch],
     recording: &Recording,
 ) -> Option<PlainPart> {
-    // Each point is looked for in each keyframe: few are followed, all are kept.
-    let few = &surface.thinned();
+    // Each point is looked for in each keyframe: few are followed, and fewer still until the line is known.
+    let [for_line, few] = [FIRST_POINTS, MAX_POINTS].map(|most| surface.thinned(most));
     let max_steps = recording.keyframes.largest_steps(MAX_SPEED_RAD_S);
     let bound = if search.is_bounded { &max_steps[..] } else { &[] };
-    let follow = |geometry: &JointGeometry, reach: f64| {
+    let follow = |surface: &Surface, geometry: &JointGeometry, reach: f64| {
         let search = Search { range: search.range, max_steps: bound };
-        follow(few, geometry, reach, &search, recording)
+        follow(surface, geometry, reach, &search, recording)
     };
-    let first = follow(&rough.geometry(), rough.reach());
+    let first = follow(&for_line, &rough.geometry(), rough.reach());
     if first.shown_ratio() < HOPELESS_SHOWN || first.free_space_violation() > HOPELESS_VIOLATION {
         return None;
     }
@@ -282,9 +284,9 @@ fn followed(
     }
     let is_first = |k: &usize| Some(&candidate.support[*k]) == support.first();
     let first_turn = rough.turns[(0..rough.turns.len()).find(is_first)?].1;
-    let again = follow(&hinge.geometry(), hinge.reach());
-    let line = align_line(few, &hinge, &again, recording);
-    let followed = follow(&line.geometry, hinge.reach());
+    let again = follow(&for_line, &hinge.geometry(), hinge.reach());
+    let line = align_line(&few, &hinge, &again, recording);
+    let followed = follow(&few, &line.geometry, hinge.reach());
     let camera_from_base = |frame: usize| recording.ego_motion.camera_from_base[frame];
     let unattached_ratio =
         unattached_ratio(&line.geometry, &few.points, recording, camera_from_base);

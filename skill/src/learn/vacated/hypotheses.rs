@@ -3,7 +3,7 @@
 
 use super::moving_points::{Evidence, MovingPoints};
 use super::rest_surface::RestSurface;
-use crate::math::rigid::{distance_to_line, line_angle, orthonormal_basis};
+use crate::math::rigid::{Pose, distance_to_line, line_angle, orthonormal_basis};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
@@ -21,10 +21,16 @@ const MIN_REACH_M: f64 = 0.02;
 const MAX_REACH_M: f64 = 3.0;
 /// Distance that the surface goes between two configurations that are tried, metres.
 const STEP_M: f64 = 0.025;
-/// Points of the surface that are asked about.
-const POINTS: usize = 60;
-/// Keyframes that are asked.
-const KEYFRAMES: usize = 6;
+/// Points of the surface, and keyframes, by which hinges are told.
+struct Effort {
+    points: usize,
+    keyframes: usize,
+}
+/// All hinges of the grid; then the best of them, the known lines and the slides.
+const COARSE: Effort = Effort { points: 20, keyframes: 3 };
+const FINE: Effort = Effort { points: 60, keyframes: 6 };
+/// Share of the hinges of the grid that are the best by few points and keyframes.
+const BEST: f64 = 0.2;
 /// Share of the points that a keyframe must see through at their rest for the surface to be elsewhere.
 const ELSEWHERE: f64 = 0.35;
 /// Lines that make less than this angle and are less than so many steps of the grid apart are one.
@@ -45,18 +51,27 @@ pub struct Hypothesis {
     step: f64,
 }
 
-/// The keyframes in which the surface is not where it rests, evenly chosen.
+/// The keyframes in which the surface is not where it rests.
 fn elsewhere<'m, 'v, 'r>(
     surface: &RestSurface,
     moving: &'m [MovingPoints<'v, 'r>],
 ) -> Vec<&'m MovingPoints<'v, 'r>> {
     let is_vacated = |view: &&MovingPoints| {
-        let evidence = surface.points.iter().zip(&surface.normals);
-        let through = evidence.filter(|(p, n)| view.evidence(p, n) == Evidence::Through).count();
+        let camera_from_part = view.camera_from_part(&Pose::identity());
+        let evidence = |(p, n)| view.evidence(&camera_from_part, p, n);
+        let places = surface.points.iter().zip(&surface.normals);
+        let through = places.filter(|place| evidence(*place) == Evidence::Through).count();
         through as f64 >= ELSEWHERE * surface.points.len() as f64
     };
-    let all: Vec<&MovingPoints> = moving.iter().filter(is_vacated).collect();
-    let n = all.len().min(KEYFRAMES);
+    moving.iter().filter(is_vacated).collect()
+}
+
+/// So many of some keyframes, evenly chosen.
+fn evenly<'m, 'v, 'r>(
+    all: &[&'m MovingPoints<'v, 'r>],
+    most: usize,
+) -> Vec<&'m MovingPoints<'v, 'r>> {
+    let n = all.len().min(most);
     (0..n).map(|k| all[k * (all.len() - 1) / (n - 1).max(1)]).collect()
 }
 
@@ -69,13 +84,15 @@ pub fn best_hypotheses(
     moving: &[MovingPoints],
     [hinges, slides]: [usize; 2],
 ) -> Vec<Hypothesis> {
-    let targets = elsewhere(surface, moving);
-    if targets.is_empty() {
+    let elsewhere = elsewhere(surface, moving);
+    if elsewhere.is_empty() {
         return Vec::new();
     }
-    let step = surface.points.len().div_ceil(POINTS).max(1);
-    let few: Vec<(Point3<f64>, Vector3<f64>)> =
-        surface.points.iter().copied().zip(surface.normals.iter().copied()).step_by(step).collect();
+    let score_by = |effort: &Effort, hypotheses: &mut [Hypothesis]| {
+        let few = surface.thinned(effort.points);
+        let targets = evenly(&elsewhere, effort.keyframes);
+        hypotheses.par_iter_mut().for_each(|h| h.score = score(&h.geometry, &few, &targets));
+    };
     let untried = |geometry, step, is_known| Hypothesis { geometry, score: -1.0, is_known, step };
     let known = lines.iter().map(|&line| untried(line, 0.0, true));
     let grid = directions.iter().flat_map(|d| hinges_along(d, surface));
@@ -84,9 +101,13 @@ pub fn best_hypotheses(
         let direction = UnitVector3::new_normalize(*d);
         untried(JointGeometry::slide(direction, surface.centre()), 0.0, false)
     };
+    let mut of_grid: Vec<Hypothesis> = grid.collect();
+    score_by(&COARSE, &mut of_grid);
+    of_grid.sort_by(|a, b| b.score.total_cmp(&a.score));
+    of_grid.truncate((BEST * of_grid.len() as f64).ceil() as usize);
     let mut scored: Vec<Hypothesis> =
-        known.chain(grid).chain(directions.iter().map(slide)).collect();
-    scored.par_iter_mut().for_each(|h| h.score = score(&h.geometry, &few, &targets));
+        known.chain(of_grid).chain(directions.iter().map(slide)).collect();
+    score_by(&FINE, &mut scored);
     scored.sort_by(|a, b| b.is_known.cmp(&a.is_known).then(b.score.total_cmp(&a.score)));
     let mut chosen: Vec<Hypothesis> = Vec::new();
     for hypothesis in scored {
@@ -152,39 +173,15 @@ pub fn configurations(
     ((-n..=n).map(|k| step * f64::from(k)).collect(), step)
 }
 
-fn score(
-    geometry: &JointGeometry,
-    few: &[(Point3<f64>, Vector3<f64>)],
-    targets: &[&MovingPoints],
-) -> f64 {
-    let points: Vec<Point3<f64>> = few.iter().map(|(p, _)| *p).collect();
-    let (configurations, _) = configurations(geometry, &points, STEP_M);
-    let mut best = vec![-1.0_f64; targets.len()];
-    for q in configurations {
-        let motion = geometry.motion(q);
-        let moved: Vec<(Point3<f64>, Vector3<f64>)> =
-            few.iter().map(|(p, n)| (motion * p, motion * n)).collect();
-        for (best, view) in best.iter_mut().zip(targets) {
-            *best = best.max(margin(view, &moved, false));
-        }
-    }
-    best.iter().sum::<f64>() / targets.len() as f64
-}
-
-/// Share of points that a keyframe shows in their places, less that which it sees through. Of a plate they are the
-/// points of both faces, one of which at most is seen.
-pub fn margin(view: &MovingPoints, moved: &[(Point3<f64>, Vector3<f64>)], is_plate: bool) -> f64 {
-    let worth = |evidence: Evidence| match evidence {
-        Evidence::Found => 1.0,
-        Evidence::Through => -1.0,
-        Evidence::Unknown => 0.0,
+/// One keyframe is asked about all configurations before the next one, so that its readings stay in the processor's
+/// cache.
+fn score(geometry: &JointGeometry, few: &RestSurface, targets: &[&MovingPoints]) -> f64 {
+    let (configurations, _) = configurations(geometry, &few.points, STEP_M);
+    let motions: Vec<Pose> = configurations.into_iter().map(|q| geometry.motion(q)).collect();
+    let best_in = |view: &&MovingPoints| {
+        motions.iter().map(|motion| few.margin(view, motion)).fold(-1.0_f64, f64::max)
     };
-    let all = moved.len().max(1) as f64;
-    if is_plate {
-        2.0 * moved.iter().map(|(p, n)| worth(view.evidence_of_plate(p, n))).sum::<f64>() / all
-    } else {
-        moved.iter().map(|(p, n)| worth(view.evidence(p, n))).sum::<f64>() / all
-    }
+    targets.iter().map(best_in).sum::<f64>() / targets.len() as f64
 }
 
 #[cfg(test)]

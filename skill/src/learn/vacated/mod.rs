@@ -13,6 +13,7 @@ mod moving_points;
 mod point_grid;
 mod rest_frame;
 mod rest_surface;
+mod stillness;
 #[cfg(test)]
 mod test_data;
 mod vacated_part;
@@ -32,6 +33,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 use rest_frame::RestFrame;
 use rest_surface::{End, RestSurface, vacated_surfaces};
+use stillness::sways;
 use vacated_part::{PARALLEL_RAD, Rivals, VacatedPart};
 use view::View;
 
@@ -112,20 +114,25 @@ impl Search<'_> {
         self.joints.iter().any(|j| explains(j, surface, self.recording, self.views))
     }
 
-    /// A surface that is no part may be several, the first of which was not put back before the next one left.
+    /// A surface that is no part, or sways, may be several pieces, the first of which was not put back before the next
+    /// one left.
     fn consider_whole_or_parted(&mut self, surface: &RestSurface, end: End) {
-        if self.consider(surface) {
+        if self.consider(surface, end) {
             return;
         }
         for part in surface.parted_by_time(self.views, end) {
             tracing::debug!("a surface that left in two steps");
-            self.consider(&part);
+            self.consider(&part, end);
         }
     }
 
     /// Adds the joint of a surface, if it is believed; whether it is, or waits for another one.
-    fn consider(&mut self, surface: &RestSurface) -> bool {
+    fn consider(&mut self, surface: &RestSurface, end: End) -> bool {
         let Self { recording, views, turning, .. } = *self;
+        if sways(surface, end, views) {
+            tracing::debug!(centre = ?surface.centre().coords.as_slice(), "a surface that sways");
+            return false;
+        }
         let frame = RestFrame::of(surface, views);
         tracing::debug!(?frame, "what is beside it");
         let Some(part) = part_of(surface, frame, &self.joints, turning, recording, views) else {
@@ -380,7 +387,7 @@ fn is_slide(part: &VacatedPart) -> bool {
 #[cfg(test)]
 mod tests {
     use super::test_data::{
-        FRAMES, PIVOT_M, drawer, flap, lever, recording as recording_with, slider, turn,
+        FRAMES, PIVOT_M, drawer, flap, lever, recording as recording_with, slider, swaying, turn,
     };
     use super::*;
 
@@ -403,6 +410,19 @@ mod tests {
         // Known well, but not better than depth readings can tell.
         let sigma = joint.known_covariance().unwrap().diagonal().map(f64::sqrt);
         assert!(sigma.max() > 0.003 && sigma.max() < 0.05, "{sigma}");
+    }
+
+    #[test]
+    fn what_sways_before_it_is_turned_is_not_learned_though_it_turns_as_a_part_does() {
+        // It nods by 5 mm while it should rest, before it is turned and after.
+        let nods = |frame: usize| 0.005 * f64::from(!(7..17).contains(&frame) && frame % 2 == 1);
+        let sways = swaying(turn, nods);
+        let views = View::all(&sways);
+        let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
+        let frame = RestFrame::of(surface, &views);
+        assert!(part_of(surface, frame, &[], &[], &sways, &views).is_some());
+        assert!(joints(&sways).is_empty());
+        assert_eq!(joints(&swaying(turn, |_| 0.0)).len(), 1);
     }
 
     #[test]

@@ -5,12 +5,14 @@
 use super::point_grid::{PointGrid, cell_of};
 use super::view::View;
 use crate::learn::free_space::depth_margin;
-use nalgebra::{Point3, Vector3};
+use crate::math::rigid::{Pose, matrix_pose};
+use linkage_frames::depth::DepthBounds;
+use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Pixels between two readings that are asked about.
-const STRIDE_PX: usize = 2;
+/// Pixels between two readings that are asked about: they are the cells of [`DepthBounds`].
+const STRIDE_PX: usize = DepthBounds::STRIDE_PX;
 /// Pixels at the border of a picture that are not asked.
 const BORDER_PX: f64 = 4.0;
 /// Fewest keyframes that must see through a reading.
@@ -37,23 +39,11 @@ pub enum Evidence {
     Unknown,
 }
 
-/// The readings of a cell of the grid of pixels and of the eight around it.
-#[derive(Debug, Clone, Copy)]
-struct Around {
-    /// Least depth, metres.
-    nearest: f32,
-    /// Greatest depth; 0 without any reading.
-    farthest: f32,
-    /// One of them moves.
-    moves: bool,
-}
-
 /// The moving readings of one keyframe.
 pub struct MovingPoints<'v, 'r> {
     view: &'v View<'r>,
-    /// What is read around each cell of the grid of pixels, row by row.
-    around: Vec<Around>,
-    columns: usize,
+    /// One of the readings around these cells moves.
+    next_to_moving: CellSet,
     /// The readings that move, base frame.
     readings: PointGrid,
 }
@@ -80,51 +70,30 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
     ) -> Self {
         let view = &views[k];
         let known = PointGrid::new(known, KNOWN_M);
-        let others = || views.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, view)| view);
-        let is_vacated = |place: &Point3<f64>| {
-            others().filter(|v| v.shows_behind(place)).take(MIN_THROUGH).count() >= MIN_THROUGH
-        };
-        let moves = |(u, v): (usize, usize), place: &Point3<f64>| {
-            (place - centre).norm() < radius
-                && view.is_seen_through(u, v, || is_vacated(place))
-                && known.nearest(place).is_none()
-        };
-        let depth = &view.picture.depth;
-        let (rows, columns) = (depth.height() / STRIDE_PX, depth.width() / STRIDE_PX);
-        let cells = || (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
-        let readings: BTreeMap<(usize, usize), Point3<f64>> = cells()
-            .filter_map(|(row, column)| {
-                let pixel = (column * STRIDE_PX, row * STRIDE_PX);
-                let place = view.surface_at(pixel.0, pixel.1)?;
-                moves(pixel, &place).then_some(((row, column), place))
-            })
-            .collect();
-        let is_speck = |cell: &(usize, usize)| {
-            beside(*cell).filter(|beside| readings.contains_key(beside)).count() < MIN_BESIDE
-        };
-        let mut is_moving = vec![false; rows * columns];
+        let others: Vec<&View> = (0..views.len()).filter(|i| *i != k).map(|i| &views[i]).collect();
+        let near = cells(view).filter_map(|cell| {
+            let [u, v] = pixel_of(cell);
+            let place = view.surface_at(u, v)?;
+            ((place - centre).norm() < radius).then_some((cell, place))
+        });
+        let mut readings = moving_readings(near, view, &others);
+        readings.retain(|(_, place)| known.nearest(place).is_none());
+        let moves = CellSet::of(view, readings.iter().map(|(cell, _)| *cell));
+        let is_speck = |cell: Cell| beside(cell).filter(|c| moves.holds(*c)).count() < MIN_BESIDE;
+        readings.retain(|(cell, _)| !is_speck(*cell));
+        // The readings of a cell row by row, so that the first of them stays.
+        readings.sort_unstable_by_key(|(cell, _)| *cell);
         let mut thinned: BTreeMap<[i32; 3], Point3<f64>> = BTreeMap::new();
-        for (cell, place) in readings.iter().filter(|(cell, _)| !is_speck(cell)) {
-            is_moving[cell.0 * columns + cell.1] = true;
+        for (_, place) in &readings {
             thinned.entry(cell_of(place, THIN_M)).or_insert(*place);
         }
-        let around = cells()
-            .map(|cell| {
-                let mut all = Around { nearest: f32::INFINITY, farthest: 0.0, moves: false };
-                let inside = |(row, column): &(usize, usize)| *row < rows && *column < columns;
-                for (row, column) in beside(cell).chain([cell]).filter(inside) {
-                    if let Some(z) = depth.at(column * STRIDE_PX, row * STRIDE_PX) {
-                        all.nearest = all.nearest.min(z);
-                        all.farthest = all.farthest.max(z);
-                    }
-                    all.moves |= is_moving[row * columns + column];
-                }
-                all
-            })
-            .collect();
         let thinned: Vec<Point3<f64>> = thinned.into_values().collect();
-        let readings = PointGrid::new(&thinned, MAX_DISTANCE_M);
-        Self { view, around, columns, readings }
+        let around = readings.iter().flat_map(|(cell, _)| beside(*cell).chain([*cell]));
+        Self {
+            view,
+            next_to_moving: CellSet::of(view, around),
+            readings: PointGrid::new(&thinned, MAX_DISTANCE_M),
+        }
     }
 
     /// Frame number.
@@ -132,35 +101,34 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.view.frame
     }
 
-    /// What the keyframe says about a place whose surface has a normal; base frame.
-    pub fn evidence(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> Evidence {
-        let in_camera = self.view.camera_from_base * place;
-        let Some(around) = self.around(&in_camera) else { return Evidence::Unknown };
-        let margin = depth_margin(self.view.picture.camera.depth_sensor, in_camera.z);
-        if f64::from(around.nearest) > in_camera.z + margin {
-            Evidence::Through
-        } else if around.moves
-            && f64::from(around.farthest) >= in_camera.z - margin
-            && self.faces(place, normal)
-        {
-            Evidence::Found
-        } else {
-            Evidence::Unknown
+    /// Pose of a part in the camera frame, from that in the base frame.
+    pub fn camera_from_part(&self, base_from_part: &Pose) -> IsometryMatrix3<f64> {
+        self.view.camera_from_base * matrix_pose(base_from_part)
+    }
+
+    /// What the keyframe says about a place of a part whose surface has a normal there, in the part's frame.
+    #[inline]
+    pub fn evidence(
+        &self,
+        camera_from_part: &IsometryMatrix3<f64>,
+        place: &Point3<f64>,
+        normal: &Vector3<f64>,
+    ) -> Evidence {
+        let in_camera = camera_from_part * place;
+        let (camera, bounds) = (&self.view.picture.camera, self.view.picture.depth.bounds());
+        let pixel = camera.project(&in_camera).filter(|px| camera.sees(px, BORDER_PX));
+        let Some(cell) = pixel.and_then(|px| bounds.cell_at(px.x, px.y)) else {
+            return Evidence::Unknown;
+        };
+        let margin = depth_margin(camera.depth_sensor, in_camera.z);
+        let [nearest, farthest] = bounds.around(cell).map(f64::from);
+        if nearest > in_camera.z + margin {
+            return Evidence::Through;
         }
-    }
-
-    /// The same of a plate, of which only the face that is turned to the camera is seen, or seen through.
-    pub fn evidence_of_plate(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> Evidence {
-        if self.faces(place, normal) { self.evidence(place, normal) } else { Evidence::Unknown }
-    }
-
-    /// The readings around a place in the camera frame; `None` outside the picture and without any.
-    fn around(&self, in_camera: &Point3<f64>) -> Option<Around> {
-        let camera = &self.view.picture.camera;
-        let pixel = camera.project(in_camera).filter(|px| camera.sees(px, BORDER_PX))?;
-        let cell = |x: f64| (x / STRIDE_PX as f64 + 0.5) as usize;
-        let around = self.around.get(cell(pixel.y) * self.columns + cell(pixel.x))?;
-        (around.farthest > 0.0).then_some(*around)
+        let is_found = self.next_to_moving.has(cell)
+            && farthest >= in_camera.z - margin
+            && faces_camera(&in_camera, &(camera_from_part * normal));
+        if is_found { Evidence::Found } else { Evidence::Unknown }
     }
 
     /// The moving reading next to a place that faces the camera.
@@ -168,16 +136,17 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.faces(place, normal).then(|| self.readings.nearest(place)).flatten()
     }
 
-    /// Readings that were free in another keyframe: something has come since.
-    pub fn arrived_since(&self, earlier: &Self) -> usize {
-        self.readings.points().iter().filter(|p| earlier.view.shows_behind(p)).count()
+    /// At least so many readings were free in another keyframe: something has come since.
+    pub fn has_arrived_since(&self, earlier: &Self, least: usize) -> bool {
+        let arrived = self.readings.points().iter().filter(|p| earlier.view.shows_behind(p));
+        arrived.take(least).count() == least
     }
 
-    /// Readings farther than `apart` metres from all of some places.
-    pub fn apart_from(&self, places: &[Point3<f64>], apart: f64) -> usize {
+    /// At least so many readings are farther than `apart` metres from all of some places.
+    pub fn has_apart_from(&self, places: &[Point3<f64>], apart: f64, least: usize) -> bool {
         let places = PointGrid::new(places, apart);
         let is_apart = |p: &&Point3<f64>| places.nearest(p).is_none();
-        self.readings.points().iter().filter(is_apart).count()
+        self.readings.points().iter().filter(is_apart).take(least).count() == least
     }
 
     /// Time of the keyframe, microseconds.
@@ -185,17 +154,124 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.view.picture.utime
     }
 
-    /// A surface with this normal is seen from its front.
+    /// A surface with this normal is seen from its front; base frame.
     pub fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
-        let to_camera = self.view.camera_place() - place;
-        normal.dot(&to_camera) > MIN_FACING * to_camera.norm()
+        let camera_from_base = &self.view.camera_from_base;
+        faces_camera(&(camera_from_base * place), &(camera_from_base * normal))
     }
 }
 
-/// The eight cells around one in the grid of pixels.
-fn beside((row, column): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
+/// A surface with this normal is seen from its front; camera frame.
+pub fn faces_camera(place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    -normal.dot(&place.coords) > MIN_FACING * place.coords.norm()
+}
+
+/// Row and column of a cell.
+type Cell = (usize, usize);
+
+/// What is read in a cell, base frame.
+type Reading = (Cell, Point3<f64>);
+
+/// All cells of a keyframe.
+fn cells(view: &View) -> impl Iterator<Item = Cell> {
+    let bounds = view.picture.depth.bounds();
+    let columns = bounds.columns();
+    (0..bounds.len()).map(move |cell| (cell / columns, cell % columns))
+}
+
+/// Column and row of a cell's pixel.
+fn pixel_of((row, column): Cell) -> [usize; 2] {
+    [column * STRIDE_PX, row * STRIDE_PX]
+}
+
+/// The eight cells around one; those outside the picture have a row or a column that no picture has.
+fn beside((row, column): Cell) -> impl Iterator<Item = Cell> {
     let steps = (0..9).filter(|k| *k != 4).map(|k| (k / 3, k % 3));
-    steps.map(move |(dy, dx)| ((row + dy).wrapping_sub(1), (column + dx).wrapping_sub(1)))
+    let step = |x: usize, d: usize| x.wrapping_add(d).wrapping_sub(1);
+    steps.map(move |(dy, dx)| (step(row, dy), step(column, dx)))
+}
+
+/// Some cells of a keyframe.
+struct CellSet {
+    columns: usize,
+    marks: Vec<bool>,
+}
+
+impl CellSet {
+    /// Cells outside the picture are left out.
+    fn of(view: &View, cells: impl Iterator<Item = Cell>) -> Self {
+        let bounds = view.picture.depth.bounds();
+        let mut set = Self { columns: bounds.columns(), marks: vec![false; bounds.len()] };
+        for cell in cells {
+            if let Some(index) = set.index(cell) {
+                set.marks[index] = true;
+            }
+        }
+        set
+    }
+
+    fn holds(&self, cell: Cell) -> bool {
+        self.index(cell).is_some_and(|index| self.has(index))
+    }
+
+    /// By its index in the grid, row by row.
+    #[inline]
+    fn has(&self, index: usize) -> bool {
+        self.marks[index]
+    }
+
+    fn index(&self, (row, column): Cell) -> Option<usize> {
+        let index = row.checked_mul(self.columns)?.checked_add(column)?;
+        (column < self.columns && index < self.marks.len()).then_some(index)
+    }
+}
+
+/// The readings of a keyframe, with their places, through which some of the others see. One cell of four is asked about
+/// first, then the cells up to two beside one that moves. What moves in two by two cells or more is found so; thinner
+/// pieces may be missed.
+fn moving_readings(
+    readings: impl Iterator<Item = Reading>,
+    view: &View,
+    others: &[&View],
+) -> Vec<Reading> {
+    let is_first = |(row, column): Cell| row % 2 == 0 && column % 2 == 0;
+    let (first, later): (Vec<Reading>, Vec<Reading>) =
+        readings.partition(|(cell, _)| is_first(*cell));
+    let first = seen_through(first, view, others);
+    let around = first.iter().flat_map(|(cell, _)| beside(*cell));
+    let around = CellSet::of(view, around.flat_map(|cell| beside(cell).chain([cell])));
+    let beside_it = later.into_iter().filter(|(cell, _)| around.holds(*cell));
+    let rest = seen_through(beside_it.collect(), view, others);
+    first.into_iter().chain(rest).collect()
+}
+
+/// Those of some readings through which enough of the other keyframes see. One of the others is asked
+/// about all readings before the next one, so that its picture stays in the processor's cache.
+fn seen_through(readings: Vec<Reading>, view: &View, others: &[&View]) -> Vec<Reading> {
+    let mut through = Vec::new();
+    let mut undecided: Vec<(usize, Cell, Point3<f64>)> = Vec::new();
+    for (cell, place) in readings {
+        match view.is_seen_through(pixel_of(cell)) {
+            Some(true) => through.push((cell, place)),
+            Some(false) => {}
+            None => undecided.push((0, cell, place)),
+        }
+    }
+    for other in others {
+        undecided.retain_mut(|(times, cell, place)| {
+            *times += usize::from(other.shows_behind(place));
+            let is_decided = *times >= MIN_THROUGH;
+            if is_decided {
+                view.keep_seen_through(pixel_of(*cell), true);
+                through.push((*cell, *place));
+            }
+            !is_decided
+        });
+    }
+    for (_, cell, _) in undecided {
+        view.keep_seen_through(pixel_of(cell), false);
+    }
+    through
 }
 
 #[cfg(test)]
@@ -219,14 +295,21 @@ mod tests {
         let to_camera = -Vector3::z();
         moving(&lever(turn), |views| {
             let [first, last] = [&views[0], &views[23]];
-            let ask = |view: &MovingPoints, q: f64| view.evidence(&on_bar(q), &to_camera);
+            let evidence = |view: &MovingPoints, place: &Point3<f64>, normal: &Vector3<f64>| {
+                view.evidence(&view.camera_from_part(&Pose::identity()), place, normal)
+            };
+            let ask = |view: &MovingPoints, q: f64| evidence(view, &on_bar(q), &to_camera);
             assert_eq!(ask(first, 0.0), Evidence::Found);
             assert_eq!(ask(first, 1.2), Evidence::Through);
             assert_eq!(ask(last, 1.2), Evidence::Found);
             assert_eq!(ask(last, 0.0), Evidence::Through);
             let wall = Point3::new(0.0, -0.2, 1.6);
-            assert_eq!(first.evidence(&wall, &to_camera), Evidence::Unknown, "it was always there");
-            let turned_away = first.evidence(&on_bar(0.0), &Vector3::z());
+            assert_eq!(
+                evidence(first, &wall, &to_camera),
+                Evidence::Unknown,
+                "it was always there"
+            );
+            let turned_away = evidence(first, &on_bar(0.0), &Vector3::z());
             assert_eq!(turned_away, Evidence::Unknown);
         });
     }
@@ -242,12 +325,45 @@ mod tests {
     }
 
     #[test]
+    fn what_moves_in_more_than_a_speck_is_found_by_a_quarter_of_the_cells() {
+        let recording = lever(turn);
+        let views = View::all(&recording);
+        let view = &views[0];
+        let others: Vec<&View> = views[1..].iter().collect();
+        let readings = || {
+            cells(view).filter_map(|cell| {
+                let [u, v] = pixel_of(cell);
+                Some((cell, view.surface_at(u, v)?))
+            })
+        };
+        let sorted = |mut found: Vec<Reading>| {
+            found.sort_by_key(|(cell, _)| *cell);
+            found.into_iter().map(|(cell, _)| cell).collect::<Vec<Cell>>()
+        };
+        let quick = sorted(moving_readings(readings(), view, &others));
+        let fresh = View::all(&recording);
+        let all = sorted(seen_through(readings().collect(), &fresh[0], &others));
+        assert!(quick.len() > 100);
+        assert_eq!(quick, all);
+    }
+
+    #[test]
+    fn cells_beside_the_border_are_outside() {
+        let twice = beside((0, 0)).flat_map(beside).filter(|cell| *cell == (0, 0)).count();
+        assert_eq!(twice, 8);
+        let recording = lever(turn);
+        let views = View::all(&recording);
+        assert_eq!(CellSet::of(&views[0], beside((0, 0))).marks.iter().filter(|m| **m).count(), 3);
+    }
+
+    #[test]
     fn what_comes_is_told_from_what_was_there() {
         let block = |frame: usize| (frame > 2).then_some([0.25, -0.2]);
         moving(&recording(|_| 0.0, block), |views| {
-            assert_eq!(views[1].arrived_since(&views[0]), 0);
-            assert!(views[5].arrived_since(&views[0]) > 30);
-            assert!(views[5].apart_from(&[on_bar(0.0)], 0.1) > 30);
+            assert!(!views[1].has_arrived_since(&views[0], 1));
+            assert!(views[5].has_arrived_since(&views[0], 30));
+            assert!(views[5].has_apart_from(&[on_bar(0.0)], 0.1, 30));
+            assert!(!views[5].has_apart_from(&[on_bar(0.0)], 9.0, 1));
         });
     }
 }

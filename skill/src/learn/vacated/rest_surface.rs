@@ -4,13 +4,13 @@
 //! In: keyframes. Out: pieces of surface, each with the keyframe that shows it at rest; the greatest first. The
 //! drawers of one front touch: a piece is divided by when its places were vacated.
 
-use super::moving_points::KNOWN_M;
+use super::moving_points::{Evidence, KNOWN_M, MovingPoints, faces_camera};
 use super::point_grid::{PointGrid, cell_of};
 use super::view::View;
 use crate::learn::episodes::{AwayKeyframes, episodes};
 use crate::learn::free_space::Probe;
-use crate::math::rigid::plane_through;
-use nalgebra::{Point3, UnitVector3, Vector3};
+use crate::math::rigid::{Pose, plane_through};
+use nalgebra::{IsometryMatrix3, Point3, UnitVector3, Vector3};
 use std::collections::BTreeMap;
 
 /// Keyframes on end in which a surface must rest.
@@ -49,6 +49,13 @@ pub enum End {
     Last,
 }
 
+impl End {
+    /// The `k`-th of `len` keyframes from this end on.
+    pub fn at(self, k: usize, len: usize) -> usize {
+        if self == Self::First { k } else { len - 1 - k }
+    }
+}
+
 /// A piece of surface at rest, base frame.
 #[derive(Debug, Clone)]
 pub struct RestSurface {
@@ -68,9 +75,43 @@ impl RestSurface {
         Self { thickness: Some(thickness), ..self.clone() }
     }
 
-    /// Both its faces are known, or assumed.
-    pub fn is_plate(&self) -> bool {
-        self.thickness.is_some()
+    /// The same with at most `most` points.
+    pub fn thinned(&self, most: usize) -> Self {
+        let step = self.points.len().div_ceil(most).max(1);
+        let points = self.points.iter().copied().step_by(step).collect();
+        let normals = self.normals.iter().copied().step_by(step).collect();
+        Self { points, normals, ..*self }
+    }
+
+    /// What a keyframe says about one of its places. Of a plate only the face that is turned to the camera is seen, or
+    /// seen through.
+    #[inline]
+    pub fn evidence(
+        &self,
+        view: &MovingPoints,
+        camera_from_part: &IsometryMatrix3<f64>,
+        place: &Point3<f64>,
+        normal: &Vector3<f64>,
+    ) -> Evidence {
+        let is_seen = || faces_camera(&(camera_from_part * place), &(camera_from_part * normal));
+        if self.thickness.is_none() || is_seen() {
+            view.evidence(camera_from_part, place, normal)
+        } else {
+            Evidence::Unknown
+        }
+    }
+
+    /// Places that a keyframe shows where a motion puts them, less those that it sees through, as a share of those of
+    /// one face.
+    pub fn margin(&self, view: &MovingPoints, motion: &Pose) -> f64 {
+        let camera_from_part = view.camera_from_part(motion);
+        let worth = |(place, normal)| match self.evidence(view, &camera_from_part, &place, &normal)
+        {
+            Evidence::Found => 1.0,
+            Evidence::Through => -1.0,
+            Evidence::Unknown => 0.0,
+        };
+        self.places().map(worth).sum::<f64>() / self.points.len().max(1) as f64
     }
 
     /// Places and normals of both its faces, as far as they are known.
@@ -99,7 +140,7 @@ impl RestSurface {
     /// The two parts of a surface, one of which left its place later than the other; none where all of it left
     /// together, or bit by bit as a door does from its handle on.
     pub fn parted_by_time(&self, views: &[View], end: End) -> Vec<Self> {
-        let at = |k: usize| if end == End::First { k } else { views.len() - 1 - k };
+        let at = |k: usize| end.at(k, views.len());
         let left = |place: &Point3<f64>| {
             let away = (0..views.len()).filter(|k| views[at(*k)].shows_behind(place));
             away.take(MIN_THROUGH).last().unwrap_or(views.len())
@@ -138,7 +179,7 @@ pub fn vacated_surfaces(
     if views.len() < REST_KEYFRAMES + MIN_THROUGH {
         return Vec::new();
     }
-    let at = |k: usize| if end == End::First { k } else { views.len() - 1 - k };
+    let at = |k: usize| end.at(k, views.len());
     let rest: Vec<&View> = (0..REST_KEYFRAMES).map(|k| &views[at(k)]).collect();
     let others: Vec<&View> = (REST_KEYFRAMES..views.len()).map(|k| &views[at(k)]).collect();
     let known = PointGrid::new(&known(rest[0].frame), KNOWN_M);

@@ -42,16 +42,11 @@ pub fn recording(
         let (turn, block) = (turn(frame), block(frame));
         move |x, y| {
             let at = |z: f64| [z * x, z * y];
-            let [dx, dy] = [at(PIVOT_M[2])[0] - PIVOT_M[0], at(PIVOT_M[2])[1] - PIVOT_M[1]];
-            let along = turn.cos() * dx + turn.sin() * dy;
-            let across = turn.cos() * dy - turn.sin() * dx;
-            let is_bar =
-                (-0.5 * WIDTH_M..LENGTH_M).contains(&along) && across.abs() < 0.5 * WIDTH_M;
             let is_block = block.is_some_and(|[bx, by]| {
                 let [px, py] = at(1.1);
                 (px - bx).abs() < 0.05 && (py - by).abs() < 0.05
             });
-            match (is_block, is_bar) {
+            match (is_block, is_on_bar(at(PIVOT_M[2]), turn)) {
                 (true, _) => 1.1,
                 (_, true) => PIVOT_M[2],
                 _ => WALL_M,
@@ -149,4 +144,20 @@ fn recorded<D: Fn(f64, f64) -> f64>(depth: impl Fn(usize) -> D) -> Recording {
 /// The same without a block.
 pub fn lever(turn: impl Fn(usize) -> f64) -> Recording {
     recording(turn, |_| None)
+}
+
+/// A recording of the bar alone, by its turn and by how many metres it comes nearer to the camera in each frame.
+pub fn swaying(turn: impl Fn(usize) -> f64, nearer: impl Fn(usize) -> f64) -> Recording {
+    recorded(|frame| {
+        let (turn, z) = (turn(frame), PIVOT_M[2] - nearer(frame));
+        move |x, y| if is_on_bar([z * x, z * y], turn) { z } else { WALL_M }
+    })
+}
+
+/// Whether a place across the line of sight is on the bar when that is turned so far.
+fn is_on_bar([x, y]: [f64; 2], turn: f64) -> bool {
+    let [dx, dy] = [x - PIVOT_M[0], y - PIVOT_M[1]];
+    let along = turn.cos() * dx + turn.sin() * dy;
+    let across = turn.cos() * dy - turn.sin() * dx;
+    (-0.5 * WIDTH_M..LENGTH_M).contains(&along) && across.abs() < 0.5 * WIDTH_M
 }

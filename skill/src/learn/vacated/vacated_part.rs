@@ -2,7 +2,7 @@
 //! bear it out.
 
 use super::alignment::{Aligned, LinePrior, align};
-use super::hypotheses::{Hypothesis, configurations, margin, reach};
+use super::hypotheses::{Hypothesis, configurations, reach};
 use super::moving_points::{Evidence, MovingPoints};
 use super::rest_surface::RestSurface;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
@@ -11,13 +11,15 @@ use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, span_of};
 use crate::learn::line_step::{line_covariance, with_shared_errors};
 use crate::learn::recording::Recording;
-use crate::math::rigid::line_angle;
+use crate::math::rigid::{Pose, line_angle};
 use crate::math::robust::median;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Matrix6, Point3, Vector3};
 
 /// Distance that the surface goes between two configurations that are tried, metres.
 const STEP_M: f64 = 0.015;
+/// Points of the surface by which its line is aligned first.
+const FEW_POINTS: usize = 40;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points.
 const COST_PER_METRE: f64 = 2.0;
 /// Greatest speed at which people open things: radians and metres a second.
@@ -176,7 +178,7 @@ impl Distances {
 }
 
 impl VacatedPart {
-    /// Follows a surface along a hypothesis and aligns the line to what is seen, twice.
+    /// Follows a surface along a hypothesis and aligns the line to what is seen, first by some of its points.
     pub fn follow(
         surface: &RestSurface,
         hypothesis: &Hypothesis,
@@ -190,8 +192,9 @@ impl VacatedPart {
             direction_sigma,
             place: is_known.then_some(geometry.origin),
         };
-        let q = path(surface, &geometry, moving, recording);
-        let geometry = align(surface, &geometry, &q, &expected, moving).geometry;
+        let few = surface.thinned(FEW_POINTS);
+        let q = path(&few, &geometry, moving, recording);
+        let geometry = align(&few, &geometry, &q, &expected, moving).geometry;
         let q = path(surface, &geometry, moving, recording);
         let aligned = align(surface, &geometry, &q, &expected, moving);
         let (seen, distances) = what_is_seen(surface, &aligned, moving);
@@ -403,14 +406,13 @@ fn path(
     recording: &Recording,
 ) -> Vec<f64> {
     let (configurations, step) = configurations(geometry, &surface.points, STEP_M);
-    let moved: Vec<Vec<(Point3<f64>, Vector3<f64>)>> =
-        configurations.iter().map(|q| moved(surface, geometry, *q)).collect();
+    let motions: Vec<Pose> = configurations.iter().map(|q| geometry.motion(*q)).collect();
     let row = |(k, view): (usize, &MovingPoints)| -> Vec<f64> {
-        let at = |(q, moved): (&f64, &Vec<_>)| {
+        let at = |(q, motion): (&f64, &Pose)| {
             let must_rest = k == surface.keyframe && q.abs() > step;
-            if must_rest { -1e6 } else { margin(view, moved, surface.is_plate()) }
+            if must_rest { -1e6 } else { surface.margin(view, motion) }
         };
-        configurations.iter().zip(&moved).map(at).collect()
+        configurations.iter().zip(&motions).map(at).collect()
     };
     let table: Vec<Vec<f64>> = moving.iter().enumerate().map(row).collect();
     let cost = COST_PER_METRE * step * reach(geometry, &surface.points);
@@ -436,7 +438,7 @@ fn is_at_rest(q: &[f64], keyframe: usize, k: usize, reach: f64) -> bool {
 fn lead_of_others(surface: &RestSurface, q: &[f64], reach: f64, moving: &[MovingPoints]) -> f64 {
     let rest = &moving[surface.keyframe];
     let at_rest = |k: &usize| is_at_rest(q, surface.keyframe, *k, reach);
-    let others_move = |k: &usize| moving[*k].arrived_since(rest) >= MIN_ARRIVED;
+    let others_move = |k: &usize| moving[*k].has_arrived_since(rest, MIN_ARRIVED);
     let before: Vec<usize> = (0..surface.keyframe).rev().take_while(at_rest).collect();
     let after: Vec<usize> = (surface.keyframe..q.len()).take_while(at_rest).collect();
     let lead = |run: Vec<usize>| {
@@ -453,18 +455,10 @@ fn is_alone(surface: &RestSurface, aligned: &Aligned, moving: &[MovingPoints]) -
     let others = moving.iter().zip(&aligned.q).filter(|(view, q)| {
         let motion = aligned.geometry.motion(**q);
         let places: Vec<Point3<f64>> = surface.points.iter().map(|p| motion * p).collect();
-        view.apart_from(&places, apart) >= MIN_ARRIVED
+        view.has_apart_from(&places, apart, MIN_ARRIVED)
     });
-    others.count() as f64 <= (1.0 - LEAST_ALONE) * moving.len() as f64
-}
-
-fn moved(
-    surface: &RestSurface,
-    geometry: &JointGeometry,
-    q: f64,
-) -> Vec<(Point3<f64>, Vector3<f64>)> {
-    let motion = geometry.motion(q);
-    surface.places().map(|(p, n)| (motion * p, motion * n)).collect()
+    let most = ((1.0 - LEAST_ALONE) * moving.len() as f64) as usize;
+    others.take(most + 1).count() <= most
 }
 
 /// Share of the keyframes towards whose camera most of the surface has its other face.
@@ -494,13 +488,10 @@ fn what_is_seen(
         let is_at_rest = is_at_rest(&aligned.q, surface.keyframe, k, reach);
         let distances = if is_at_rest { &mut at_rest } else { &mut away };
         let mut one = Seen { frame: view.frame(), ..Seen::default() };
-        for (p, normal) in moved(surface, &aligned.geometry, *q) {
-            let evidence = if surface.is_plate() {
-                view.evidence_of_plate(&p, &normal)
-            } else {
-                view.evidence(&p, &normal)
-            };
-            match evidence {
+        let motion = aligned.geometry.motion(*q);
+        let camera_from_part = view.camera_from_part(&motion);
+        for (place, normal) in surface.places() {
+            match surface.evidence(view, &camera_from_part, &place, &normal) {
                 Evidence::Through => {
                     one.through += 1;
                     one.agreement -= 1.0 / n;
@@ -508,6 +499,7 @@ fn what_is_seen(
                 Evidence::Found => one.found += 1,
                 Evidence::Unknown => {}
             }
+            let (p, normal) = (motion * place, motion * normal);
             if let Some(reading) = view.nearest(&p, &normal) {
                 let distance = (reading - p).norm();
                 one.agreement += (1.0 - (distance / OWN_M).powi(2)).max(0.0).powi(2) / n;

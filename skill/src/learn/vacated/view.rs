@@ -4,7 +4,8 @@ use crate::learn::free_space::{Probe, depth_margin, probe_point};
 use crate::learn::recording::Recording;
 use crate::math::rigid::matrix_pose;
 use linkage_frames::RgbdFrame;
-use nalgebra::{IsometryMatrix3, Point2, Point3};
+use linkage_frames::depth::SurfacePatch;
+use nalgebra::{IsometryMatrix3, Point2, Point3, Vector3};
 use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Pixels at the border of a picture that are not asked.
@@ -48,20 +49,32 @@ impl<'r> View<'r> {
         Some(self.base_from_camera * camera.back_project(u as f64, v as f64, f64::from(z)))
     }
 
-    /// Whether other keyframes see through the reading of a pixel, as `ask` tells. The answer is kept, for
-    /// it is the same for each surface at rest. Threads that ask at once get the same answer.
-    pub fn is_seen_through(&self, u: usize, v: usize, ask: impl Fn() -> bool) -> bool {
-        let Some(known) = self.is_seen_through.get(v * self.picture.depth.width() + u) else {
-            return ask();
-        };
-        match known.load(Ordering::Relaxed) {
-            NOT_ASKED => {
-                let answer = ask();
-                known.store(if answer { YES } else { NO }, Ordering::Relaxed);
-                answer
-            }
-            known => known == YES,
+    /// The surface at a pixel with its normal, by the readings around it; base frame.
+    pub fn patch_at(&self, u: usize, v: usize) -> Option<(Point3<f64>, Vector3<f64>)> {
+        let RgbdFrame { camera, depth, .. } = self.picture;
+        let patch = SurfacePatch::at(depth, camera, u, v)?;
+        let place = camera.back_project(u as f64, v as f64, patch.z);
+        Some((self.base_from_camera * place, self.base_from_camera * patch.normal))
+    }
+
+    /// Whether other keyframes see through the reading at a column and row; `None` where that was not asked yet. The
+    /// answer is the same for each surface at rest.
+    pub fn is_seen_through(&self, pixel: [usize; 2]) -> Option<bool> {
+        match self.is_seen_through.get(self.index(pixel))?.load(Ordering::Relaxed) {
+            NOT_ASKED => None,
+            known => Some(known == YES),
         }
+    }
+
+    /// Keeps the answer to [`Self::is_seen_through`]. Threads that ask at once get the same answer.
+    pub fn keep_seen_through(&self, pixel: [usize; 2], answer: bool) {
+        if let Some(kept) = self.is_seen_through.get(self.index(pixel)) {
+            kept.store(if answer { YES } else { NO }, Ordering::Relaxed);
+        }
+    }
+
+    fn index(&self, [u, v]: [usize; 2]) -> usize {
+        v * self.picture.depth.width() + u
     }
 
     /// The surface at a place's pixel, base frame.
