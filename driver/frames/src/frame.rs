@@ -1,7 +1,7 @@
 //! One RGB-D frame: colour and depth of the same instant, in the same pixels.
 
 use crate::camera::PinholeCamera;
-use crate::depth::DepthBounds;
+use crate::depth_bounds::DepthBounds;
 use crate::frame_error::FrameError;
 use nalgebra::Point3;
 use std::sync::{Arc, OnceLock};
@@ -178,7 +178,7 @@ impl DepthImage {
 
     /// The readings around each place; computed when they are asked for first, and kept: half as much memory again.
     pub fn bounds(&self) -> &DepthBounds {
-        self.bounds.get_or_init(|| DepthBounds::of(self))
+        self.bounds.get_or_init(|| DepthBounds::of(self.width, self.height, &self.metres))
     }
 
     /// Raw sensor units, 0 where there is no reading or more than 16 bits can say.

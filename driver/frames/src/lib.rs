@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod depth;
+mod depth_bounds;
 mod depth_noise;
 pub mod frame;
 pub mod frame_error;

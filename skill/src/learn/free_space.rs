@@ -74,24 +74,34 @@ pub fn count_free_space(
     found
 }
 
+/// Columns and rows from a place's pixel to those that are asked about it.
+const AROUND: [(isize, isize); 9] =
+    [(0, 0), (-2, -2), (0, -2), (2, -2), (-2, 0), (2, 0), (-2, 2), (0, 2), (2, 2)];
 /// Pixels at the border of a picture that are not asked.
 const BORDER_PX: f64 = 3.0;
 
-/// What a depth picture says about a point in the camera frame, by the readings around the cell next to its pixel.
+/// What a depth picture says about a point in the camera frame, by the readings around its pixel.
 pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
-    let camera = &picture.camera;
-    let pixel = camera.project(in_camera).filter(|px| camera.sees(px, BORDER_PX));
-    let bounds = picture.depth.bounds();
-    let Some(cell) = pixel.and_then(|px| bounds.cell_at(px.x, px.y)) else { return Probe::Unknown };
-    let margin = depth_margin(camera.depth_sensor, in_camera.z);
-    let [nearest, farthest] = bounds.around(cell).map(f64::from);
-    if nearest > in_camera.z + margin {
-        Probe::Through
-    } else if farthest >= in_camera.z - margin {
-        Probe::Agrees
-    } else {
-        Probe::Unknown
+    let Some(pixel) = picture.camera.project(in_camera) else { return Probe::Unknown };
+    if !picture.camera.sees(&pixel, BORDER_PX) {
+        return Probe::Unknown;
     }
+    let width = picture.depth.width() as isize;
+    let middle = (pixel.y + 0.5) as isize * width + (pixel.x + 0.5) as isize;
+    let readings = picture.depth.as_metres();
+    let margin = depth_margin(picture.camera.depth_sensor, in_camera.z);
+    let (near, far) = (in_camera.z - margin, in_camera.z + margin);
+    let (mut reaches, mut ends) = (false, false);
+    // The reading at the place itself most often decides. Where there is none, no comparison holds.
+    for (x, y) in AROUND {
+        let z = readings.get((middle + y * width + x) as usize).map_or(f64::NAN, |z| f64::from(*z));
+        reaches |= z >= near;
+        ends |= z <= far;
+        if reaches && ends {
+            return Probe::Agrees;
+        }
+    }
+    if reaches { Probe::Through } else { Probe::Unknown }
 }
 
 /// Difference of depths up to which they may be of one surface, at depth `z`; metres.

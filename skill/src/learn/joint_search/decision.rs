@@ -84,6 +84,10 @@ const REST_VIOLATION: f64 = 0.05;
 const REST_DISCRIMINABILITY: f64 = 0.2;
 /// Least turn of a hinge, radians.
 const MIN_TURN_RAD: f64 = 0.12;
+/// A hinge that turns by less than this and whose tracks cost much must rest before and after it moves, radians. Two
+/// trunks that swayed turned by 0.14 and 0.19 rad at a cost of 3.5 and 3.0; of 24 hinges at such a cost on 60 recordings
+/// of things the smallest turned by 0.6.
+const SMALL_TURN_RAD: f64 = 0.25;
 /// Least way that most points of a hinge's part make, metres.
 const MIN_ARC_M: f64 = 0.03;
 
@@ -322,10 +326,12 @@ fn max_cost(joint: &JointEstimate, evidence: &Evidence) -> f64 {
     let found_everywhere = evidence.is_found_everywhere();
     let comes_and_leaves = evidence.discriminability < WELL_DISCRIMINATED
         && missing_share(joint, evidence) > MAX_MISSING;
+    let may_sway =
+        joint.dof.hinge && joint.span() < SMALL_TURN_RAD && !stands_between_rests(joint, evidence);
     let nothing_against =
         found_everywhere || evidence.is_there_throughout() || stands_between_rests(joint, evidence);
     let allowance = match coverage {
-        _ if comes_and_leaves => 0.0,
+        _ if comes_and_leaves || may_sway => 0.0,
         c if c >= ALWAYS && solid && nothing_against => ALLOWANCE_ALWAYS,
         c if c >= MOSTLY && solid && rests_for_a_while(joint) => ALLOWANCE_MOSTLY,
         _ if found_everywhere && rests_at_an_end(joint) => ALLOWANCE_FOUND,
@@ -502,6 +508,24 @@ mod tests {
         short.known = (0..FRAMES).map(|f| f < 20).collect();
         short.q = (0..FRAMES).map(|f| if f < 6 { 0.0 } else { 0.01 * (f - 5) as f64 }).collect();
         assert!(rests_for_a_while(&short) && !rests_at_an_end(&short));
+    }
+
+    #[test]
+    fn a_trunk_that_turns_a_little_all_the_time_is_no_hinge_and_a_small_lid_is_one() {
+        let hinge = |q: &dyn Fn(usize) -> f64, discriminability: f64| JointEstimate {
+            dof: ScrewJoint::hinge(Vector3::z(), Point3::new(0.5, 0.0, 1.5)),
+            q: (0..FRAMES).map(q).collect(),
+            range: [0.0, 0.15],
+            gain: 20_000.0,
+            ..discriminated(drawer(1.0, 0.0), discriminability)
+        };
+        let sways = |f: usize| 0.075 + 0.075 * (0.08 * f as f64).sin();
+        for told in [0.01, 0.65] {
+            let trunk = hinge(&sways, told);
+            assert!(matches!(decided(&trunk), Err(Rejection::HighCost { .. })), "{told}");
+        }
+        let opens = |f: usize| if (40..60).contains(&f) { 0.15 } else { 0.0 };
+        assert!(is_accepted(&hinge(&opens, 0.65)));
     }
 
     #[test]

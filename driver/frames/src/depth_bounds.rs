@@ -2,8 +2,6 @@
 //! seen. Places are asked about in no order, so that each look-up may miss the processor's cache: one look-up replaces
 //! nine.
 
-use crate::frame::DepthImage;
-
 /// What is told where nothing is read: nothing is behind any place, and nothing reaches one.
 const NONE: [f32; 2] = [0.0, f32::NEG_INFINITY];
 
@@ -19,13 +17,13 @@ impl DepthBounds {
     /// Pixels between two cells, and from a cell to the eight readings around it.
     pub const STRIDE_PX: usize = 2;
 
-    /// Those of a picture.
-    pub(crate) fn of(depth: &DepthImage) -> Self {
-        let (columns, rows) = (depth.width() / Self::STRIDE_PX, depth.height() / Self::STRIDE_PX);
+    /// Those of a picture of so many columns and rows; metres, row by row, NaN where there is no reading.
+    pub(crate) fn of(width: usize, height: usize, metres: &[f32]) -> Self {
+        let (columns, rows) = (width / Self::STRIDE_PX, height / Self::STRIDE_PX);
         if columns == 0 {
             return Self { columns, cells: Vec::new() };
         }
-        let pixels = depth.as_metres().chunks_exact(depth.width()).step_by(Self::STRIDE_PX);
+        let pixels = metres.chunks_exact(width).step_by(Self::STRIDE_PX);
         let along: Vec<Vec<[f32; 2]>> = pixels.take(rows).map(bounds_along).collect();
         let beside = |row: usize| &along[row.saturating_sub(1)..(row + 2).min(rows)];
         let across = |row: usize| (0..columns).map(move |column| joined(beside(row), column));
@@ -96,21 +94,20 @@ mod tests {
     const WIDTH: usize = 13;
     const HEIGHT: usize = 9;
 
-    fn picture() -> impl Strategy<Value = DepthImage> {
+    fn picture() -> impl Strategy<Value = Vec<f32>> {
         let reading = prop_oneof![3 => 0.5..4.0_f32, 2 => Just(f32::NAN)];
         prop::collection::vec(reading, WIDTH * HEIGHT)
-            .prop_map(|metres| DepthImage::from_metres(WIDTH, HEIGHT, metres).unwrap())
     }
 
     proptest! {
         #[test]
-        fn bounds_are_those_of_the_nine_readings(depth in picture()) {
-            let bounds = DepthBounds::of(&depth);
+        fn bounds_are_those_of_the_nine_readings(metres in picture()) {
+            let bounds = DepthBounds::of(WIDTH, HEIGHT, &metres);
             prop_assert_eq!((bounds.columns(), bounds.len()), (6, 6 * 4));
             for (column, row) in (0..6).flat_map(|c| (0..4).map(move |r| (c, r))) {
                 let beside = |x: usize, end: usize| x.saturating_sub(1)..(x + 2).min(end);
                 let cells = beside(row, 4).flat_map(|r| beside(column, 6).map(move |c| (c, r)));
-                let readings: Vec<f32> = cells.filter_map(|(c, r)| depth.at(2 * c, 2 * r)).collect();
+                let readings: Vec<f32> = cells.map(|(c, r)| metres[2 * r * WIDTH + 2 * c]).filter(|z| !z.is_nan()).collect();
                 let least = readings.iter().copied().fold(f32::INFINITY, f32::min);
                 let greatest = readings.iter().copied().fold(f32::NEG_INFINITY, f32::max);
                 let told = bounds.around(row * 6 + column);
@@ -121,8 +118,7 @@ mod tests {
 
     #[test]
     fn a_pixel_has_the_nearest_cell_and_none_outside_the_grid() {
-        let depth = DepthImage::from_metres(WIDTH, HEIGHT, vec![1.0; WIDTH * HEIGHT]).unwrap();
-        let bounds = depth.bounds();
+        let bounds = DepthBounds::of(WIDTH, HEIGHT, &[1.0; WIDTH * HEIGHT]);
         assert_eq!(bounds.cell_at(0.0, 0.0), Some(0));
         assert_eq!(bounds.cell_at(2.9, 1.1), Some(6 + 1));
         assert_eq!(bounds.cell_at(12.0, 0.0), None);
@@ -132,9 +128,9 @@ mod tests {
     #[test]
     fn a_picture_smaller_than_a_cell_has_none() {
         for (width, height) in [(1, 5), (5, 1), (0, 0)] {
-            let depth = DepthImage::from_metres(width, height, vec![1.0; width * height]).unwrap();
-            assert!(depth.bounds().is_empty());
-            assert_eq!(depth.bounds().cell_at(0.0, 0.0), None);
+            let bounds = DepthBounds::of(width, height, &vec![1.0; width * height]);
+            assert!(bounds.is_empty());
+            assert_eq!(bounds.cell_at(0.0, 0.0), None);
         }
     }
 }
