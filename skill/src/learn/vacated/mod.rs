@@ -387,7 +387,7 @@ fn is_slide(part: &VacatedPart) -> bool {
 #[cfg(test)]
 mod tests {
     use super::test_data::{
-        FRAMES, PIVOT_M, drawer, flap, lever, recording as recording_with, slider, swaying, turn,
+        FRAMES, PIVOT_M, drawer, flap, lever, recording as recording_with, slider, turn,
     };
     use super::*;
 
@@ -410,19 +410,6 @@ mod tests {
         // Known well, but not better than depth readings can tell.
         let sigma = joint.known_covariance().unwrap().diagonal().map(f64::sqrt);
         assert!(sigma.max() > 0.003 && sigma.max() < 0.05, "{sigma}");
-    }
-
-    #[test]
-    fn what_sways_before_it_is_turned_is_not_learned_though_it_turns_as_a_part_does() {
-        // It nods by 5 mm while it should rest, before it is turned and after.
-        let nods = |frame: usize| 0.005 * f64::from(!(7..17).contains(&frame) && frame % 2 == 1);
-        let sways = swaying(turn, nods);
-        let views = View::all(&sways);
-        let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
-        let frame = RestFrame::of(surface, &views);
-        assert!(part_of(surface, frame, &[], &[], &sways, &views).is_some());
-        assert!(joints(&sways).is_empty());
-        assert_eq!(joints(&swaying(turn, |_| 0.0)).len(), 1);
     }
 
     #[test]
