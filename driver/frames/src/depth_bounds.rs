@@ -107,7 +107,8 @@ mod tests {
             for (column, row) in (0..6).flat_map(|c| (0..4).map(move |r| (c, r))) {
                 let beside = |x: usize, end: usize| x.saturating_sub(1)..(x + 2).min(end);
                 let cells = beside(row, 4).flat_map(|r| beside(column, 6).map(move |c| (c, r)));
-                let readings: Vec<f32> = cells.map(|(c, r)| metres[2 * r * WIDTH + 2 * c]).filter(|z| !z.is_nan()).collect();
+                let at = |(c, r): (usize, usize)| metres[2 * r * WIDTH + 2 * c];
+                let readings: Vec<f32> = cells.map(at).filter(|z| !z.is_nan()).collect();
                 let least = readings.iter().copied().fold(f32::INFINITY, f32::min);
                 let greatest = readings.iter().copied().fold(f32::NEG_INFINITY, f32::max);
                 let told = bounds.around(row * 6 + column);

@@ -84,9 +84,9 @@ const REST_VIOLATION: f64 = 0.05;
 const REST_DISCRIMINABILITY: f64 = 0.2;
 /// Least turn of a hinge, radians.
 const MIN_TURN_RAD: f64 = 0.12;
-/// A hinge that turns by less than this and whose tracks cost much must rest before and after it moves, radians. Two
-/// trunks that swayed turned by 0.14 and 0.19 rad at a cost of 3.5 and 3.0; of 24 hinges at such a cost on 60 recordings
-/// of things the smallest turned by 0.6.
+/// A hinge that turns by less than this and whose tracks cost more than [`MAX_COST`] must rest before and after it
+/// moves, radians. Two trunks that swayed turned by 0.14 and 0.19 rad at a cost of 3.5 and 3.0; the hinges of things that
+/// were found at such a cost on 60 recordings turned by 0.6 rad and more.
 const SMALL_TURN_RAD: f64 = 0.25;
 /// Least way that most points of a hinge's part make, metres.
 const MIN_ARC_M: f64 = 0.03;
