@@ -40,6 +40,16 @@ pub enum SourceError {
         /// How it does not fit.
         source: FrameError,
     },
+    /// A camera's driver does not return.
+    #[error(
+        "{name}: its driver has not returned for {seconds} s: unplug the camera and start again"
+    )]
+    Hangs {
+        /// The source.
+        name: String,
+        /// For how long.
+        seconds: u64,
+    },
     /// A device or network cannot be used, or not any more.
     #[error("{name}: {reason}")]
     Device {

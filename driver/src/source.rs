@@ -63,7 +63,10 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
     };
     let rest = rest.to_owned();
     match kind {
-        "tum" => Ok(Box::new(TumRecording::open(Path::new(&rest))?)),
+        "tum" => {
+            let given = options.camera.as_ref();
+            Ok(Box::new(TumRecording::open_with_camera(Path::new(&rest), given)?))
+        }
         "bag" => open_bag("bag", &rest, options, |path| Ok(Box::new(Rosbag1Reader::open(path)?))),
         "rosbag2" => open_bag("rosbag2", &rest, options, |path| {
             if path.is_dir() {
@@ -76,18 +79,21 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
         "lcmlog" => {
             let (file, channel) = with_channel(&rest);
             let path = Path::new(file);
-            let camera = match &options.camera {
-                Some(camera) => camera.clone(),
+            let (camera, is_assumed) = match &options.camera {
+                Some(camera) => (camera.clone(), false),
                 None => camera_beside(path)?,
             };
-            Ok(Box::new(LogRecording::open(path, channel, Arc::new(camera))?))
+            Ok(Box::new(LogRecording::open(path, channel, Arc::new(camera), is_assumed)?))
         }
         "lcm" => {
             let (url, channel) = with_channel(&rest);
             let (url, channel) = (url.to_owned(), channel.to_owned());
+            let is_assumed = options.camera.is_none();
             let camera = Arc::new(camera_or(name, options, LCM_UNITS_PER_METRE));
             let options = SourceOptions { live: options.live.for_network(), ..options.clone() };
-            live(name, &options, move || LcmCamera::open(&url, &channel, Arc::clone(&camera)))
+            live(name, &options, move || {
+                LcmCamera::open(&url, &channel, Arc::clone(&camera), is_assumed)
+            })
         }
         "freenect" => {
             let index = if rest.is_empty() { Ok(0) } else { rest.parse() };
@@ -122,7 +128,7 @@ fn open_path(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSource>,
     let (path, given) = (Path::new(with_topics(name).0), options.camera.as_ref());
     let folder = |layout| folders::open(path, &layout, given).map(|r| Box::new(r) as _);
     match kind_of_path(path)? {
-        PathKind::Tum => Ok(Box::new(TumRecording::open(path)?)),
+        PathKind::Tum => Ok(Box::new(TumRecording::open_with_camera(path, given)?)),
         PathKind::Associations(list) => Ok(Box::new(folders::open_associations(&list, given)?)),
         PathKind::Mcap => open_with(&format!("mcap:{name}"), options),
         PathKind::Rosbag1 => open_with(&format!("bag:{name}"), options),
@@ -186,12 +192,13 @@ fn camera_or(source: &str, options: &SourceOptions, units: f64) -> PinholeCamera
     })
 }
 
-/// `door.camera.toml` beside `door.log`, or `camera.toml` in the same folder.
-fn camera_beside(file: &Path) -> Result<PinholeCamera, SourceError> {
+/// The camera of `door.camera.toml` beside `door.log`, or of `camera.toml` in the same folder; else a Kinect, which
+/// is assumed.
+fn camera_beside(file: &Path) -> Result<(PinholeCamera, bool), SourceError> {
     let candidates: [PathBuf; 2] =
         [file.with_extension("camera.toml"), file.with_file_name("camera.toml")];
     match candidates.iter().find(|path| path.is_file()) {
-        Some(path) => read_camera_file(path),
+        Some(path) => Ok((read_camera_file(path)?, false)),
         None => {
             let camera = PinholeCamera {
                 depth_units_per_metre: LCM_UNITS_PER_METRE,
@@ -199,7 +206,7 @@ fn camera_beside(file: &Path) -> Result<PinholeCamera, SourceError> {
             };
             let remedy = format!("write the right ones into {}", candidates[0].display());
             camera.warn_assumed(&file.display().to_string(), &remedy);
-            Ok(camera)
+            Ok((camera, true))
         }
     }
 }
@@ -278,11 +285,11 @@ mod tests {
             let camera = PinholeCamera { fx, ..PinholeCamera::kinect() };
             std::fs::write(dir.path().join(name), toml::to_string(&camera).unwrap()).unwrap();
         };
-        assert_eq!(camera_beside(&log).unwrap().depth_units_per_metre, LCM_UNITS_PER_METRE);
+        assert_eq!(camera_beside(&log).unwrap().0.depth_units_per_metre, LCM_UNITS_PER_METRE);
         write("camera.toml", 400.0);
-        assert_eq!(camera_beside(&log).unwrap().fx, 400.0);
+        assert_eq!(camera_beside(&log).unwrap().0.fx, 400.0);
         write("door.camera.toml", 300.0);
-        assert_eq!(camera_beside(&log).unwrap().fx, 300.0);
+        assert_eq!(camera_beside(&log).unwrap().0.fx, 300.0);
         std::fs::write(dir.path().join("door.camera.toml"), "fx = \"wide\"").unwrap();
         assert!(camera_beside(&log).is_err(), "a damaged one is not passed over");
     }

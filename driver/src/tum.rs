@@ -44,6 +44,8 @@ pub struct TumRecording {
     scale: ScaleCheck,
     camera_file: PathBuf,
     frames: mpsc::Receiver<Result<RgbdFrame, SourceError>>,
+    /// No more frames come: each was read, or one could not be.
+    is_over: bool,
 }
 
 impl TumRecording {
@@ -53,7 +55,18 @@ impl TumRecording {
     /// [`SourceError::Recording`] names the file that is missing, empty, unordered or
     /// contradicts another, and what to do.
     pub fn open(dir: &Path) -> Result<Self, SourceError> {
-        Ok(Self::of_index(dir, RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US)?))
+        Self::open_with_camera(dir, None)
+    }
+
+    /// Opens it like [`Self::open`]; a camera that is given takes the place of the one that `camera.toml` describes.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_with_camera(
+        dir: &Path,
+        given: Option<&PinholeCamera>,
+    ) -> Result<Self, SourceError> {
+        Ok(Self::of_index(dir, RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US, given)?))
     }
 
     /// Plays what an index lists.
@@ -91,23 +104,30 @@ impl TumRecording {
             }
         });
         let (name, camera_file) = (name.to_owned(), PathBuf::from(name));
-        Self { name, pairs: count, statistics, scale, camera_file, frames }
+        Self { name, pairs: count, statistics, scale, camera_file, frames, is_over: count == 0 }
     }
 }
 
 impl RgbdSource for TumRecording {
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
-        let frame = self.frames.recv().ok().transpose()?;
-        if let Some(frame) = &frame {
-            self.statistics.delivered += 1;
-            self.statistics.invalid_depth = frame.depth.invalid_share();
-            match self.scale.look(&frame.depth) {
-                Some(ScaleIssue::Wrong(reason)) => return Err(broken(&self.camera_file, &reason)),
-                Some(ScaleIssue::Odd(reason)) => tracing::warn!(source = self.name, "{reason}"),
-                None => {}
-            }
+        if self.is_over {
+            return Ok(None);
         }
-        Ok(frame)
+        let Ok(read) = self.frames.recv() else {
+            self.is_over = true;
+            let reason = "the thread that reads it failed, which is a fault of this program: report it with the log";
+            return Err(broken(Path::new(&self.name), reason));
+        };
+        self.is_over = read.is_err() || self.statistics.delivered + 1 == self.pairs as u64;
+        let frame = read?;
+        self.statistics.delivered += 1;
+        self.statistics.invalid_depth = frame.depth.invalid_share();
+        match self.scale.look(&frame.depth) {
+            Some(ScaleIssue::Wrong(reason)) => return Err(broken(&self.camera_file, &reason)),
+            Some(ScaleIssue::Odd(reason)) => tracing::warn!(source = self.name, "{reason}"),
+            None => {}
+        }
+        Ok(Some(frame))
     }
 
     fn frame_count(&self) -> Option<usize> {
@@ -139,11 +159,15 @@ pub struct RecordingIndex {
 }
 
 impl RecordingIndex {
-    /// Reads `rgb.txt`, `depth.txt` and `camera.toml` of `dir` and pairs them.
+    /// Reads `rgb.txt`, `depth.txt` and, where no camera is given, `camera.toml` of `dir`, and pairs the pictures.
     ///
     /// # Errors
     /// As [`TumRecording::open`].
-    pub fn read(dir: &Path, max_pair_gap_us: i64) -> Result<Self, SourceError> {
+    pub fn read(
+        dir: &Path,
+        max_pair_gap_us: i64,
+        given: Option<&PinholeCamera>,
+    ) -> Result<Self, SourceError> {
         if !dir.is_dir() {
             return Err(broken(
                 dir,
@@ -152,7 +176,10 @@ impl RecordingIndex {
         }
         let colors = read_list(dir, "rgb.txt")?;
         let depths = read_list(dir, "depth.txt")?;
-        let described = read_camera(dir)?;
+        let described = match given {
+            Some(camera) => Some(camera.clone()),
+            None => read_camera(dir)?,
+        };
         let is_camera_assumed = described.is_none();
         let camera = described.unwrap_or_else(PinholeCamera::kinect);
         let pairs = pair_by_time(&colors, &depths, max_pair_gap_us);

@@ -92,7 +92,8 @@ pub fn open(
     let Some(first) = pairs.first() else { return Err(broken(dir, "holds no picture")) };
     let size = |path: &Path| image_file::read_size(path).map_err(|e| broken(dir, e));
     let (color_size, depth_size) = (size(&first.color)?, size(&first.depth)?);
-    let (camera, view) = camera_and_view(dir, layout, given, [color_size, depth_size])?;
+    let Described { camera, view, are_units_assumed } =
+        camera_and_view(dir, layout, given, [color_size, depth_size])?;
     tracing::warn!(
         recording = %dir.display(),
         "nothing tells the times of the pictures: assumed are {ASSUMED_RATE_HZ} frames a second"
@@ -111,20 +112,30 @@ pub fn open(
         rate_hz: ASSUMED_RATE_HZ,
         ..Default::default()
     };
-    let scale = ScaleCheck::new(camera.depth_units_per_metre, false);
+    let scale = ScaleCheck::new(camera.depth_units_per_metre, are_units_assumed);
     let loader = Loader { camera: Arc::new(camera), view };
     let name = dir.display().to_string();
     Ok(TumRecording::play(&name, pairs, statistics, scale, move |pair| loader.load(pair)))
 }
 
-/// The camera of colour, and how depth belongs to it. Sizes are those of the first colour and depth
+/// What a folder tells of its camera.
+struct Described {
+    /// The camera of colour.
+    camera: PinholeCamera,
+    /// How depth belongs to it.
+    view: DepthView,
+    /// Nothing tells the unit of depth.
+    are_units_assumed: bool,
+}
+
+/// The camera of a folder. Sizes are those of the first colour and depth
 /// pictures.
 fn camera_and_view(
     dir: &Path,
     layout: &Layout,
     given: Option<&PinholeCamera>,
     [color_size, depth_size]: [(usize, usize); 2],
-) -> Result<(PinholeCamera, DepthView), SourceError> {
+) -> Result<Described, SourceError> {
     let toml = dir.join("camera.toml");
     let described = match given {
         Some(camera) => Some(camera.clone()),
@@ -137,20 +148,21 @@ fn camera_and_view(
         DepthView::Coarse(depth_size)
     };
     if let Some(camera) = described {
-        return Ok((camera, coarse));
+        return Ok(Described { camera, view: coarse, are_units_assumed: false });
     }
-    let camera = |i: Intrinsics, size, file: &Path| camera_of(dir, i, size, file);
+    let described = |found: Intrinsics, file: &Path| {
+        let are_units_assumed = found.depth_units_per_metre.is_none();
+        let camera = camera_of(dir, found, color_size, file)?;
+        Ok(Described { camera, view: coarse, are_units_assumed })
+    };
     match layout {
-        Layout::Open3d(json) => {
-            let intrinsics = read(json, parse_open3d)?;
-            Ok((camera(intrinsics, color_size, json)?, coarse))
-        }
+        Layout::Open3d(json) => described(read(json, parse_open3d)?, json),
         Layout::StrayScanner => {
             let file = dir.join("camera_matrix.csv");
             let found = read(&file, parse_matrix)?;
             // The matrix is that of the video, of which the pictures may be smaller copies.
             let video = video_size(&found, color_size);
-            Ok((camera(found.scaled(video, color_size), color_size, &file)?, coarse))
+            described(found.scaled(video, color_size), &file)
         }
         Layout::BundleFusion => {
             let info = dir.join("info.txt");
@@ -163,7 +175,7 @@ fn camera_and_view(
                 let reason = "no intrinsics: neither info.txt nor camera-intrinsics.txt; give them with --camera camera.toml";
                 return Err(broken(dir, reason));
             };
-            Ok((camera(found, color_size, &file)?, coarse))
+            described(found, &file)
         }
         Layout::ScanNet => scannet(dir, color_size, depth_size),
     }
@@ -174,20 +186,22 @@ fn scannet(
     dir: &Path,
     color_size: (usize, usize),
     depth_size: (usize, usize),
-) -> Result<(PinholeCamera, DepthView), SourceError> {
+) -> Result<Described, SourceError> {
+    // ScanNet's depth is always in millimetres.
+    let described = |camera, view| Described { camera, view, are_units_assumed: false };
     let file = |name: &str| dir.join("intrinsic").join(name);
     let (color_file, depth_file) = (file("intrinsic_color.txt"), file("intrinsic_depth.txt"));
     if color_size == depth_size && depth_file.is_file() {
         let camera = camera_of(dir, read(&depth_file, parse_matrix)?, depth_size, &depth_file)?;
-        return Ok((camera, DepthView::Registered));
+        return Ok(described(camera, DepthView::Registered));
     }
     let camera = camera_of(dir, read(&color_file, parse_matrix)?, color_size, &color_file)?;
     if color_size == depth_size {
-        return Ok((camera, DepthView::Registered));
+        return Ok(described(camera, DepthView::Registered));
     }
     let depth_camera = camera_of(dir, read(&depth_file, parse_matrix)?, depth_size, &depth_file)?;
     let color_from_depth = Isometry3::identity();
-    Ok((camera, DepthView::Other(Registration { depth_camera, color_from_depth })))
+    Ok(described(camera, DepthView::Other(Registration { depth_camera, color_from_depth })))
 }
 
 /// Checks what a file tells against the size of its pictures, and says what is assumed.

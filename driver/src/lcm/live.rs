@@ -4,11 +4,16 @@ use super::message::decode_frame;
 use crate::error::SourceError;
 use crate::live::{Camera, CameraFault};
 use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::{ScaleCheck, ScaleIssue};
 use linkage_frames::frame::RgbdFrame;
 use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// Bytes of a pixel at most: colour, and depth as floats.
+const BYTES_PER_PIXEL: usize = 3 + 4;
+/// Bytes of a message beside its pixels at most.
+const BESIDE_PIXELS: usize = 64 << 10;
 /// Time between two log messages about frames that do not arrive.
 const TELL_EVERY: Duration = Duration::from_secs(10);
 
@@ -16,6 +21,8 @@ const TELL_EVERY: Duration = Duration::from_secs(10);
 pub struct LcmCamera {
     lcm: Lcm,
     camera: Arc<PinholeCamera>,
+    /// Checks whether the first frames' depth fits the camera.
+    scale: ScaleCheck,
     reported: Reported,
 }
 
@@ -27,18 +34,26 @@ struct Reported {
 }
 
 impl LcmCamera {
-    /// Joins a network and listens on a channel.
+    /// Joins a network and listens on a channel. The camera is given, or assumed.
     ///
     /// # Errors
     /// [`SourceError::Device`] when the network cannot be joined.
-    pub fn open(url: &str, channel: &str, camera: Arc<PinholeCamera>) -> Result<Self, SourceError> {
+    pub fn open(
+        url: &str,
+        channel: &str,
+        camera: Arc<PinholeCamera>,
+        is_camera_assumed: bool,
+    ) -> Result<Self, SourceError> {
         let failed = |e: linkage_lcm::LcmError| SourceError::Device {
             name: format!("lcm:{url}#{channel}"),
             reason: e.to_string(),
         };
         let mut lcm = Lcm::new(url).map_err(failed)?;
-        lcm.subscribe(channel).map_err(failed)?;
-        Ok(Self { lcm, camera, reported: Reported::default() })
+        let pixels = camera.width.saturating_mul(camera.height);
+        let largest = pixels.saturating_mul(BYTES_PER_PIXEL).saturating_add(BESIDE_PIXELS);
+        lcm.subscribe_up_to(channel, largest).map_err(failed)?;
+        let scale = ScaleCheck::new(camera.depth_units_per_metre, is_camera_assumed);
+        Ok(Self { lcm, camera, scale, reported: Reported::default() })
     }
 
     /// Tells the log that frames do not arrive, and what to do, now and then.
@@ -67,10 +82,15 @@ impl Camera for LcmCamera {
     fn next_frame(&mut self, timeout: Duration) -> Result<Option<RgbdFrame>, CameraFault> {
         let packet = self.lcm.receive(timeout).map_err(|e| CameraFault::Lost(e.to_string()))?;
         self.tell_missing();
-        packet
-            .map(|p| decode_frame(&p.bytes, &self.camera))
-            .transpose()
-            .map_err(|e| CameraFault::Damaged(e.to_string()))
+        let Some(packet) = packet else { return Ok(None) };
+        let frame = decode_frame(&packet.bytes, &self.camera)
+            .map_err(|e| CameraFault::Damaged(e.to_string()))?;
+        match self.scale.look(&frame.depth) {
+            Some(ScaleIssue::Wrong(reason)) => return Err(CameraFault::Unusable(reason)),
+            Some(ScaleIssue::Odd(reason)) => tracing::warn!(url = self.lcm.url(), "{reason}"),
+            None => {}
+        }
+        Ok(Some(frame))
     }
 
     fn missing(&self) -> u64 {

@@ -6,6 +6,7 @@ use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
 use crate::timestamp_filter::{Timeline, TimestampFilter};
 use linkage_frames::camera::PinholeCamera;
+use linkage_frames::depth::{ScaleCheck, ScaleIssue};
 use linkage_frames::frame::RgbdFrame;
 use linkage_frames::text_table;
 use linkage_lcm::LogReader;
@@ -21,6 +22,8 @@ pub struct LogRecording {
     reader: LogReader<File>,
     channel: String,
     camera: Arc<PinholeCamera>,
+    /// Checks whether the first frames' depth fits the camera.
+    scale: ScaleCheck,
     timestamps: TimestampFilter,
     delivered: u64,
     other_channels: BTreeMap<String, u64>,
@@ -29,7 +32,7 @@ pub struct LogRecording {
 }
 
 impl LogRecording {
-    /// Opens a log.
+    /// Opens a log. The camera is given, or assumed.
     ///
     /// # Errors
     /// [`SourceError::Recording`] when the file cannot be read.
@@ -37,6 +40,7 @@ impl LogRecording {
         path: &Path,
         channel: &str,
         camera: Arc<PinholeCamera>,
+        is_camera_assumed: bool,
     ) -> Result<Self, SourceError> {
         let file = text_table::regular_file(path).map_err(|e| SourceError::Recording {
             path: path.display().to_string(),
@@ -47,6 +51,7 @@ impl LogRecording {
             name: format!("lcmlog:{}", path.display()),
             reader,
             channel: channel.to_owned(),
+            scale: ScaleCheck::new(camera.depth_units_per_metre, is_camera_assumed),
             camera,
             timestamps: TimestampFilter::new(Timeline::Continuous),
             delivered: 0,
@@ -107,6 +112,13 @@ impl RgbdSource for LogRecording {
             match decode_frame(&event.bytes, &self.camera) {
                 Ok(frame) => {
                     if let Some(frame) = self.timestamps.pass(frame, event.utime) {
+                        match self.scale.look(&frame.depth) {
+                            Some(ScaleIssue::Wrong(reason)) => return Err(self.broken(reason)),
+                            Some(ScaleIssue::Odd(reason)) => {
+                                tracing::warn!(log = self.name, "{reason}");
+                            }
+                            None => {}
+                        }
                         self.delivered += 1;
                         return Ok(Some(frame));
                     }
@@ -167,7 +179,7 @@ mod tests {
         }
         log.flush().unwrap();
         drop(log);
-        let recording = LogRecording::open(&path, FRAMES, camera()).unwrap();
+        let recording = LogRecording::open(&path, FRAMES, camera(), false).unwrap();
         (dir, recording)
     }
 
@@ -214,7 +226,7 @@ mod tests {
     fn what_is_no_file_is_refused_by_its_path() {
         let dir = tempfile::tempdir().unwrap();
         for path in [dir.path().to_owned(), dir.path().join("no.log")] {
-            let error = LogRecording::open(&path, FRAMES, camera()).err();
+            let error = LogRecording::open(&path, FRAMES, camera(), false).err();
             let said = error.expect("it is refused").to_string();
             assert!(said.contains(&path.display().to_string()), "{said}");
         }

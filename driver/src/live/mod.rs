@@ -100,7 +100,14 @@ pub struct LiveSource {
 const POLL: Duration = Duration::from_millis(100);
 
 /// How long a reader waits at a time; it is woken as soon as there is something.
-const WAIT: Duration = Duration::from_secs(3600);
+const WAIT: Duration = Duration::from_secs(1);
+
+/// A capture thread that is held up for this long hangs in its camera's driver: to open a
+/// camera takes some seconds.
+const HANGS: Duration = Duration::from_secs(20);
+
+/// How long the end of a capture thread is waited for: one that hangs is left alone.
+const LONGEST_END: Duration = Duration::from_secs(2);
 
 /// How often the log is told what was delivered and lost.
 const REPORT_EVERY: Duration = Duration::from_secs(10);
@@ -153,9 +160,13 @@ impl RgbdSource for LiveSource {
     }
 
     fn next_frame_within(&mut self, timeout: Duration) -> Result<Awaited, SourceError> {
-        self.queue
-            .pop(timeout)
-            .map_err(|reason| SourceError::Device { name: self.name.clone(), reason })
+        let fault = |reason| SourceError::Device { name: self.name.clone(), reason };
+        let awaited = self.queue.pop(timeout).map_err(fault)?;
+        let silent = self.queue.silent_for().unwrap_or_default();
+        if matches!(awaited, Awaited::Nothing) && silent > HANGS {
+            return Err(SourceError::Hangs { name: self.name.clone(), seconds: silent.as_secs() });
+        }
+        Ok(awaited)
     }
 
     fn frame_count(&self) -> Option<usize> {
@@ -178,9 +189,17 @@ impl RgbdSource for LiveSource {
 impl Drop for LiveSource {
     fn drop(&mut self) {
         self.dropped.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-        {
+        let Some(thread) = self.thread.take() else { return };
+        let start = Instant::now();
+        while !thread.is_finished() && start.elapsed() < LONGEST_END {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        if !thread.is_finished() {
+            tracing::error!(
+                source = self.name,
+                "the camera's driver hangs; its thread is left alone"
+            );
+        } else if thread.join().is_err() {
             tracing::error!(source = self.name, "the capture thread failed");
         }
     }
@@ -237,6 +256,7 @@ impl Watch {
     fn capture(&mut self, camera: &mut dyn Camera) -> End {
         let mut last = Instant::now();
         while !self.is_stopped() {
+            self.queue.beat();
             let next = camera.next_frame(POLL);
             self.note_missing(camera.missing());
             match next {
@@ -308,6 +328,7 @@ impl Watch {
         while self.last_frame.elapsed() < self.config.give_up {
             let until = Instant::now() + wait.min(self.config.give_up);
             while Instant::now() < until {
+                self.queue.beat();
                 if self.is_stopped() {
                     return Err(None);
                 }
@@ -346,6 +367,8 @@ mod tests {
         Unusable,
         Vanish,
         Silence,
+        /// The driver does not return.
+        Hang,
     }
 
     /// Acts that are left, shared by each opening of the same camera, and frames that did not
@@ -366,6 +389,10 @@ mod tests {
                 }
                 Act::Unusable => Err(CameraFault::Unusable("in feet".to_owned())),
                 Act::Vanish => Err(CameraFault::Lost("unplugged".to_owned())),
+                Act::Hang => {
+                    std::thread::sleep(Duration::from_secs(60));
+                    Ok(None)
+                }
                 Act::Silence => {
                     std::thread::sleep(timeout);
                     Ok(None)
@@ -531,6 +558,19 @@ mod tests {
         let wait = Duration::from_millis(200);
         assert!(matches!(source.next_frame_within(wait), Ok(Awaited::Nothing)));
         assert!((wait..Duration::from_secs(20)).contains(&start.elapsed()));
+    }
+
+    #[test]
+    fn a_camera_that_hangs_in_its_driver_keeps_nobody_who_drops_it() {
+        let acts = Arc::new(Mutex::new(VecDeque::from(vec![Act::Hang])));
+        let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts), 0)) as Box<dyn Camera>);
+        let mut source =
+            LiveSource::start("it", Box::new(opener), config(), Arc::default()).unwrap();
+        let wait = Duration::from_millis(50);
+        assert!(matches!(source.next_frame_within(wait), Ok(Awaited::Nothing)));
+        let start = Instant::now();
+        drop(source);
+        assert!((LONGEST_END..Duration::from_secs(30)).contains(&start.elapsed()));
     }
 
     #[test]

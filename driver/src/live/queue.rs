@@ -7,7 +7,11 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use linkage_frames::frame::RgbdFrame;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// What is told where the capture thread ended without a word.
+const FAILED: &str =
+    "its capture thread failed, which is a fault of this program: report it with the log";
 
 /// A queue with room for this many, at least one; when it is full, a new one replaces the oldest.
 pub fn latest<T>(capacity: usize) -> (LatestWriter<T>, LatestReader<T>) {
@@ -83,9 +87,11 @@ impl<T> LatestReader<T> {
 /// What the two ends share besides the frames.
 #[derive(Default)]
 struct Shared {
-    /// Why no more came; unset at a recording's end.
-    failure: OnceLock<String>,
+    /// Why no more came, nothing at a recording's end; unset where the capture thread has failed.
+    end: OnceLock<Option<String>>,
     source: Mutex<SourceStatistics>,
+    /// When the capture thread was last seen to work.
+    beat: Mutex<Option<Instant>>,
 }
 
 /// The capture thread's end of the queue of frames.
@@ -122,10 +128,13 @@ impl FrameWriter {
 
     /// No more will come; what waits can still be taken.
     pub fn close(self, failure: Option<String>) {
-        if let Some(reason) = failure {
-            // Only this end sets it, and it ends here.
-            let _ = self.shared.failure.set(reason);
-        }
+        // Only this end sets it, and it ends here.
+        let _ = self.shared.end.set(failure);
+    }
+
+    /// The capture thread works: it is not held up by the camera's driver.
+    pub fn beat(&self) {
+        *self.shared.beat.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     }
 
     /// Frames that were dropped for newer ones.
@@ -143,10 +152,18 @@ impl FrameReader {
                 Ok(Awaited::Frame(frame))
             }
             Err(RecvError::Timeout) => Ok(Awaited::Nothing),
-            Err(RecvError::Closed) => {
-                self.shared.failure.get().cloned().map_or(Ok(Awaited::End), Err)
-            }
+            Err(RecvError::Closed) => match self.shared.end.get() {
+                Some(None) => Ok(Awaited::End),
+                Some(Some(reason)) => Err(reason.clone()),
+                None => Err(FAILED.to_owned()),
+            },
         }
+    }
+
+    /// For how long the capture thread has been held up; `None` before it began.
+    pub fn silent_for(&self) -> Option<Duration> {
+        let beat = *self.shared.beat.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(beat?.elapsed())
     }
 
     /// All counts.
@@ -191,5 +208,12 @@ mod tests {
         let (writer, mut reader) = frame_queue(1);
         writer.close(None);
         assert!(matches!(reader.pop(SHORT), Ok(Awaited::End)));
+    }
+
+    #[test]
+    fn a_capture_thread_that_failed_is_no_end_of_a_recording() {
+        let (writer, mut reader) = frame_queue(1);
+        drop(writer);
+        assert_eq!(reader.pop(SHORT).err().as_deref(), Some(FAILED));
     }
 }
