@@ -35,6 +35,30 @@ pub struct StreamReport {
 /// Longest wait before the loop checks whether it is to end, microseconds.
 const LONGEST_SLEEP_US: u64 = 50_000;
 
+/// The last setpoint of a motion is sent again for this long, and for longer where the network takes none, up to the
+/// second time: a consumer that missed it would not know that the motion is over, nor why. Microseconds.
+const REPEAT_US: [u64; 2] = [100_000, 2_000_000];
+/// Time between two of these, microseconds.
+const REPEAT_EVERY_US: u64 = 10_000;
+
+/// The last setpoint of a motion.
+#[derive(Clone, Copy)]
+struct LastSetpoint {
+    /// When it was due.
+    due_us: u64,
+    /// When it was sent again.
+    again_us: u64,
+    was_taken: bool,
+}
+
+impl LastSetpoint {
+    fn is_repeated(&self, due_us: u64) -> bool {
+        let [shortest, longest] = REPEAT_US;
+        let longest = if self.was_taken { shortest } else { longest };
+        due_us.saturating_sub(self.due_us) <= longest
+    }
+}
+
 /// Sends setpoints at a fixed rate.
 pub struct Cycle<'q> {
     stream: Stream<'q>,
@@ -42,6 +66,8 @@ pub struct Cycle<'q> {
     buffer: [u8; DATAGRAM_CAPACITY],
     host_clock: HostClock,
     report: StreamReport,
+    /// What is sent again while nothing moves.
+    last: Option<LastSetpoint>,
 }
 
 impl<'q> Cycle<'q> {
@@ -49,7 +75,7 @@ impl<'q> Cycle<'q> {
     pub fn new(stream: Stream<'q>, period_ns: NonZeroU64) -> Self {
         let buffer = [0; DATAGRAM_CAPACITY];
         let (host_clock, report) = (HostClock::default(), StreamReport::default());
-        Self { stream, period_ns, buffer, host_clock, report }
+        Self { stream, period_ns, buffer, host_clock, report, last: None }
     }
 
     /// Streams until it is stopped and what moved has been braked to rest.
@@ -59,7 +85,7 @@ impl<'q> Cycle<'q> {
         loop {
             if port.is_stopped() {
                 self.stream.end();
-                if self.stream.is_at_rest() {
+                if self.stream.is_at_rest() && self.last.is_none() {
                     return self.report;
                 }
             }
@@ -81,7 +107,7 @@ impl<'q> Cycle<'q> {
         let reading = Reading { before_us, utime: port.utime(), after_us: port.monotonic_us() };
         let utime = self.host_clock.at(due_us, &reading);
         match self.stream.tick(due_us, utime, &mut self.buffer) {
-            Ok(Tick::Idle) => {}
+            Ok(Tick::Idle) => self.repeat_last(due_us, utime, port),
             Ok(Tick::Send(length)) => {
                 let datagram = self.buffer.get(..length).unwrap_or_default();
                 let was_sent = port.send(datagram);
@@ -89,8 +115,26 @@ impl<'q> Cycle<'q> {
                 self.report.sent += u64::from(was_sent);
                 self.report.failed += u64::from(!was_sent);
                 self.report.lateness.note(late_us, self.period_ns.get() / 1000);
+                let last = LastSetpoint { due_us, again_us: due_us, was_taken: was_sent };
+                self.last = self.stream.is_at_rest().then_some(last);
             }
             Err(_) => self.report.failed += 1,
+        }
+    }
+
+    /// Sends the last setpoint of a motion again, from time to time.
+    fn repeat_last(&mut self, due_us: u64, utime: i64, port: &mut impl Port) {
+        let Some(last) = &mut self.last else { return };
+        if due_us.saturating_sub(last.again_us) < REPEAT_EVERY_US {
+            return;
+        }
+        if !last.is_repeated(due_us) {
+            self.last = None;
+            return;
+        }
+        last.again_us = due_us;
+        if let Ok(Tick::Send(length)) = self.stream.repeat_last(due_us, utime, &mut self.buffer) {
+            last.was_taken |= port.send(self.buffer.get(..length).unwrap_or_default());
         }
     }
 
@@ -133,6 +177,12 @@ mod tests {
         readings: u64,
         shared: &'q Shared,
         sent: Vec<(i64, f64), 4096>,
+        /// When the last setpoint was sent again, and where it says that the door is.
+        again: Vec<(u64, f64), 512>,
+        /// The network takes nothing before this time.
+        deaf_until_us: u64,
+        /// The last setpoint was sent.
+        is_over: bool,
     }
 
     impl Port for FakePort<'_> {
@@ -165,8 +215,15 @@ mod tests {
             let eight = |at: usize| datagram[at..at + 8].try_into().unwrap();
             let (stamp, position) =
                 (i64::from_be_bytes(eight(stamp)), f64::from_be_bytes(eight(position)));
-            self.sent.push((stamp, position)).unwrap();
-            true
+            let number = i64::from_be_bytes(eight(8 + CHANNEL.len() + 1 + 8 + 8 + 4));
+            assert_eq!(number as usize, self.sent.len() + self.again.len(), "it counts up by one");
+            if self.is_over {
+                self.again.push((self.now_us, position)).unwrap();
+            } else {
+                self.sent.push((stamp, position)).unwrap();
+            }
+            self.is_over |= datagram[8 + CHANNEL.len() + 1 + 8 + 8 + 4 + 8] == 1;
+            self.now_us >= self.deaf_until_us
         }
 
         fn is_stopped(&mut self) -> bool {
@@ -181,6 +238,24 @@ mod tests {
         busy_us: u64,
         busy_readings: u64,
     ) -> (Vec<(i64, f64), 4096>, StreamReport) {
+        let (port, report) = streamed_to(until_us, behind_us, busy_us, busy_readings, 0);
+        (port.sent, report)
+    }
+
+    /// Setpoints that are sent, and those that are sent again.
+    struct Sent {
+        sent: Vec<(i64, f64), 4096>,
+        again: Vec<(u64, f64), 512>,
+    }
+
+    /// The same to a network that takes nothing for some time.
+    fn streamed_to(
+        until_us: u64,
+        behind_us: i64,
+        busy_us: u64,
+        busy_readings: u64,
+        deaf_until_us: u64,
+    ) -> (Sent, StreamReport) {
         let (mut queue, shared) = (OrderQueue::new(), Shared::default());
         let (given, taken) = queue.split();
         let mut orders = Orders::new(given, &shared);
@@ -201,9 +276,12 @@ mod tests {
             readings: 0,
             shared: &shared,
             sent: Vec::new(),
+            again: Vec::new(),
+            deaf_until_us,
+            is_over: false,
         };
         let report = cycle.run(&mut port);
-        (port.sent, report)
+        (Sent { sent: port.sent, again: port.again }, report)
     }
 
     #[test]
@@ -219,6 +297,30 @@ mod tests {
                 assert_eq!(c.1, r.1);
             }
         }
+    }
+
+    #[test]
+    fn the_last_setpoint_is_sent_again_for_a_tenth_of_a_second() {
+        let (Sent { sent, again }, _) = streamed_to(2_500_000, 0, u64::MAX, u64::MAX, 0);
+        let last = sent[sent.len() - 1].1;
+        assert_eq!(again.len(), 10);
+        assert!(again.iter().all(|(_, position)| *position == last), "it stays where it is");
+        let [first, end] = [again[0].0, again[9].0];
+        assert_eq!((first, end), (2_010_000, 2_100_000));
+    }
+
+    #[test]
+    fn a_network_that_takes_nothing_hears_the_end_once_it_takes_something() {
+        // It goes deaf for long enough to be braked, and for a second after that.
+        let deaf_until_us = 1_500_000;
+        let (Sent { again, .. }, report) =
+            streamed_to(3_000_000, 0, u64::MAX, u64::MAX, deaf_until_us);
+        assert!(report.failed > 50, "the motion was braked");
+        let heard = again.iter().filter(|(at, _)| *at >= deaf_until_us).count();
+        assert!(heard >= 1, "{heard}");
+        // And one that stays deaf is given up.
+        let (Sent { again, .. }, _) = streamed_to(9_000_000, 0, u64::MAX, u64::MAX, u64::MAX);
+        assert!((190..=200).contains(&again.len()), "{}", again.len());
     }
 
     #[test]

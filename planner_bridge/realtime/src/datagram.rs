@@ -24,7 +24,7 @@ pub(crate) struct Head {
     /// When it is due, microseconds since 1970.
     pub utime: i64,
     /// Number in its stream.
-    pub sequence: u32,
+    pub sequence: i64,
     /// The motion is over.
     pub last: bool,
     /// Why it is being braked, if it is.
@@ -41,13 +41,14 @@ pub(crate) fn write_setpoint(
 ) -> Result<usize, TooLong> {
     let mut out = Writer { left: out, written: 0 };
     out.bytes(&MAGIC.to_be_bytes())?;
-    out.bytes(&head.sequence.to_be_bytes())?;
+    // Receivers of datagrams count modulo 2^32.
+    out.bytes(&(head.sequence as u32).to_be_bytes())?;
     out.bytes(channel.as_bytes())?;
     out.bytes(&[0])?;
     out.bytes(&SETPOINT_FINGERPRINT.to_be_bytes())?;
     out.bytes(&head.utime.to_be_bytes())?;
     out.bytes(&SETPOINT_SCHEMA.to_be_bytes())?;
-    out.bytes(&i64::from(head.sequence).to_be_bytes())?;
+    out.bytes(&head.sequence.to_be_bytes())?;
     out.bytes(&[u8::from(head.last)])?;
     out.text(motion.object())?;
     let joints = motion.joints();

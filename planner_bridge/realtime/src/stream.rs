@@ -51,13 +51,15 @@ pub struct Stream<'q> {
     state: State,
     /// An order whose time has not come.
     waiting: Option<Order>,
-    sequence: u32,
+    sequence: i64,
     /// When the last setpoint was due.
     last_us: u64,
     /// Since when the network takes none.
     unsent_since_us: Option<u64>,
     is_ending: bool,
     status: Status,
+    /// The motion that ended last, and why, while nothing else moves.
+    ended: Option<(Run, Option<Reason>)>,
 }
 
 enum State {
@@ -107,7 +109,14 @@ impl<'q> Stream<'q> {
             unsent_since_us: None,
             is_ending: false,
             status: Status::default(),
+            ended: None,
         }
+    }
+
+    /// Counts its setpoints from this number on. A consumer moves only on numbers above the last one's: a stream that
+    /// is started again begins above all that were sent before.
+    pub fn counting_from(self, sequence: i64) -> Self {
+        Self { sequence, ..self }
     }
 
     /// Writes the datagram of a tick into the buffer.
@@ -124,6 +133,23 @@ impl<'q> Stream<'q> {
         let result = self.write(due_us, utime, out);
         self.publish_status();
         result
+    }
+
+    /// Writes the last setpoint of the motion that ended last once more, with a number of its own, while nothing moves.
+    ///
+    /// # Errors
+    /// As [`Self::tick`].
+    pub fn repeat_last(
+        &mut self,
+        due_us: u64,
+        utime: i64,
+        out: &mut [u8],
+    ) -> Result<Tick, TooLong> {
+        let Some((run, reason)) = &self.ended else { return Ok(Tick::Idle) };
+        let head = Head { utime, sequence: self.sequence, last: true, reason: *reason };
+        let bytes = write_setpoint(out, self.channel, head, &run.motion, run.time(due_us))?;
+        self.sequence = self.sequence.wrapping_add(1);
+        Ok(Tick::Send(bytes))
     }
 
     /// Tells whether the network took the setpoint of a tick.
@@ -251,6 +277,7 @@ impl<'q> Stream<'q> {
             if self.is_at_rest() {
                 self.unsent_since_us = None;
             }
+            self.ended = None;
             self.state = State::Running(Run { number, motion, start_us });
         }
     }
@@ -265,7 +292,12 @@ impl<'q> Stream<'q> {
         let head = Head { utime, sequence: self.sequence, last, reason };
         let written = write_setpoint(out, self.channel, head, &run.motion, time);
         if last {
-            self.state = State::Rest;
+            let ended = core::mem::replace(&mut self.state, State::Rest);
+            self.ended = match ended {
+                State::Rest => None,
+                State::Running(run) => Some((run, None)),
+                State::Braking(run, reason) => Some((run, Some(reason))),
+            };
             self.status.ends = self.status.ends.wrapping_add(1);
             self.status.reason = reason;
         }

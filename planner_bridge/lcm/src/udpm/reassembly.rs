@@ -17,6 +17,9 @@ const MAX_UNFINISHED: usize = 64;
 const MAX_UNFINISHED_OF_SENDER: usize = 2;
 /// An unfinished message is given up when no part of it has come for this long.
 const MAX_SILENCE: Duration = Duration::from_millis(500);
+/// An unfinished message is given up when its first part came this long ago, however its parts keep coming: the
+/// largest pictures take less than a second.
+const MAX_AGE: Duration = Duration::from_secs(5);
 /// Time between two looks for unfinished messages that are given up.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// What a part costs besides its bytes.
@@ -72,6 +75,7 @@ struct Unfinished {
     parts: BTreeMap<u16, Piece>,
     /// Bytes that it takes.
     held: usize,
+    first_part: Instant,
     last_part: Instant,
     /// Datagrams that had come when its last part came: what tells the order of parts that come
     /// at one time.
@@ -111,14 +115,16 @@ impl Reassembly {
         whole
     }
 
-    /// Gives up the messages of which nothing came for long.
+    /// Gives up the messages of which nothing came for long, and those that are not whole after long.
     pub fn give_up_old(&mut self, now: Instant) {
         let since = |then: Instant| now.saturating_duration_since(then);
         if self.looked.is_some_and(|looked| since(looked) < LOOK_EVERY) {
             return;
         }
         self.looked = Some(now);
-        let old = self.unfinished.iter().filter(|(_, u)| since(u.last_part) >= MAX_SILENCE);
+        let is_old =
+            |u: &Unfinished| since(u.last_part) >= MAX_SILENCE || since(u.first_part) >= MAX_AGE;
+        let old = self.unfinished.iter().filter(|(_, u)| is_old(u));
         for key in old.map(|(key, _)| *key).collect::<Vec<_>>() {
             self.give_up(key);
         }
@@ -258,6 +264,7 @@ impl Unfinished {
             count: part.count,
             parts: BTreeMap::new(),
             held: 0,
+            first_part: now,
             last_part: now,
             order: 0,
         }
@@ -488,6 +495,19 @@ mod tests {
         assert!(whole.is_some_and(|w| w.bytes == image(500_000)));
         network.pass(Duration::from_secs(1));
         assert_eq!(network.reassembly.held_bytes(), 0);
+    }
+
+    #[test]
+    fn a_message_whose_parts_drip_in_for_ever_is_given_up() {
+        let mut network = Network::new();
+        let all = cut(&image(1000), &vec![1; 1000]);
+        for (i, datagram) in all[..all.len() - 1].iter().enumerate() {
+            assert_eq!(network.take(1, datagram), None);
+            network.pass(Duration::from_millis(450));
+            let is_over = 0.45 * (i + 1) as f64 >= MAX_AGE.as_secs_f64();
+            assert_eq!(network.reassembly.held_bytes() == 0, is_over, "after {} parts", i + 1);
+        }
+        assert_eq!(network.reassembly.counts().incomplete, 1);
     }
 
     #[test]
