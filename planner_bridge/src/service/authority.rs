@@ -166,10 +166,7 @@ impl Authority {
         command: &linkage::Command,
         sender: Option<IpAddr>,
     ) -> Result<(), Unauthorised> {
-        if !self.allowed.is_empty() && !sender.is_some_and(|s| self.allowed.contains(&s)) {
-            let allowed: Vec<String> = self.allowed.iter().map(IpAddr::to_string).collect();
-            return Err(Unauthorised::Sender { sender, allowed: allowed.join(", ") });
-        }
+        self.identify_address(sender)?;
         match &self.key {
             Some(_) if command.signature.is_empty() => {
                 Err(Unauthorised::Signature { found: "missing" })
@@ -179,14 +176,33 @@ impl Authority {
         }
     }
 
+    /// Whoever sends from this address may command, as far as addresses go.
+    ///
+    /// # Errors
+    /// [`Unauthorised::Sender`].
+    pub fn identify_address(&self, sender: Option<IpAddr>) -> Result<(), Unauthorised> {
+        if !self.allowed.is_empty() && !sender.is_some_and(|s| self.allowed.contains(&s)) {
+            let allowed: Vec<String> = self.allowed.iter().map(IpAddr::to_string).collect();
+            return Err(Unauthorised::Sender { sender, allowed: allowed.join(", ") });
+        }
+        Ok(())
+    }
+
+    /// It is meant for this service, as it runs now.
+    ///
+    /// # Errors
+    /// [`Unauthorised::Session`].
+    pub fn is_of_session(&self, command: &linkage::Command) -> Result<(), Unauthorised> {
+        let (found, session) = (command.session, self.session);
+        if found == session { Ok(()) } else { Err(Unauthorised::Session { found, session }) }
+    }
+
     /// It is meant for this service and still holds; until when it does, microseconds since 1970.
     ///
     /// # Errors
     /// [`Unauthorised`].
     pub fn valid_until(&self, command: &linkage::Command, now: i64) -> Result<i64, Unauthorised> {
-        if command.session != self.session {
-            return Err(Unauthorised::Session { found: command.session, session: self.session });
-        }
+        self.is_of_session(command)?;
         let seconds = |us: i64| us as f64 * 1e-6;
         let age = now.saturating_sub(command.utime);
         if age < -self.command_age_us {

@@ -3,9 +3,9 @@
 use super::config::{Playback, SourceOpener};
 use super::publisher::{Note, Outbox};
 use linkage_driver::live::LatestWriter;
-use linkage_driver::{RgbdFrame, RgbdSource};
+use linkage_driver::{Awaited, RgbdFrame, RgbdSource, SourceError};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// A frame, and when it came.
@@ -14,18 +14,27 @@ pub struct Arrived {
     pub at: Instant,
 }
 
-/// How many frames did not arrive, were damaged, or found no room before they were taken.
+/// How many frames did not arrive, were damaged, or found no room before they were taken; and whether the camera
+/// can give any.
 #[derive(Debug, Clone, Default)]
-pub struct Lost(Arc<AtomicU64>);
+pub struct Lost {
+    count: Arc<AtomicU64>,
+    hangs: Arc<AtomicBool>,
+}
 
 impl Lost {
     /// Their number since the service began.
     pub fn count(&self) -> u64 {
-        self.0.load(Ordering::Relaxed)
+        self.count.load(Ordering::Relaxed)
+    }
+
+    /// Its driver does not return: this process cannot help it.
+    pub fn camera_hangs(&self) -> bool {
+        self.hangs.load(Ordering::Relaxed)
     }
 
     fn set(&self, count: u64) {
-        self.0.store(count, Ordering::Relaxed);
+        self.count.store(count, Ordering::Relaxed);
     }
 }
 
@@ -65,18 +74,31 @@ impl Capture {
     }
 
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
+        let mut has_frames = false;
         while !is_stopped() {
-            let next = self.source.next_frame();
+            let next = self.source.next_frame_within(POLL);
             self.lost.set(self.lost_before + self.source.statistics().lost());
             match next {
-                Ok(Some(frame)) => self.take(frame, is_stopped),
-                Ok(None) if is_stopped() => return,
-                Ok(None) if self.playback.repeat => self.reopen(Duration::ZERO, is_stopped),
-                Ok(None) => {
+                Ok(Awaited::Frame(frame)) => {
+                    has_frames = true;
+                    self.lost.hangs.store(false, Ordering::Relaxed);
+                    self.take(frame, is_stopped);
+                }
+                Ok(Awaited::Nothing) => {}
+                Ok(Awaited::End) if is_stopped() => return,
+                Ok(Awaited::End) if self.playback.repeat => {
+                    // One without frames would be opened again and again.
+                    let wait = if has_frames { Duration::ZERO } else { REOPEN_AFTER };
+                    has_frames = false;
+                    self.reopen(wait, is_stopped);
+                }
+                Ok(Awaited::End) => {
                     self.out.note(Note::Error(format!("{}: it is over", self.source.name())));
                     return;
                 }
                 Err(e) => {
+                    let hangs = matches!(e, SourceError::Hangs { .. });
+                    self.lost.hangs.store(hangs, Ordering::Relaxed);
                     self.out.note(Note::Error(e.to_string()));
                     if !self.source.is_live() {
                         return;

@@ -8,7 +8,7 @@ use crossbeam_channel::{Sender, TrySendError};
 use linkage_driver::live::host_utime;
 use linkage_driver::plain_text::is_control;
 use linkage_lcm::messages::linkage;
-use linkage_lcm::{DecodeError, Lcm, LcmError, Packet, decode};
+use linkage_lcm::{DecodeError, Lcm, LcmError, Message, Packet, decode};
 use linkage_skill::predict::{PredictError, Target};
 use nalgebra::Point3;
 use std::collections::VecDeque;
@@ -22,6 +22,8 @@ pub struct Command {
     pub utime: i64,
     /// It is not begun after this time, microseconds since 1970.
     pub valid_until: i64,
+    /// The expiry that its sender gave, microseconds since 1970: what has been begun and waits is given up then.
+    pub expires: Option<i64>,
     /// What is to be done.
     pub action: Action,
 }
@@ -62,6 +64,11 @@ pub enum Refusal {
     /// Not a message of this type, or damaged.
     #[error("a packet on LINKAGE_COMMAND is no command: {0}")]
     Packet(#[from] DecodeError),
+    /// Messages that are longer than any command: they were dropped unread.
+    #[error(
+        "{0} packets on LINKAGE_COMMAND were longer than {MAX_PACKET} bytes, and no command is"
+    )]
+    TooLong(u64),
     /// A command that cannot be obeyed.
     #[error("command {utime}: {fault}")]
     Command {
@@ -93,6 +100,9 @@ pub enum Fault {
     /// The sender may not command, or not any more.
     #[error(transparent)]
     Unauthorised(#[from] Unauthorised),
+    /// Its text or its lists cannot be read.
+    #[error("it cannot be read: {0}")]
+    Damaged(DecodeError),
     /// More than can be done.
     #[error("too many commands came at once; send it again")]
     TooMany,
@@ -187,8 +197,17 @@ impl<'q> Listener<'q> {
     }
 
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
+        let mut too_long = 0;
         while !is_stopped() {
-            match self.lcm.receive(POLL) {
+            let received = self.lcm.receive(POLL);
+            let all = self.lcm.reception().oversized;
+            if all > too_long {
+                self.dispatcher
+                    .refusals
+                    .add_many(all - too_long, &Refusal::TooLong(all - too_long));
+                too_long = all;
+            }
+            match received {
                 Ok(Some(Packet { bytes, sender, .. })) => {
                     self.dispatcher.take(&bytes, sender.map(|s| s.ip()), host_utime());
                 }
@@ -216,6 +235,14 @@ struct Dispatcher<'q> {
     repeats: Repeats,
 }
 
+/// The name of a command that cannot be decoded: its first field, behind the fingerprint of its type.
+fn name_of(packet: &[u8]) -> Option<i64> {
+    let (fingerprint, rest) = packet.split_first_chunk::<8>()?;
+    let (utime, _) = rest.split_first_chunk::<8>()?;
+    let is_command = u64::from_be_bytes(*fingerprint) == linkage::Command::fingerprint();
+    is_command.then(|| i64::from_be_bytes(*utime))
+}
+
 /// Commands that are known again.
 const REMEMBERED: usize = 256;
 
@@ -234,12 +261,22 @@ impl<'q> Dispatcher<'q> {
     fn take(&mut self, packet: &[u8], sender: Option<IpAddr>, now: i64) {
         let message: linkage::Command = match decode(packet) {
             Ok(message) => message,
-            Err(e) => return self.refusals.add(Refusal::Packet(e)),
+            Err(e) => return self.refuse_damaged(packet, sender, e),
         };
         let utime = message.utime;
         if let Err(fault) = self.pass_on(&message, sender, now) {
             self.refusals.add(Refusal::Command { utime, fault });
         }
+    }
+
+    /// Refuses what cannot be decoded; under its name, where it begins as a command does.
+    fn refuse_damaged(&mut self, packet: &[u8], sender: Option<IpAddr>, error: DecodeError) {
+        let may_be_told = self.authority.identify_address(sender).is_ok();
+        let refusal = match name_of(packet).filter(|_| may_be_told) {
+            Some(utime) => Refusal::Command { utime, fault: Fault::Damaged(error) },
+            None => Refusal::Packet(error),
+        };
+        self.refusals.add(refusal);
     }
 
     fn pass_on(
@@ -256,7 +293,11 @@ impl<'q> Dispatcher<'q> {
             return Ok(());
         }
         let action = Action::read(message)?;
-        let valid_until = self.authority.valid_until(message, now)?;
+        // It is never too late to stop, whatever the clocks say: an old CANCEL that is played back harms nobody.
+        let valid_until = match action {
+            Action::Cancel => self.authority.is_of_session(message).map(|()| i64::MAX)?,
+            _ => self.authority.valid_until(message, now)?,
+        };
         // Whoever perceives may be busy with a frame, and braking waits for nobody.
         if let (Action::Cancel, Some(pulse)) = (&action, &self.pulse) {
             pulse.halt();
@@ -265,7 +306,8 @@ impl<'q> Dispatcher<'q> {
         if action != Action::Cancel && !self.commands.capacity().is_none_or(has_room) {
             return Err(Fault::TooMany);
         }
-        match self.commands.try_send(Command { utime, valid_until, action }) {
+        let expires = (message.expiry_utime != 0).then_some(message.expiry_utime);
+        match self.commands.try_send(Command { utime, valid_until, expires, action }) {
             Ok(()) => {
                 if self.known.len() == REMEMBERED {
                     self.known.pop_front();
@@ -301,6 +343,12 @@ struct Refusals {
 }
 
 impl Refusals {
+    /// Several of which none can be answered.
+    fn add_many(&mut self, count: u64, refusal: &Refusal) {
+        self.count += count;
+        self.latest = refusal.to_string();
+    }
+
     fn add(&mut self, refusal: Refusal) {
         self.count += 1;
         self.latest = refusal.to_string();
@@ -473,6 +521,38 @@ mod tests {
         assert!(!notes.iter().any(|n| matches!(n, Note::NotTaken(_))), "CANCEL was refused");
         let last = bench.commands.try_iter().last().map(|c| (c.utime, c.action));
         assert_eq!(last, Some((NOW + 100, Action::Cancel)));
+    }
+
+    #[test]
+    fn an_old_cancel_of_this_session_cancels_and_that_of_another_one_does_not() {
+        let mut bench = bench(8);
+        let hour = 3_600_000_000;
+        for utime in [NOW - hour, NOW + hour, SESSION - 1] {
+            bench.take(&encode(&linkage::Command { utime, ..message(4) }).unwrap());
+            assert_eq!(bench.commands.try_recv().map(|c| c.action), Ok(Action::Cancel));
+        }
+        let (_, text) = bench.refusal(|m| (m.action, m.session) = (4, SESSION + 1));
+        assert!(text.contains("session"), "{text}");
+    }
+
+    #[test]
+    fn a_command_whose_text_cannot_be_read_is_answered_under_its_name() {
+        let mut bench = bench(4);
+        let name = b"fridge\0";
+        let mut packet = encode(&message(linkage::Command::PREDICT)).unwrap();
+        let at = packet.windows(name.len()).position(|bytes| bytes == name).unwrap();
+        packet[at + 2] = 0;
+        let notes = bench.take(&packet);
+        let answers = notes.iter().filter_map(|n| match n {
+            Note::NotTaken(answer) => Some(answer),
+            _ => None,
+        });
+        let answers: Vec<&Answer> = answers.collect();
+        assert_eq!((answers.len(), answers[0].utime), (1, NOW));
+        assert!(answers[0].text.contains("a string is damaged"), "{}", answers[0].text);
+        // What is no command has no name.
+        packet[0] ^= 1;
+        assert!(!bench.take(&packet).iter().any(|n| matches!(n, Note::NotTaken(_))));
     }
 
     #[test]

@@ -16,6 +16,8 @@ const SCHEMA: i32 = 1;
 const GREATEST_OFFSET_US: u64 = 1_000_000;
 /// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
+/// Bytes of a packet on the channel of heartbeats at most; a heartbeat has some 60.
+const MAX_PACKET: usize = 512;
 /// Time between two reports of packets that are no heartbeat.
 const TELL_EVERY: Duration = Duration::from_millis(500);
 
@@ -30,7 +32,7 @@ pub struct HeartbeatListener<'q> {
 impl<'q> HeartbeatListener<'q> {
     pub fn new(url: &str, pulse: Pulse<'q>, out: Outbox) -> Result<Self, LcmError> {
         let mut lcm = Lcm::new(url)?;
-        lcm.subscribe(channel::HEARTBEAT)?;
+        lcm.subscribe_up_to(channel::HEARTBEAT, MAX_PACKET)?;
         Ok(Self { lcm, pulse, out, newest: Newest::default(), told: None })
     }
 

@@ -23,6 +23,10 @@ pub struct LearningWorker {
     pub out: Outbox,
 }
 
+/// Demonstrations that may be learned at a time: one whose result is wanted, and one that was cancelled and comes to
+/// its end. Each holds the pictures of a whole demonstration.
+pub const MOST_AT_ONCE: usize = 2;
+
 /// A demonstration that is being learned.
 pub struct Learning {
     pub object: String,
@@ -30,10 +34,11 @@ pub struct Learning {
     cancelled: Arc<AtomicBool>,
 }
 
-/// What was learned, and all that is known now.
+/// What was learned and stored.
 pub struct Learned {
     pub summary: String,
-    pub library: Library,
+    /// All that is known now; `None` where the store could not be read again.
+    pub library: Option<Library>,
 }
 
 /// Why nothing was stored.
@@ -100,14 +105,17 @@ impl LearningWorker {
         if !is_told {
             self.publish(&demonstration, &stored.model);
         }
-        let library = store.load().map_err(|e| e.to_string())?;
+        let library = store.load();
         let kinds: Vec<&str> = stored.model.joints.iter().map(|j| j.kind.name()).collect();
-        let summary = format!(
+        let mut summary = format!(
             "learned {object}: {}, {} demonstration(s)",
             kinds.join(", "),
             stored.model.demonstrations
         );
-        Ok(Learned { summary, library })
+        if let Err(e) = &library {
+            summary += &format!("; it is stored, but the store cannot be read again: {e}");
+        }
+        Ok(Learned { summary, library: library.ok() })
     }
 
     fn publish(&self, demonstration: &Demonstration, model: &ObjectModel) {
@@ -141,6 +149,15 @@ fn with_losses(learned: Result<Learned, String>, lost: Option<String>) -> Result
     }
 }
 
+#[cfg(test)]
+impl Learning {
+    /// One whose result a test gives.
+    pub fn awaited(object: &str) -> (std::sync::mpsc::Sender<Result<Learned, String>>, Self) {
+        let (sender, result) = channel();
+        (sender, Self { object: object.to_owned(), result, cancelled: Arc::default() })
+    }
+}
+
 impl Learning {
     /// Its result, once it is over.
     pub fn poll(&self) -> Option<Result<Learned, String>> {
@@ -164,7 +181,7 @@ mod tests {
     use linkage_driver::live::latest;
 
     fn known() -> Learned {
-        Learned { summary: "learned door".to_owned(), library: Library::new(Vec::new()) }
+        Learned { summary: "learned door".to_owned(), library: Some(Library::new(Vec::new())) }
     }
 
     fn told(result: Result<Learned, String>) -> String {

@@ -1,7 +1,6 @@
 //! Frames that were lost on the way, over some time: a few do no harm, many degrade what is learned
 //! from the others.
 
-use super::capture::Lost;
 use std::time::{Duration, Instant};
 
 /// Share of the frames from which their loss is told.
@@ -15,9 +14,9 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// Counts losses from now on, after `taken` frames were taken.
-    pub fn begin(lost: &Lost, taken: u64) -> Self {
-        Self { since: Instant::now(), lost_before: lost.count(), taken_before: taken }
+    /// Counts losses from now on, after `lost` frames were lost and `taken` frames were taken.
+    pub fn begin(lost: u64, taken: u64) -> Self {
+        Self { since: Instant::now(), lost_before: lost, taken_before: taken }
     }
 
     /// Since it began.
@@ -26,8 +25,8 @@ impl Losses {
     }
 
     /// Says how many frames were lost beside those that were taken, if they are many.
-    pub fn many(&self, lost: &Lost, taken: u64) -> Option<String> {
-        let lost = lost.count().saturating_sub(self.lost_before);
+    pub fn many(&self, lost: u64, taken: u64) -> Option<String> {
+        let lost = lost.saturating_sub(self.lost_before);
         told(lost, taken.saturating_sub(self.taken_before))
     }
 }
@@ -36,7 +35,7 @@ fn told(lost: u64, taken: u64) -> Option<String> {
     let sent = lost + taken;
     (lost as f64 > MANY * sent as f64).then(|| {
         format!(
-            "{lost} of {sent} frames were lost on the way: run \"linkage doctor --source SOURCE\" to see where"
+            "{lost} of {sent} frames were lost: run \"linkage doctor --source SOURCE\" to see where, or send fewer a second"
         )
     })
 }

@@ -8,6 +8,7 @@ use super::perceiver::Perception;
 use super::state::{Demonstrating, Pending, State, Watching};
 use super::waiting::stale;
 use crate::service::command::{Action, Command};
+use crate::service::learning::MOST_AT_ONCE;
 use crate::service::losses::Losses;
 use crate::service::publisher::Note;
 use linkage_driver::live::host_utime;
@@ -16,7 +17,8 @@ use linkage_skill::Learner;
 use std::time::Instant;
 
 impl Perception<'_> {
-    pub fn handle_command(&mut self, Command { utime, valid_until, action }: Command) {
+    pub fn handle_command(&mut self, command: Command) {
+        let Command { utime, valid_until, expires, action } = command;
         // A command that expired while this thread was busy is not executed. It is never too late to
         // cancel: what moves is braked already.
         if host_utime() > valid_until && action != Action::Cancel {
@@ -34,7 +36,7 @@ impl Perception<'_> {
             Action::FinishDemonstration => self.finish_demonstration(Some(utime)),
             Action::Predict { object, joint, target, grasp } => {
                 let since = Instant::now();
-                let pending = Pending { command: utime, joint, target, grasp, since };
+                let pending = Pending { command: utime, joint, target, grasp, since, expires };
                 self.predict(object, pending)
             }
         };
@@ -74,11 +76,15 @@ impl Perception<'_> {
 
     fn start_demonstration(&mut self, object: String) -> Result<String, String> {
         self.interruptible()?;
+        if self.cancelled.len() >= MOST_AT_ONCE {
+            return Err("demonstrations that were cancelled are not over yet: send it again in some seconds".to_owned());
+        }
         self.become_idle(Reason::Replaced);
         let learner = Learner::live(&self.config.skill);
         let current_estimate = learner.current_estimate(&object);
         let answer = format!("watching how {object} is moved");
-        let losses = Losses::begin(&self.inbox.lost, 0);
+        // Every frame of a demonstration counts, also one that found no room before it was looked at.
+        let losses = Losses::begin(self.dropped_frames(), 0);
         let demonstrating =
             Demonstrating { object, learner, current_estimate, told: Instant::now(), losses };
         self.state = State::Demonstrating(Box::new(demonstrating));
@@ -90,7 +96,7 @@ impl Perception<'_> {
             State::Demonstrating(d) => {
                 let Demonstrating { object, learner, losses, .. } = *d;
                 let frames = learner.tracker().frames();
-                let lost = losses.many(&self.inbox.lost, frames as u64);
+                let lost = losses.many(self.dropped_frames(), frames as u64);
                 if let Some(lost) = &lost {
                     self.out.note(Note::Error(lost.clone()));
                 }
@@ -139,7 +145,9 @@ impl Perception<'_> {
                 if t.arrived.elapsed().as_secs_f64() > self.config.rig.safety.frame_age {
                     return Err(stale(t.arrived.elapsed()));
                 }
-                t.pending = Some(pending);
+                if let Some(before) = t.pending.replace(pending) {
+                    self.refuse_replaced(&before);
+                }
                 return Ok(answer);
             }
         }
@@ -147,14 +155,22 @@ impl Perception<'_> {
     }
 
     fn cancel(&mut self) -> String {
-        if let State::Learning { learning, command } = &self.state {
-            learning.cancel();
-            if let Some(command) = *command {
-                self.answer(command, Err("cancelled".to_owned()));
+        match std::mem::replace(&mut self.state, State::Resting) {
+            // Whether it was stored already is known, and answered, once its thread is over.
+            State::Learning { learning, command } => {
+                learning.cancel();
+                self.cancelled.push((learning, command));
             }
+            other => self.state = other,
         }
         self.become_idle(Reason::Cancelled);
         "cancelled".to_owned()
+    }
+
+    /// Answers a prediction that waited when another command took its place.
+    fn refuse_replaced(&self, before: &Pending) {
+        let reason = "another command came before it was planned".to_owned();
+        self.answer(before.command, Err(reason));
     }
 
     /// Nothing is looked for, what moves is braked.
@@ -165,8 +181,7 @@ impl Perception<'_> {
             _ => None,
         };
         if let Some(pending) = pending {
-            let reason = "another command came before it was planned".to_owned();
-            self.answer(pending.command, Err(reason));
+            self.refuse_replaced(&pending);
         }
         self.brake(why);
         self.state = State::Resting;
@@ -175,13 +190,17 @@ impl Perception<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_data::{answers, asked_for, perception};
+    use super::super::test_data::{
+        answers, asked_for, frame, perception, perception_with_frames, tracked,
+    };
     use super::*;
+    use crate::service::learning::{Learned, Learning};
+    use linkage_driver::live::LatestReader;
     use linkage_skill::predict::Target;
 
     /// A command that may begin for a second still.
     fn command(utime: i64, action: Action) -> Command {
-        Command { utime, valid_until: host_utime() + 1_000_000, action }
+        Command { utime, valid_until: host_utime() + 1_000_000, expires: None, action }
     }
 
     fn start(object: &str) -> Action {
@@ -259,6 +278,70 @@ mod tests {
         assert!(matches!(perception.state, State::Learning { command: Some(2), .. }));
         let last = answers(&noted).pop().expect("an answer");
         assert!(last.accepted && !last.done, "it is acknowledged, and answered once it is learned");
+    }
+
+    /// A perception that follows an object which is in sight.
+    fn following() -> (Perception<'static>, LatestReader<Note>) {
+        let (mut perception, noted) = perception();
+        perception.state = State::Tracking(Box::new(tracked()));
+        (perception, noted)
+    }
+
+    #[test]
+    fn a_prediction_that_takes_the_place_of_another_one_lets_it_be_answered() {
+        let (mut perception, noted) = following();
+        let predict = |target| Action::Predict { object: None, joint: None, target, grasp: None };
+        let State::Tracking(t) = &mut perception.state else { panic!("it follows") };
+        t.seen = false;
+        for utime in 1..=3 {
+            perception.handle_command(command(utime, predict(Target::Open)));
+        }
+        let done: Vec<i64> = answers(&noted).iter().filter(|a| a.done).map(|a| a.utime).collect();
+        assert_eq!(done, [1, 2], "the third one waits");
+    }
+
+    #[test]
+    fn a_demonstration_that_is_cancelled_is_answered_once_its_thread_is_over() {
+        let stored = Learned { summary: "learned door".to_owned(), library: None };
+        for (result, accepted) in [(Err("cancelled".to_owned()), false), (Ok(stored), true)] {
+            let (mut perception, noted) = perception();
+            let (thread, learning) = Learning::awaited("door");
+            perception.state = State::Learning { learning, command: Some(2) };
+            perception.handle_command(command(3, Action::Cancel));
+            perception.tick();
+            let told: Vec<i64> = answers(&noted).iter().map(|a| a.utime).collect();
+            assert_eq!(told, [3], "whether it was stored is not known yet");
+            thread.send(result).unwrap();
+            perception.tick();
+            let last = answers(&noted).pop().expect("an answer");
+            assert_eq!((last.utime, last.accepted, last.done), (2, accepted, true));
+            assert!(last.text.contains("cancelled"), "{}", last.text);
+        }
+    }
+
+    #[test]
+    fn so_many_demonstrations_are_learned_at_once_and_no_more() {
+        let (mut perception, noted) = perception();
+        let threads = (0..MOST_AT_ONCE).map(|_| Learning::awaited("door"));
+        let (mut threads, learning): (Vec<_>, Vec<_>) = threads.unzip();
+        perception.cancelled = learning.into_iter().map(|l| (l, None)).collect();
+        perception.handle_command(command(1, start("door")));
+        let refused = answers(&noted).pop().expect("an answer");
+        assert!(!refused.accepted && refused.text.contains("not over yet"), "{}", refused.text);
+        drop(threads.pop());
+        perception.tick();
+        perception.handle_command(command(2, start("door")));
+        assert!(answers(&noted).pop().is_some_and(|a| a.accepted));
+    }
+
+    #[test]
+    fn frames_that_found_no_room_are_told_with_what_was_learned() {
+        let (mut perception, _noted, frames) = perception_with_frames();
+        perception.handle_command(command(1, start("door")));
+        (0..20).for_each(|utime| frames.push(frame(utime)));
+        let State::Demonstrating(d) = &perception.state else { panic!("it is demonstrated") };
+        let told = d.losses.many(perception.dropped_frames(), 8);
+        assert!(told.is_some_and(|t| t.contains("12 of 20 frames")));
     }
 
     #[test]

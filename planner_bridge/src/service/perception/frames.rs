@@ -17,8 +17,12 @@ use linkage_realtime::Reason;
 use linkage_skill::SkillConfig;
 use linkage_skill::recognise::{Follower, KnownObject, Recognition, Scene};
 use linkage_skill::store::Library;
+use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// Of so many readings one counts for the digest of a depth picture.
+const DIGEST_STEP: usize = 7;
 
 impl Perception<'_> {
     pub fn look(&mut self, Arrived { frame, at }: Arrived) {
@@ -114,8 +118,19 @@ impl Perception<'_> {
         }
     }
 
+    /// The depth is bit for bit that of the frame before: real depth has noise, and the camera is frozen, whatever it
+    /// stamps its frames with.
+    fn is_frozen(&mut self, frame: &RgbdFrame) -> bool {
+        let mut digest = DefaultHasher::new();
+        let depth = frame.depth.as_metres().iter().step_by(DIGEST_STEP);
+        depth.for_each(|z| digest.write_u32(z.to_bits()));
+        let digest = Some(digest.finish());
+        std::mem::replace(&mut self.newest_depth, digest) == digest
+    }
+
     /// Follows the object that was found.
     fn follow(&mut self, Arrived { frame, at }: &Arrived) {
+        let is_frozen = self.is_frozen(frame);
         let State::Tracking(t) = &mut self.state else { return };
         t.reacquisition.answer(&mut t.follower);
         match t.follower.follow(frame) {
@@ -135,6 +150,8 @@ impl Perception<'_> {
                     self.out.note(Note::Error(format!("recognition cannot be asked again: {e}")));
                 }
                 match &mut self.orders {
+                    // It is no new frame: what moves is braked when none comes.
+                    Some(_) if is_frozen => {}
                     Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.utime, t.arrived),
                     Some(orders) => orders.frame_missed_it(),
                     None => {}
@@ -177,6 +194,7 @@ mod tests {
     };
     use super::*;
     use crate::service::command::{Action, Command};
+    use linkage_driver::DepthImage;
     use linkage_driver::live::host_utime;
 
     fn searched(state: &State) -> usize {
@@ -188,7 +206,7 @@ mod tests {
         let (mut perception, noted) = perception();
         let action = Action::StartDemonstration { object: "door".to_owned() };
         let valid_until = host_utime() + 1_000_000;
-        perception.handle_command(Command { utime: 1, valid_until, action });
+        perception.handle_command(Command { utime: 1, valid_until, expires: None, action });
         (1..=3).for_each(|utime| perception.look(frame(40_000 * utime)));
         let State::Demonstrating(d) = &perception.state else { panic!("it is demonstrated") };
         assert_eq!(d.learner.tracker().frames(), 3);
@@ -212,6 +230,21 @@ mod tests {
         (1..=2).for_each(|utime| perception.look(frame(utime)));
         assert_eq!(searched(&perception.state), 2);
         assert!(answers(&noted).is_empty(), "the prediction still waits");
+    }
+
+    #[test]
+    fn a_picture_that_comes_again_under_another_stamp_is_that_of_a_frozen_camera() {
+        let (mut perception, _noted) = perception();
+        let mut is_frozen = |utime: i64, nearest_m: f32| {
+            let mut arrived = frame(utime);
+            let (width, height) = (arrived.frame.camera.width, arrived.frame.camera.height);
+            let mut metres = vec![2.0; width * height];
+            metres[0] = nearest_m;
+            arrived.frame.depth = DepthImage::from_metres(width, height, metres).unwrap();
+            perception.is_frozen(&arrived.frame)
+        };
+        let told = [(1, 1.0), (2, 1.001), (3, 1.001), (4, 1.001), (5, 1.0)];
+        assert_eq!(told.map(|(utime, z)| is_frozen(utime, z)), [false, false, true, true, false]);
     }
 
     #[test]

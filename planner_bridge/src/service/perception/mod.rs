@@ -17,6 +17,7 @@ mod waiting;
 
 pub use perceiver::{Inbox, Perception};
 
+use super::learning::Learned;
 use super::losses::Losses;
 use super::publisher::Note;
 use super::stream::Orders;
@@ -35,7 +36,9 @@ impl Perception<'_> {
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) -> (u64, u64) {
         self.watchdog.ready();
         while !is_stopped() {
-            self.watchdog.alive();
+            if !self.inbox.lost.camera_hangs() {
+                self.watchdog.alive();
+            }
             while let Ok(command) = self.inbox.commands.try_recv() {
                 self.handle_command(command);
             }
@@ -55,10 +58,12 @@ impl Perception<'_> {
     /// Does the work that does not depend on frames.
     fn tick(&mut self) {
         if self.losses.age() >= LOSSES_OVER {
-            if let Some(lost) = self.losses.many(&self.inbox.lost, self.looked_at) {
+            // Frames that are skipped because a newer one is there are no loss while nothing is learned.
+            let lost = self.inbox.lost.count();
+            if let Some(lost) = self.losses.many(lost, self.looked_at) {
                 self.out.note(Note::Error(lost));
             }
-            self.losses = Losses::begin(&self.inbox.lost, self.looked_at);
+            self.losses = Losses::begin(lost, self.looked_at);
         }
         match self.orders.as_mut().and_then(Orders::poll) {
             Some(Notice::Ended(Some(why))) => {
@@ -74,22 +79,59 @@ impl Perception<'_> {
         {
             let (command, object) = (*command, learning.object.clone());
             self.state = State::Resting;
-            let result = match result {
-                Ok(learned) => {
-                    self.library = learned.library;
-                    Ok(learned.summary)
+            self.take_learned(&object, result, command);
+        }
+        self.take_cancelled();
+        self.time_out_pending();
+    }
+
+    /// Takes over what was learned, and answers the command that asked for it.
+    fn take_learned(
+        &mut self,
+        object: &str,
+        result: Result<Learned, String>,
+        command: Option<i64>,
+    ) {
+        let result = match result {
+            Ok(Learned { summary, library }) => {
+                if let Some(library) = library {
+                    self.library = library;
                 }
-                Err(reason) => {
-                    let reason = format!("{object}: {reason}");
-                    self.out.note(Note::Error(reason.clone()));
-                    Err(reason)
-                }
+                Ok(summary)
+            }
+            Err(reason) => {
+                let reason = format!("{object}: {reason}");
+                self.out.note(Note::Error(reason.clone()));
+                Err(reason)
+            }
+        };
+        self.publish_status();
+        if let Some(command) = command {
+            self.answer(command, result);
+        }
+    }
+
+    /// What was cancelled too late is stored: it is known from now on, and its answer says so.
+    fn take_cancelled(&mut self) {
+        let mut i = 0;
+        while let Some((learning, _)) = self.cancelled.get(i) {
+            let Some(result) = learning.poll() else {
+                i += 1;
+                continue;
             };
-            self.publish_status();
-            if let Some(command) = command {
-                self.answer(command, result);
+            let (learning, command) = self.cancelled.remove(i);
+            match result {
+                Ok(learned) => {
+                    let summary = format!("{}; it was cancelled too late", learned.summary);
+                    let learned = Ok(Learned { summary, ..learned });
+                    self.take_learned(&learning.object, learned, command);
+                }
+                Err(_) => {
+                    if let Some(command) = command {
+                        self.answer(command, Err("cancelled".to_owned()));
+                    }
+                }
             }
         }
-        self.time_out_pending();
     }
 }

@@ -7,7 +7,7 @@ use super::state::State;
 use crate::service::capture::{Arrived, Lost};
 use crate::service::command::Command;
 use crate::service::config::ServiceConfig;
-use crate::service::learning::LearningWorker;
+use crate::service::learning::{Learning, LearningWorker};
 use crate::service::losses::Losses;
 use crate::service::publisher::{Answer, Note, Outbox, Situation};
 use crate::service::stream::Orders;
@@ -36,7 +36,11 @@ pub struct Perception<'q> {
     pub(super) orders: Option<Orders<'q>>,
     pub(super) library: Library,
     pub(super) state: State,
+    /// What was cancelled while it was learned, with the command that asked for it: it may be stored already.
+    pub(super) cancelled: Vec<(Learning, Option<i64>)>,
     pub(super) looked_at: u64,
+    /// A digest of the newest frame's depth.
+    pub(super) newest_depth: Option<u64>,
     pub(super) arrivals: VecDeque<Instant>,
     pub(super) told: Option<(Instant, Situation)>,
 }
@@ -53,14 +57,16 @@ impl<'q> Perception<'q> {
         Self {
             config: config.clone(),
             learning_worker: LearningWorker { config: skill, store, out: out.clone() },
-            losses: Losses::begin(&inbox.lost, 0),
+            losses: Losses::begin(inbox.lost.count(), 0),
             inbox,
             watchdog: Watchdog::from_environment(),
             out,
             orders,
             library,
             state: State::Resting,
+            cancelled: Vec::new(),
             looked_at: 0,
+            newest_depth: None,
             arrivals: VecDeque::new(),
             told: None,
         }

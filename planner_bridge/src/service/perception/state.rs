@@ -70,4 +70,13 @@ pub struct Pending {
     pub target: Target,
     pub grasp: Option<Point3<f64>>,
     pub since: Instant,
+    /// Nothing is planned for it after this time, microseconds since 1970, if its sender gave one.
+    pub expires: Option<i64>,
+}
+
+impl Pending {
+    /// Its sender does not want it any more.
+    pub fn is_expired(&self, now: i64) -> bool {
+        self.expires.is_some_and(|expires| now > expires)
+    }
 }

@@ -1,16 +1,20 @@
 //! The thread that perceives, for tests: nothing is known to it, and no frame comes.
 
 use super::perceiver::{Inbox, Perception};
-use super::state::Pending;
+use super::state::{Pending, Tracking};
 use crate::limits::Rig;
+use crate::plan::test_data::fridge;
 use crate::service::capture::{Arrived, Lost};
 use crate::service::config::{Playback, ServiceConfig};
 use crate::service::observer::Observer;
 use crate::service::publisher::{Answer, Note, Outbox};
+use crate::service::reacquire::Reacquisition;
 use linkage_driver::live::{LatestReader, LatestWriter, latest};
 use linkage_driver::{ColorImage, DepthImage, PinholeCamera, RgbdFrame};
 use linkage_skill::SkillConfig;
+use linkage_skill::object::Appearance;
 use linkage_skill::predict::Target;
+use linkage_skill::recognise::{Follower, KnownObject};
 use linkage_skill::store::Library;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -42,6 +46,23 @@ pub fn perception_with_frames() -> (Perception<'static>, LatestReader<Note>, Lat
     (perception, noted, frame_writer)
 }
 
+/// A fridge that is followed, as it was seen a moment ago.
+pub fn tracked() -> Tracking {
+    let (model, recognised) = fridge();
+    let object = Arc::new(KnownObject::new(model, &Appearance::default()));
+    let follower = Follower::new(Arc::clone(&object), &recognised).expect("its pose is one");
+    Tracking {
+        object,
+        follower,
+        recognised,
+        seen: true,
+        utime: 1,
+        arrived: Instant::now(),
+        pending: None,
+        reacquisition: Reacquisition::begun_now(),
+    }
+}
+
 /// All notes so far.
 pub fn notes(noted: &LatestReader<Note>) -> Vec<Note> {
     std::iter::from_fn(|| noted.pop(Duration::ZERO).ok()).collect()
@@ -57,7 +78,7 @@ pub fn answers(noted: &LatestReader<Note>) -> Vec<Answer> {
 pub fn asked_for(seconds_ago: u64) -> Pending {
     let since = Instant::now().checked_sub(Duration::from_secs(seconds_ago));
     let since = since.expect("the machine runs for longer");
-    Pending { command: 7, joint: None, target: Target::Open, grasp: None, since }
+    Pending { command: 7, joint: None, target: Target::Open, grasp: None, since, expires: None }
 }
 
 /// A grey wall 2 m away, which has just arrived.

@@ -28,7 +28,8 @@ impl Perception<'_> {
         if !(t.seen && fresh) {
             return;
         }
-        if t.pending.is_none() {
+        if t.pending.as_ref().is_none_or(|pending| pending.is_expired(host_utime())) {
+            // One that has expired is refused by `time_out_pending`.
             return;
         }
         // What moves is braked first, or just about to arrive.
@@ -94,17 +95,24 @@ impl Perception<'_> {
                 (&mut w.pending, reason)
             }
             State::Tracking(t) => {
-                let reason = match t.seen {
-                    true => stale(t.arrived.elapsed()),
-                    false => format!("{} is not seen now", t.object.model.object),
+                let age = t.arrived.elapsed();
+                let is_fresh = age.as_secs_f64() <= self.config.rig.safety.frame_age;
+                let reason = match (t.seen, is_fresh) {
+                    (false, _) => format!("{} is not seen now", t.object.model.object),
+                    (true, false) => stale(age),
+                    (true, true) => "what moves is still being braked".to_owned(),
                 };
                 (&mut t.pending, reason)
             }
             _ => return,
         };
-        if pending.as_ref().is_some_and(|p| p.since.elapsed() > TIMEOUT)
+        let is_expired = pending.as_ref().is_some_and(|p| p.is_expired(host_utime()));
+        let has_waited = pending.as_ref().is_some_and(|p| p.since.elapsed() > TIMEOUT);
+        if (is_expired || has_waited)
             && let Some(refused) = pending.take()
         {
+            let reason =
+                if is_expired { format!("it expired while it waited: {reason}") } else { reason };
             self.answer(refused.command, Err(reason));
         }
     }
@@ -117,8 +125,8 @@ pub fn stale(age: Duration) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::state::Watching;
-    use super::super::test_data::{answers, asked_for, perception};
+    use super::super::state::{Pending, Tracking, Watching};
+    use super::super::test_data::{answers, asked_for, perception, tracked};
     use super::*;
 
     /// What is answered to a prediction that has waited for so long while this object is looked for.
@@ -157,6 +165,26 @@ mod tests {
         perception.execute_pending();
         assert!(answers(&noted).is_empty());
         assert!(matches!(&perception.state, State::Watching(w) if w.pending.is_some()));
+    }
+
+    #[test]
+    fn what_has_expired_while_it_waited_is_not_planned() {
+        let (mut perception, noted) = perception();
+        let expired = Pending { expires: Some(host_utime() - 1), ..asked_for(0) };
+        perception.state =
+            State::Tracking(Box::new(Tracking { pending: Some(expired), ..tracked() }));
+        perception.execute_pending();
+        assert!(answers(&noted).is_empty(), "nothing is planned");
+        perception.time_out_pending();
+        let answer = answers(&noted).pop().expect("it is refused");
+        assert!(!answer.accepted && answer.text.contains("it expired while it waited"));
+        // One that holds still is planned at once.
+        let holds = Pending { expires: Some(host_utime() + 60_000_000), ..asked_for(0) };
+        perception.state =
+            State::Tracking(Box::new(Tracking { pending: Some(holds), ..tracked() }));
+        perception.execute_pending();
+        let answer = answers(&noted).pop().expect("it is planned");
+        assert!(answer.accepted && answer.done, "{}", answer.text);
     }
 
     #[test]
