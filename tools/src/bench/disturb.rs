@@ -138,8 +138,9 @@ fn watch(lcm: &mut Lcm, limits: &MotionLimits, counts: &Disturbance) {
         let Ok(Some(packet)) = lcm.receive(POLL) else { continue };
         let Ok(now) = decode::<Setpoint>(&packet.bytes) else { continue };
         counts.setpoints.fetch_add(1, Ordering::Relaxed);
-        counts.moves.store(!now.last, Ordering::Relaxed);
-        if now.last && !now.reason.is_empty() {
+        // The last one is sent several times.
+        let has_moved = counts.moves.swap(!now.last, Ordering::Relaxed);
+        if has_moved && now.last && !now.reason.is_empty() {
             counts.braked.fetch_add(1, Ordering::Relaxed);
         }
         if let Some(before) = before.take()

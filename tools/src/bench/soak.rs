@@ -93,7 +93,30 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     if let Some(path) = &args.json {
         write_json(path, &rows)?;
     }
-    Ok(())
+    match faults(&rows).as_slice() {
+        [] => Ok(()),
+        faults => Err(anyhow!("the service is not fit for long use: {}", faults.join("; ")).into()),
+    }
+}
+
+/// Memory may grow by so much from the first third of the rows to the last one, MiB: caches fill, and the resident
+/// memory of a busy process varies by some MiB.
+const MOST_GROWTH_MIB: f64 = 48.0;
+
+/// What must not have happened, in words.
+fn faults(rows: &[Row]) -> Vec<String> {
+    let Some(last) = rows.last() else { return vec!["no row was measured".to_owned()] };
+    let third = rows.len().div_ceil(3);
+    let most = |rows: &[Row]| rows.iter().map(|row| row.resident_mib).fold(0.0, f64::max);
+    let growth = most(&rows[rows.len() - third..]) - most(&rows[..rows.len().min(2 * third)]);
+    let counted = [
+        (last.jumps, "setpoints jumped"),
+        (last.rounds.unanswered, "commands were not answered"),
+        (last.rounds.ran_on, "motions ran on without frames"),
+    ];
+    let counted = counted.iter().filter(|(count, _)| *count > 0);
+    let grown = (growth > MOST_GROWTH_MIB).then(|| format!("memory grew by {growth:.0} MiB"));
+    counted.map(|(count, what)| format!("{count} {what}")).chain(grown).collect()
 }
 
 /// The greater of each limit of hinges and of slides: a setpoint does not tell which a joint is.
@@ -255,4 +278,41 @@ fn resident_mib() -> Outcome<f64> {
     let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"));
     let kib: Option<f64> = line.and_then(|l| l.split_whitespace().next()?.parse().ok());
     Ok(kib.with_context(|| format!("{path} tells no VmRSS"))? / 1024.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(resident_mib: f64) -> Row {
+        Row {
+            minutes: 1.0,
+            resident_mib,
+            peak_mib: resident_mib,
+            frames: 9,
+            dropped_frames: 0,
+            refused: 0,
+            hostile_datagrams: 0,
+            setpoints: 9,
+            jumps: 0,
+            braked: 0,
+            rounds: Rounds::default(),
+        }
+    }
+
+    #[test]
+    fn a_service_whose_memory_is_flat_and_that_answers_has_no_fault() {
+        let rows: Vec<Row> = [90.0, 160.0, 150.0, 170.0, 165.0, 172.0].map(row).into();
+        assert_eq!(faults(&rows), Vec::<String>::new());
+    }
+
+    #[test]
+    fn what_must_not_happen_is_a_fault() {
+        let rounds = Rounds { unanswered: 2, ran_on: 1, ..Rounds::default() };
+        let rows = [row(100.0), row(150.0), Row { jumps: 3, rounds, ..row(260.0) }];
+        let told = faults(&rows);
+        assert_eq!(told.len(), 4, "{told:?}");
+        assert!(told[0].starts_with("3 setpoints") && told[3].contains("grew by 110"), "{told:?}");
+        assert_eq!(faults(&[]).len(), 1);
+    }
 }

@@ -61,18 +61,30 @@ pub fn run(args: &ListenArgs) -> Outcome {
 
 /// What was printed last of each channel.
 #[derive(Default)]
-struct Printed(HashMap<String, (String, Instant)>);
+struct Printed(HashMap<String, Before>);
+
+/// The last line of a channel that was printed.
+struct Before {
+    topic: String,
+    shown: String,
+    at: Instant,
+}
 
 impl Printed {
     /// A line that says something new, or other figures after a while.
     fn is_news(&mut self, channel: &str, line: &Line) -> bool {
         let before = self.0.get(channel);
-        let is_news = line.last
-            || before.is_none_or(|(topic, at)| {
-                *topic != line.topic || channel != channel::STATUS && at.elapsed() >= FIGURES_EVERY
-            });
+        let is_news = before.is_none_or(|before| {
+            let is_due = before.at.elapsed() >= FIGURES_EVERY;
+            // The last setpoint of a motion is sent several times.
+            let is_again = before.shown == line.shown() && !is_due;
+            line.last && !is_again
+                || before.topic != line.topic
+                || channel != channel::STATUS && is_due
+        });
         if is_news {
-            self.0.insert(channel.to_owned(), (line.topic.clone(), Instant::now()));
+            let (topic, shown) = (line.topic.clone(), line.shown());
+            self.0.insert(channel.to_owned(), Before { topic, shown, at: Instant::now() });
         }
         is_news
     }

@@ -14,6 +14,7 @@ use linkage_skill::{Pose, pose_to_array};
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::ops::Range;
 
 /// Frames a second.
 pub const RATE: f64 = 15.0;
@@ -163,7 +164,7 @@ impl<'s> Film<'s> {
         let back = Vector3::new(a.sin() * e.cos(), -a.cos() * e.cos(), e.sin());
         let mut eye = self.scene.target + back * distance;
         let mut target = self.scene.target;
-        if self.scene.moving_camera && self.take == Take::Demonstration {
+        if self.is_camera_moving() {
             let wave = |k: usize, hz: f64| {
                 (std::f64::consts::TAU * hz * t + self.sway[k]).sin() - self.sway[k].sin()
             };
@@ -198,6 +199,18 @@ impl<'s> Film<'s> {
             .flat_map(|(part, pose)| part.solids.iter().map(move |s| (s, pose)));
         let still = self.scene.surroundings.iter().chain(&self.occluder).chain(person);
         object.chain(still.map(|s| (s, Pose::identity()))).collect()
+    }
+
+    /// Numbers of those of [`Self::solids_at`] that stay where they are before a camera that does too; none where
+    /// the camera moves.
+    pub fn still(&self) -> Range<usize> {
+        let of_object: usize = self.scene.parts.iter().map(|part| part.solids.len()).sum();
+        let around = self.scene.surroundings.len() + usize::from(self.occluder.is_some());
+        if self.is_camera_moving() { 0..0 } else { of_object..of_object + around }
+    }
+
+    fn is_camera_moving(&self) -> bool {
+        self.scene.moving_camera && self.take == Take::Demonstration
     }
 
     /// The person at a time; nobody in an encounter.

@@ -1,7 +1,7 @@
 //! Writes a simulated recording: pictures, lists, camera, labels, truth.
 
 use super::film::{Film, RATE, START, Take};
-use super::render::{View, expose};
+use super::render::{Backdrop, View, expose};
 use super::world::{Scene, Solid};
 use super::{sensor, tags};
 use crate::truth::Truth;
@@ -42,10 +42,11 @@ pub fn record(
     }
     let (mut rgb_list, mut depth_list) =
         (String::from("# timestamp filename\n"), String::from("# timestamp filename\n"));
+    let backdrop = backdrop(&film);
     let names: Vec<(String, String)> = (0..frames)
         .into_par_iter()
         .map(|i| {
-            let names = write_frame(&film, dir, i, i as f64 / RATE, seed);
+            let names = write_frame(&film, backdrop.as_ref(), dir, i, seed);
             progress();
             names
         })
@@ -70,36 +71,46 @@ pub fn record(
     Ok(truth)
 }
 
+/// What is the same in all frames of a film; `None` where all of it may change.
+fn backdrop(film: &Film) -> Option<Backdrop> {
+    let still = film.still();
+    let all = film.solids_at(0.0, &[]).into_iter().enumerate();
+    let placed = all.filter(|(number, _)| still.contains(number));
+    let view = View::new(&film.camera, &film.camera_from_world(0.0), placed);
+    (!still.is_empty()).then(|| Backdrop::new(&view, &film.light))
+}
+
+/// What the camera sees at a time, without what stands still.
+fn view<'f>(film: &'f Film, t: f64, person: &'f [Solid]) -> View<'f> {
+    let still = film.still();
+    let all = film.solids_at(t, person).into_iter().enumerate();
+    let moving = all.filter(|(number, _)| !still.contains(number));
+    View::new(&film.camera, &film.camera_from_world(t), moving)
+}
+
 /// Writes the colour and depth of one frame; returns the names of both files.
 fn write_frame(
     film: &Film,
+    backdrop: Option<&Backdrop>,
     dir: &Path,
     index: usize,
-    t: f64,
     seed: u64,
 ) -> anyhow::Result<(String, String)> {
+    let t = index as f64 / RATE;
     let mut noise = sensor::noise_of(seed, index);
     let (width, height) = (film.camera.width, film.camera.height);
     let instants: Vec<f64> =
         (0..INSTANTS).map(|k| t + EXPOSURE * k as f64 / INSTANTS as f64).collect();
     let people: Vec<Vec<Solid>> = instants.iter().map(|&t| film.person_at(t)).collect();
-    let views: Vec<View> = instants
-        .iter()
-        .zip(&people)
-        .map(|(&t, person)| {
-            let solids = film.solids_at(t, person);
-            View::new(&film.camera, &film.camera_from_world(t), solids.into_iter())
-        })
-        .collect();
-    let rgb = sensor::colour(&expose(&views, &film.light), &mut noise);
+    let views: Vec<View> =
+        instants.iter().zip(&people).map(|(&t, person)| view(film, t, person)).collect();
+    let rgb = sensor::colour(&expose(&views, &film.light, backdrop), &mut noise);
     let rgb_name = format!("rgb/{:.6}.png", START + t);
     image_file::write_color(&dir.join(&rgb_name), &ColorImage::new(width, height, rgb)?)?;
 
     let then = t + DEPTH_DELAY;
     let person = film.person_at(then);
-    let solids = film.solids_at(then, &person);
-    let surfaces =
-        View::new(&film.camera, &film.camera_from_world(then), solids.into_iter()).surfaces();
+    let surfaces = view(film, then, &person).surfaces(backdrop);
     let raw = sensor::depth(&surfaces, width, film.camera.depth_units_per_metre, &mut noise);
     let depth_name = format!("depth/{:.6}.png", START + then);
     image_file::write_depth(&dir.join(&depth_name), width, height, &raw)?;

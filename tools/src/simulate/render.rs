@@ -30,6 +30,13 @@ pub struct View<'s> {
     placed: Vec<Placed<'s>>,
 }
 
+/// What may be seen in a row of the picture, the nearest first, and the columns that it may cover.
+struct Row<'p, 's> {
+    placed: Vec<&'p Placed<'s>>,
+    left: f64,
+    right: f64,
+}
+
 /// Light of a room.
 #[derive(Clone, Copy)]
 pub struct Light {
@@ -40,6 +47,20 @@ pub struct Light {
     /// Overall brightness.
     pub gain: f64,
 }
+
+/// What a pixel's ray meets first.
+#[derive(Clone, Copy)]
+pub struct Seen<T> {
+    /// Depth along the optical axis, metres.
+    distance: f32,
+    /// Of two solids at the same place the one is seen that was named first.
+    number: usize,
+    /// What is made of it.
+    shows: T,
+}
+
+/// What the pixels of a picture show, row by row; `None` where nothing is.
+pub type Layer<T> = Vec<Option<Seen<T>>>;
 
 /// What a pixel's ray meets.
 #[derive(Clone, Copy)]
@@ -55,14 +76,13 @@ pub struct SurfacePoint {
 }
 
 impl<'s> View<'s> {
-    /// Places solids, each with the pose of its body in the world.
+    /// Places solids, each with its number and the pose of its body in the world.
     pub fn new(
         camera: &'s PinholeCamera,
         camera_from_world: &Pose,
-        solids: impl Iterator<Item = (&'s Solid, Pose)>,
+        solids: impl Iterator<Item = (usize, (&'s Solid, Pose))>,
     ) -> Self {
         let mut placed: Vec<Placed> = solids
-            .enumerate()
             .filter_map(|(number, (solid, world_from_body))| {
                 let camera_from_solid = camera_from_world * world_from_body * solid.body_from_solid;
                 let centre = Point3::from(camera_from_solid.translation.vector);
@@ -88,21 +108,29 @@ impl<'s> View<'s> {
     }
 
     /// What may be seen in a row of the picture, the nearest first.
-    fn row(&self, v: f64) -> Vec<&Placed<'s>> {
-        self.placed.iter().filter(|p| v >= p.bounds[1] && v <= p.bounds[3]).collect()
+    fn row(&self, v: f64) -> Row<'_, 's> {
+        let all = self.placed.iter().filter(|p| v >= p.bounds[1] && v <= p.bounds[3]);
+        let placed: Vec<&Placed> = all.collect();
+        let left = placed.iter().map(|p| p.bounds[0]).fold(f64::INFINITY, f64::min);
+        let right = placed.iter().map(|p| p.bounds[2]).fold(f64::NEG_INFINITY, f64::max);
+        Row { placed, left, right }
     }
 
-    /// What a pixel shows of its row.
+    /// What a pixel shows of its row before what is `behind`: a depth, metres, and a number.
     fn nearest<'p>(
         &self,
-        row: &[&'p Placed<'s>],
-        u: f64,
-        v: f64,
+        row: &Row<'p, 's>,
+        [u, v]: [f64; 2],
+        behind: Option<(f32, usize)>,
     ) -> Option<(&'p Placed<'s>, Hit, Vector3<f64>)> {
+        if u < row.left || u > row.right {
+            return None;
+        }
         let ray = self.camera.back_project(u, v, 1.0).coords;
         let mut best: Option<(&Placed, Hit)> = None;
-        for p in row {
-            let limit = best.as_ref().map_or(20.0, |(_, h)| h.distance);
+        for p in &row.placed {
+            let before = best.as_ref().map(|(p, h)| (h.distance, p.number)).or(behind);
+            let limit = before.map_or(20.0, |(distance, _)| distance);
             // The ray has unit depth: its length to a place is the place's depth.
             if p.nearest_m > limit {
                 break;
@@ -113,9 +141,8 @@ impl<'s> View<'s> {
             let direction = p.solid_from_camera.rotation * ray;
             if let Some(hit) = p.solid.cast(&p.origin, &direction, limit)
                 && hit.distance > 0.0
-                && best.as_ref().is_none_or(|(before, h)| {
-                    hit.distance < h.distance
-                        || hit.distance == h.distance && p.number < before.number
+                && before.is_none_or(|(distance, number)| {
+                    hit.distance < distance || hit.distance == distance && p.number < number
                 })
             {
                 best = Some((p, hit));
@@ -124,22 +151,57 @@ impl<'s> View<'s> {
         best.map(|(p, hit)| (p, hit, ray))
     }
 
-    /// The surface at a pixel.
-    fn surface(&self, row: &[&Placed], u: f64, v: f64) -> Option<SurfacePoint> {
-        let (p, hit, ray) = self.nearest(row, u, v)?;
+    /// What a pixel shows of its row, or of what is behind it.
+    fn seen<T: Copy>(
+        &self,
+        row: &Row,
+        pixel: [f64; 2],
+        behind: Option<Seen<T>>,
+        shows: impl Fn(&Placed, &Hit, &Vector3<f64>) -> T,
+    ) -> Option<Seen<T>> {
+        match self.nearest(row, pixel, behind.as_ref().map(|b| (b.distance, b.number))) {
+            Some((p, hit, ray)) => {
+                let (distance, number) = (hit.distance, p.number);
+                Some(Seen { distance, number, shows: shows(p, &hit, &ray) })
+            }
+            None => behind,
+        }
+    }
+
+    /// A layer of what each pixel shows, at a place within it, before what is behind it.
+    fn layer<T: Copy + Send + Sync>(
+        &self,
+        [du, dv]: [f64; 2],
+        behind: Option<&Layer<T>>,
+        shows: impl Fn(&Placed, &Hit, &Vector3<f64>) -> T + Sync,
+    ) -> Layer<T> {
+        let width = self.camera.width;
+        let mut all = vec![None; width * self.camera.height];
+        all.par_chunks_mut(width).enumerate().for_each(|(line, layer)| {
+            let v = line as f64 + dv;
+            let row = self.row(v);
+            for (u, seen) in layer.iter_mut().enumerate() {
+                let behind = behind.and_then(|layer| layer[line * width + u]);
+                *seen = self.seen(&row, [u as f64 + du, v], behind, &shows);
+            }
+        });
+        all
+    }
+
+    /// The surface that a ray meets.
+    fn surface(p: &Placed, hit: &Hit, ray: &Vector3<f64>) -> SurfacePoint {
         let normal = p.solid_from_camera.rotation.inverse() * hit.normal;
-        Some(SurfacePoint {
+        SurfacePoint {
             z: f64::from(hit.distance),
             cosine: -normal.dot(&ray.normalize()),
             label: p.solid.label,
             depth_loss: p.solid.material.depth_loss,
-        })
+        }
     }
 
-    /// Lit colour at a pixel, 0-255.
-    fn colour(&self, row: &[&Placed], u: f64, v: f64, light: &Light) -> [f32; 3] {
-        let Some((p, hit, ray)) = self.nearest(row, u, v) else { return [30.0; 3] };
-        let (x, y) = p.solid.surface_coordinates(&hit);
+    /// Lit colour of what a ray meets, 0-255.
+    fn colour(&self, p: &Placed, hit: &Hit, ray: &Vector3<f64>, light: &Light) -> [f32; 3] {
+        let (x, y) = p.solid.surface_coordinates(hit);
         let paint = p.solid.material.texture.at(x, y);
         let in_camera = Point3::from(ray * f64::from(hit.distance));
         let in_world = self.world_from_camera * in_camera;
@@ -151,33 +213,55 @@ impl<'s> View<'s> {
         paint.map(|c| c * strength)
     }
 
-    /// Surfaces of all pixels.
-    pub fn surfaces(&self) -> Vec<Option<SurfacePoint>> {
-        let width = self.camera.width;
-        let mut all = vec![None; width * self.camera.height];
-        all.par_chunks_mut(width).enumerate().for_each(|(v, surfaces)| {
-            let row = self.row(v as f64);
-            for (u, surface) in surfaces.iter_mut().enumerate() {
-                *surface = self.surface(&row, u as f64, v as f64);
-            }
-        });
-        all
+    /// Surfaces of all pixels before a backdrop.
+    pub fn surfaces(&self, backdrop: Option<&Backdrop>) -> Vec<Option<SurfacePoint>> {
+        let behind = backdrop.map(|b| &b.surfaces);
+        let layer = self.layer([0.0; 2], behind, Self::surface);
+        layer.into_iter().map(|seen| seen.map(|s| s.shows)).collect()
     }
 }
 
+/// What the solids that never move show to a camera that never moves: rendered once for all frames of a recording.
+pub struct Backdrop {
+    /// For each place within a pixel.
+    colours: [Layer<[f32; 3]>; PLACES.len()],
+    surfaces: Layer<SurfacePoint>,
+}
+
+impl Backdrop {
+    /// What a view shows.
+    pub fn new(view: &View, light: &Light) -> Self {
+        let colour = |p: &Placed, hit: &Hit, ray: &Vector3<f64>| view.colour(p, hit, ray, light);
+        Self {
+            colours: PLACES.map(|place| view.layer(place, None, colour)),
+            surfaces: view.layer([0.0; 2], None, View::surface),
+        }
+    }
+}
+
+/// Places within a pixel at which colours are taken, one an instant.
+const PLACES: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, 0.25], [-0.25, 0.25], [0.25, -0.25]];
+
+/// Colour where nothing is.
+const NOTHING: [f32; 3] = [30.0; 3];
+
 /// Mean of the colours of views at several instants of the exposure, each at another place
-/// within the pixel; linear, 0-255 and above.
-pub fn expose(views: &[View], light: &Light) -> Vec<[f32; 3]> {
-    const PLACES: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, 0.25], [-0.25, 0.25], [0.25, -0.25]];
+/// within the pixel, before a backdrop; linear, 0-255 and above.
+pub fn expose(views: &[View], light: &Light, backdrop: Option<&Backdrop>) -> Vec<[f32; 3]> {
     let camera = views[0].camera;
     let width = camera.width;
     let mut all = vec![[0.0; 3]; width * camera.height];
-    all.par_chunks_mut(width).enumerate().for_each(|(v, colours)| {
-        for (view, [du, dv]) in views.iter().zip(PLACES.into_iter().cycle()) {
-            let v = v as f64 + dv;
+    all.par_chunks_mut(width).enumerate().for_each(|(line, colours)| {
+        for (view, (k, [du, dv])) in views.iter().zip(PLACES.into_iter().enumerate().cycle()) {
+            let v = line as f64 + dv;
             let row = view.row(v);
+            let behind = backdrop.map(|b| &b.colours[k][line * width..]);
             for (u, sum) in colours.iter_mut().enumerate() {
-                let colour = view.colour(&row, u as f64 + du, v, light);
+                let behind = behind.and_then(|layer| layer[u]);
+                let shows =
+                    |p: &Placed, hit: &Hit, ray: &Vector3<f64>| view.colour(p, hit, ray, light);
+                let seen = view.seen(&row, [u as f64 + du, v], behind, shows);
+                let colour = seen.map_or(NOTHING, |s| s.shows);
                 sum.iter_mut().zip(colour).for_each(|(s, c)| *s += c);
             }
         }
