@@ -138,6 +138,8 @@ mod vision_error;
 
 pub use config::SkillConfig;
 pub use learn::{Demonstration, LearnError, Learner};
+/// Frames, cameras and depth: what the skill takes in.
+pub use linkage_frames as frames;
 pub use math::rigid::{Pose, pose_from_array, pose_to_array};
 pub use object::{Joint, ObjectModel, Part};
 pub use vision_error::VisionError;

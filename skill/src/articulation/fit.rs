@@ -1,5 +1,5 @@
 //! Maximum-likelihood joints with an outlier component (Sturm et al. 2011, section 3),
-//! ranked by BIC (paper, Eq. 10).
+//! ranked by BIC (paper, Eq. 11).
 //!
 //! Two departures, because consecutive samples of a motion are not independent: the
 //! likelihood counts *effective* observations, estimated from the autocorrelation of the

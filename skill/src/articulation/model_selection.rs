@@ -1,4 +1,4 @@
-//! Scores fitted joints by the Bayesian information criterion (paper, Eq. 10), and estimates their
+//! Scores fitted joints by the Bayesian information criterion (paper, Eq. 11), and estimates their
 //! covariance.
 
 use super::fitted_joint::FittedJoint;

@@ -1,5 +1,5 @@
 //! The kinematic tree: the minimum spanning tree of all links, weighted by BIC (paper,
-//! Eq. 7; Sturm et al. 2011, section 4).
+//! Eq. 8; Sturm et al. 2011, section 4).
 
 /// A candidate link between two parts.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,7 @@
 //! Rows of fields in a text file that some other program wrote.
 //!
-//! Fields are separated by white space, tabs, `,` or `;`. `#`, `%` and `//` begin a comment.
+//! Fields are separated by white space, tabs, `,` or `;`. `#`, `%` and `//` begin a comment,
+//! and so does `;` at the beginning of a line.
 //! A byte order mark, any of the three line ends, and comments in any encoding are tolerated.
 
 use std::borrow::Cow;
@@ -81,11 +82,18 @@ pub fn rows(text: &str) -> impl Iterator<Item = Row<'_>> {
     text.lines().enumerate().filter_map(|(i, line)| {
         let line = trimmed(line);
         let behind_mark = ["#", "%", "//"].iter().find_map(|mark| line.strip_prefix(mark));
+        let behind_mark = behind_mark.or_else(|| behind_semicolon(line));
         let content = behind_mark.unwrap_or_else(|| before_comment(line));
-        let fields = split(trimmed(content.trim_start_matches(['#', '%', '/'])));
+        let fields = split(trimmed(content.trim_start_matches(['#', '%', '/', ';'])));
         let is_comment = behind_mark.is_some();
         (!fields.is_empty()).then_some(Row { line: i + 1, is_comment, fields })
     })
+}
+
+/// What stands behind a semicolon that begins a comment. One that separates fields, the first of which is empty, has
+/// others behind it.
+fn behind_semicolon(line: &str) -> Option<&str> {
+    line.strip_prefix(';').filter(|rest| rest.starts_with(';') || !rest.contains(';'))
 }
 
 /// The part of a line before a comment. A mark inside a field (`1.#QNAN`) begins none.
@@ -182,6 +190,17 @@ mod tests {
             assert_eq!(fields(line), ["0.5", "1", "-2"], "{line}");
         }
         assert_eq!(fields("0,5 1,25 -2,0"), ["0.5", "1.25", "-2.0"]);
+    }
+
+    #[test]
+    fn a_line_that_begins_with_a_comments_mark_is_a_comment() {
+        for mark in ["#", "##", "%", "//", ";", ";;"] {
+            let text = format!("{mark} made by a tracker\n1 2 3\n");
+            let all: Vec<Row> = rows(&text).collect();
+            assert_eq!((all[0].is_comment, all[1].is_comment), (true, false), "{mark}");
+            assert_eq!(all[0].fields, ["made", "by", "a", "tracker"], "{mark}");
+        }
+        assert!(!rows(";2;3").next().unwrap().is_comment, "its first field is empty");
     }
 
     #[test]

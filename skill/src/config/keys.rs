@@ -3,8 +3,9 @@
 //! In: a configuration as a table. Out: its text with an explanation above each value, or what is wrong
 //! with one of its keys. Explanations are the doc comments of the structs.
 
-use super::values::{LearnConfig, PlanesConfig, SkillConfig};
+use super::values::SkillConfig;
 use crate::explained_config::Explanation;
+use crate::learn::config::{LearnConfig, PlanesConfig};
 use crate::learn::joint_search::config::JointSearchConfig;
 use crate::learn::tracking::TrackConfig;
 use crate::recognise::config::RecogniseConfig;

@@ -5,6 +5,7 @@ mod keys;
 pub(crate) mod merge;
 mod values;
 
+pub use crate::learn::config::{LearnConfig, Method, PlanesConfig};
 pub use crate::learn::joint_search::config::JointSearchConfig;
 pub use crate::learn::tracking::{DepthLift, DescriptorKind, FlowMethod, TrackConfig};
 pub use crate::recognise::config::RecogniseConfig;
@@ -12,7 +13,7 @@ use keys::{check_keys, explained};
 use merge::merge;
 use serde::Deserialize;
 use std::path::Path;
-pub use values::{LearnConfig, Method, PlanesConfig, SkillConfig};
+pub use values::SkillConfig;
 
 /// A configuration that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -91,10 +92,16 @@ fn in_one_line(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learn::LearnSettings;
 
     #[test]
     fn the_default_profile_is_the_default() {
         assert_eq!(SkillConfig::load("default", None).unwrap(), SkillConfig::default());
+    }
+
+    #[test]
+    fn a_learner_learns_with_the_default_profile_where_nothing_is_set() {
+        assert_eq!(LearnSettings::from(&SkillConfig::default()), LearnSettings::default());
     }
 
     #[cfg(feature = "paper")]

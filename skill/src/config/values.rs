@@ -2,46 +2,10 @@
 //! the ablation nor a machine's memory or speed asks for is a constant beside its algorithm.
 
 use crate::explained_config::explained_config;
+use crate::learn::config::{LearnConfig, LearnSettings, PlanesConfig};
 use crate::learn::joint_search::config::JointSearchConfig;
 use crate::learn::tracking::TrackConfig;
 use crate::recognise::config::RecogniseConfig;
-use serde::{Deserialize, Serialize};
-
-/// Which method learns.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// The paper's: cluster tracks, then poses, then models.
-    #[cfg(feature = "paper")]
-    #[serde(rename = "clusters")]
-    Paper,
-    /// Ours: joints with a shared configuration fitted directly to the tracks.
-    #[serde(rename = "joints")]
-    DirectJoints,
-    /// The paper's baseline: Katz et al. 2013.
-    #[cfg(feature = "paper")]
-    Katz,
-}
-
-explained_config! {
-    /// Values of the learner as a whole.
-    pub struct LearnConfig {
-        /// Which method learns: "clusters" (the paper's), "joints" (ours) or "katz" (the paper's
-        /// baseline). Set by the profiles.
-        pub way: Method = Method::DirectJoints,
-    }
-}
-
-explained_config! {
-    /// Values of the search for plain parts, and for those that leave their places.
-    pub struct PlanesConfig {
-        /// Plain parts are sought beside the joints that tracks show, and joints are followed by their
-        /// planes where their tracks are lost. Set by the ablation.
-        pub enabled: bool = true,
-        /// Parts without features and planes are sought by the places that they leave. Set by the ablation.
-        pub vacated: bool = true,
-    }
-}
 
 explained_config! {
     /// Everything that can be set.
@@ -67,5 +31,18 @@ explained_config! {
 impl SkillConfig {
     pub(super) fn to_table(&self) -> toml::Table {
         toml::Table::try_from(self).expect("every value of the configuration has a TOML form")
+    }
+}
+
+impl From<&SkillConfig> for LearnSettings {
+    fn from(config: &SkillConfig) -> Self {
+        Self {
+            profile: config.profile.clone(),
+            seed: config.seed,
+            method: config.learn.way,
+            track: config.track.clone(),
+            joints: config.joints.clone(),
+            planes: config.planes.clone(),
+        }
     }
 }

@@ -1,9 +1,12 @@
-//! Is a hinge attached to anything? Where a door, a lid or a lever turns, there is something that holds
-//! it: pictures show a surface near the line of the hinge, or hide the line. A person who leans turns
-//! about a line in the air, or about one that no picture shows.
+//! Tests whether a hinge is attached to something. The hinge of a door, a lid or a lever is held by
+//! a surface near its line, or its line is hidden. A person who leans turns about a line in free
+//! space, or about a line outside the images.
 //!
-//! Measured on rendered demonstrations: of the lines of true hinges at most 1 % was in the air or outside
-//! the pictures, of that of a leaning trunk all.
+//! In: the line of a hinge, points of its part, and the keyframes; metres.
+//! Out: the share (0 to 1) of the line, over all keyframes, that is in free space or outside the
+//! image.
+//! From: measured on rendered demonstrations. At most 1 % of a true hinge's line had no surface
+//! near it; a leaning trunk's line had none at all.
 
 use super::free_space::{Probe, probe_point};
 use super::recording::Recording;
@@ -12,21 +15,23 @@ use crate::object::joint_geometry::JointGeometry;
 use linkage_frames::RgbdFrame;
 use nalgebra::{Point3, Vector3};
 
-/// Largest share of a hinge's line that may be in the air or outside the pictures.
+/// Largest share of a hinge's line that may be in free space or outside the images.
 pub const MAX_UNATTACHED: f64 = 0.4;
-/// Places along the line that pictures are asked about.
+/// Number of places on the line that are tested in each keyframe.
 const PLACES: usize = 11;
-/// Distance from the line up to which a surface holds it, metres: half the thickness of furniture.
+/// Largest difference in depth between a place on the line and a surface that supports it, metres:
+/// half the thickness of furniture.
 const NEAR_M: f64 = 0.12;
-/// Distance beside a place, in the picture, at which a surface that stays holds it too, metres: the hinge of a
-/// thing that hangs at a wall is at its border.
+/// Distance beside a place, parallel to the image, at which a static surface supports it too,
+/// metres: the hinge of a thing that hangs at a wall is at the border of that thing.
 const BESIDE_M: f64 = 0.025;
-/// Largest share of the keyframes that may see through what stays.
+/// Largest share of the keyframes that may see through a static surface.
 const MAX_THROUGH: f64 = 0.1;
 
-/// Share of the places on a hinge's line beside its part, over all keyframes, that are in the air or
-/// outside the picture. `points` are on the part, in the frame of the line; `camera_from_line` is that
-/// frame's pose at a frame of the recording. 0 where there are no points.
+/// Share of the places on a hinge's line, over all keyframes, that are in free space or outside the
+/// image; 0 without `points`. The places lie along the part, from the 10th to the 90th percentile
+/// of `points`, which are on the part in the frame of the line. `camera_from_line` is the pose of
+/// that frame at a frame of the recording.
 pub fn unattached_ratio(
     line: &JointGeometry,
     points: &[Point3<f64>],
@@ -57,15 +62,16 @@ pub fn unattached_ratio(
     unattached as f64 / (PLACES * recording.keyframes.len()).max(1) as f64
 }
 
-/// The picture shows only what is far behind a place and nothing beside it that stays and could hold it, or not
-/// the place at all.
+/// True if the place is outside the image, or if only free space is seen at it and no static
+/// surface beside it.
 fn is_unattached(
     picture: &RgbdFrame,
     in_camera: &Point3<f64>,
     stays: impl Fn(&Point3<f64>) -> bool,
 ) -> bool {
     let camera = &picture.camera;
-    // What the picture shows at the pixel of a place; `None` outside of it.
+    // The point that the image shows at the pixel of `p`: `None` outside the image, `Some(None)`
+    // without a reading.
     let shown = |p: &Point3<f64>| {
         let px = camera.project(p).filter(|px| camera.sees(px, 3.0))?;
         let reading = |z: f32| camera.back_project(px.x, px.y, f64::from(z));
@@ -81,7 +87,8 @@ fn is_unattached(
     at_place.is_some_and(|r| r.z > in_camera.z + NEAR_M) && !beside.iter().any(holds)
 }
 
-/// Hardly a keyframe sees through a place, in the camera frame of one of them.
+/// True if at most `MAX_THROUGH` of the keyframes see through the point, which is given in the
+/// camera frame of keyframe `frame`.
 fn stays(in_camera: &Point3<f64>, frame: usize, recording: &Recording) -> bool {
     let Recording { ego_motion: base, keyframes, .. } = recording;
     let in_base = base.camera_from_base[frame].inverse() * in_camera;
@@ -101,8 +108,8 @@ mod tests {
     use crate::test_data::{board, seen};
     use nalgebra::UnitVector3;
 
-    /// The share for an upright line, of a board of half a metre's side 2 m before the camera and a wall
-    /// at 4 m.
+    /// Unattached share of an upright line at `x`, `z`, before a board with a side of half a metre
+    /// at 2 m and a wall at 4 m.
     fn unattached_at(x: f64, z: f64) -> f64 {
         let mut keyframes = Keyframes::new(3);
         (0..3).for_each(|f| keyframes.offer(f, &seen(f as i64, board(0.25, 2.0, 4.0))));

@@ -1,16 +1,19 @@
-//! Joints are sought while frames still arrive, on a thread of their own, so that little is left to
-//! do after the last frame.
+//! Searches for joints on a separate thread while frames still arrive, so that little is left to do
+//! after the last frame.
 //!
-//! The result depends on frame numbers alone, not on how fast the threads run: a search starts
-//! after a fixed number of frames, when the one before it is over, and the last one is dropped at
-//! the end.
+//! In: a [`Snapshot`] of the recording after each fixed number of frames.
+//! Out: what the search before the last one found ([`Found`]), in the base frame.
+//!
+//! The result depends on frame numbers alone, not on the speed of the threads: a search starts
+//! after a fixed number of frames, when the search before it is over, and the last search is
+//! dropped at the end.
 
+use super::config::LearnSettings;
 use super::ego_motion::EgoMotion;
-use super::joint_search::{SearchSettings, WarmStart, search_ahead};
+use super::joint_search::{WarmStart, search_ahead};
 use super::keyframes::Keyframes;
 use super::recording::Recording;
 use super::tracking::TrackSet;
-use crate::config::SkillConfig;
 use crate::math::rigid::Pose;
 use crate::object::model::Joint;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -20,36 +23,37 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A search that runs beside the tracker.
+/// Searches for joints beside the tracker, one search at a time.
 pub struct BackgroundSearch {
-    /// One thread: the tracker keeps the others.
+    /// A pool of one thread, so that the tracker keeps the other cores; `None` if no search is
+    /// wanted or the system gives no thread.
     pool: Option<ThreadPool>,
-    /// Frames between two searches.
+    /// Frames from the start of one search to the start of the next.
     every: usize,
     found: Found,
     running: Option<Running>,
-    /// Each search reports its joints to `current_estimate`.
+    /// True if each search reports its joints to `current_estimate`.
     reports_progress: bool,
-    /// Joints of the last search that is over.
+    /// Joints of the last search that reported them.
     current_estimate: Arc<Mutex<Vec<Joint>>>,
 }
 
 /// The frames of a demonstration that have arrived so far.
 pub struct Snapshot {
-    /// Its tracks, in the camera frame.
+    /// Tracks in the camera frame of each frame, metres.
     pub tracks: TrackSet,
-    /// The camera's motion, a pose each frame.
+    /// Pose of the base in the camera, for each frame.
     pub camera_from_base: Vec<Pose>,
-    /// Whole frames.
+    /// Frames that were kept whole.
     pub keyframes: Keyframes,
 }
 
-/// What a search leaves to the next.
+/// Results of a search, from which the next search starts.
 #[derive(Clone, Default)]
 pub struct Found {
-    /// The camera's motion and the tracks in the base frame, up to the last frame of the search.
+    /// Motion of the camera, and the tracks in the base frame, up to the last frame of the search.
     pub ego_motion: Arc<EgoMotion>,
-    /// The joints that were found.
+    /// Joints that were found.
     pub warm_start: WarmStart,
 }
 
@@ -59,14 +63,9 @@ struct Running {
     cancelled: Arc<AtomicBool>,
 }
 
-/// What the joint search needs of the configuration.
-pub fn search_settings(config: &SkillConfig) -> SearchSettings<'_> {
-    SearchSettings { joints: &config.joints, seed: config.seed }
-}
-
 impl BackgroundSearch {
-    /// Searches every `every` frames; never if 0. [`Self::current_estimate`] stays empty unless it
-    /// `reports_progress`.
+    /// Creates a search that starts every `every` frames, never if that is 0.
+    /// [`Self::current_estimate`] stays empty unless it `reports_progress`.
     pub fn new(every: usize, reports_progress: bool) -> Self {
         Self {
             pool: (every > 0).then(single_thread).flatten(),
@@ -78,11 +77,12 @@ impl BackgroundSearch {
         }
     }
 
-    /// Starts a search if one is due after `frames` frames, on what `snapshot` gives.
+    /// Starts a search on what `snapshot` returns, if one is due after `frames` frames; waits for
+    /// the search before it.
     pub fn offer(
         &mut self,
         frames: usize,
-        config: &SkillConfig,
+        settings: &LearnSettings,
         snapshot: impl FnOnce() -> Snapshot,
     ) {
         let Some(pool) = &self.pool else { return };
@@ -90,17 +90,18 @@ impl BackgroundSearch {
             return;
         }
         if let Some(running) = self.running.take() {
-            // A search that panicked has logged it, and left nothing.
+            // A search that panicked has logged a warning and has no result.
             self.found = running.result.recv().unwrap_or_default();
         }
         let (sender, result) = channel();
         let cancelled = Arc::new(AtomicBool::new(false));
-        let (config, earlier, stop) = (config.clone(), self.found.clone(), Arc::clone(&cancelled));
+        let (earlier, stop) = (self.found.clone(), Arc::clone(&cancelled));
+        let settings = settings.clone();
         let report = self.reports_progress.then(|| Arc::clone(&self.current_estimate));
         let snapshot = snapshot();
         pool.spawn(move || {
-            match caught(|| search(snapshot, &earlier, &config, &stop, report.as_deref())) {
-                // Nobody waits for a search that was dropped.
+            match caught(|| search(snapshot, &earlier, &settings, &stop, report.as_deref())) {
+                // Nothing receives the result of a search that was dropped.
                 Ok(found) => drop(sender.send(found)),
                 Err(panic) => tracing::warn!(
                     frames,
@@ -112,7 +113,7 @@ impl BackgroundSearch {
         self.running = Some(Running { result, cancelled });
     }
 
-    /// Drops what was found: frames were forgotten, and it counts them as they were.
+    /// Drops the results: frames were removed, and the results refer to the old frame numbers.
     pub fn start_over(&mut self) {
         if let Some(running) = self.running.take() {
             running.cancelled.store(true, Ordering::Relaxed);
@@ -120,13 +121,13 @@ impl BackgroundSearch {
         self.found = Found::default();
     }
 
-    /// Joints of the last search that is over.
+    /// The joints of the last search that reported them; none if the searches do not report.
     pub fn current_estimate(&self) -> Vec<Joint> {
         self.current_estimate.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// What was found when no more frames come. A search that still runs is dropped: waiting for it
-    /// takes longer than doing without.
+    /// The results when no more frames come. The last search is dropped, over or not: to wait for
+    /// it takes longer than to work without its results.
     pub fn settle(self) -> Found {
         if let Some(running) = self.running {
             running.cancelled.store(true, Ordering::Relaxed);
@@ -135,17 +136,17 @@ impl BackgroundSearch {
     }
 }
 
-/// A pool of one thread; `None`, with a warning, where the system gives none.
+/// A pool of one thread; `None`, with a warning, if the system gives no thread.
 fn single_thread() -> Option<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(1).build();
     pool.inspect_err(|error| tracing::warn!(%error, "no background search for joints")).ok()
 }
 
-/// Searches the frames of a snapshot, from what an `earlier` search found.
+/// Searches the frames of a snapshot, starting from the results of an `earlier` search.
 fn search(
     snapshot: Snapshot,
     earlier: &Found,
-    config: &SkillConfig,
+    settings: &LearnSettings,
     cancelled: &AtomicBool,
     report: Option<&Mutex<Vec<Joint>>>,
 ) -> Found {
@@ -153,16 +154,16 @@ fn search(
     let ego_motion =
         earlier.ego_motion.extended(&tracks, camera_from_base, keyframes.depth_sensor());
     let recording = Recording { tracks, ego_motion, keyframes };
-    let settings = search_settings(config);
+    let search = settings.search();
     let (warm_start, joints) =
-        search_ahead(&recording, &earlier.warm_start, &settings, cancelled, report.is_some());
+        search_ahead(&recording, &earlier.warm_start, &search, cancelled, report.is_some());
     if let (Some(report), Some(joints)) = (report, joints) {
         *report.lock().unwrap_or_else(PoisonError::into_inner) = joints;
     }
     Found { ego_motion: Arc::new(recording.ego_motion), warm_start }
 }
 
-/// The result, or the message of the panic that ended it.
+/// The result of `run`, or the message of its panic.
 fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
     catch_unwind(AssertUnwindSafe(run)).map_err(|panic| message_of(panic.as_ref()))
 }
@@ -204,13 +205,13 @@ mod tests {
 
     /// Frames that the last search over snapshots with this many camera poses leaves to the next.
     fn frames_found(poses: &[usize]) -> usize {
-        let config = SkillConfig::default();
+        let settings = LearnSettings::default();
         let mut background = BackgroundSearch::new(1, false);
         for (i, &poses) in poses.iter().enumerate() {
-            background.offer(i + 1, &config, || snapshot(poses));
+            background.offer(i + 1, &settings, || snapshot(poses));
         }
         // The search before the last one is waited for.
-        background.offer(poses.len() + 1, &config, || snapshot(3));
+        background.offer(poses.len() + 1, &settings, || snapshot(3));
         background.found.warm_start.frames
     }
 

@@ -1,8 +1,11 @@
-//! The path through a table that gains most: dynamic programming.
+//! Finds the path with the largest gain through a table, by dynamic programming.
+//!
+//! From: the Viterbi algorithm.
 
-/// The column of each row, so that what the table gives along the path less the cost of its steps is
-/// greatest (Viterbi). A path goes from row `i` to the next at most `max_steps[i]` columns, any number where
-/// the list has ended; of equal origins the nearest is taken.
+/// The column of each row on the path with the largest gain: the sum of its values in the table
+/// less `cost_of_a_step` for each column that it moves. From row `i` to the next, a path moves at
+/// most `max_steps[i]` columns, and any number of columns after the end of that list. Of origins
+/// with equal gain the nearest is taken.
 pub fn best_path(table: &[Vec<f64>], cost_of_a_step: f64, max_steps: &[usize]) -> Vec<usize> {
     let Some(first) = table.first().filter(|row| !row.is_empty()) else { return Vec::new() };
     let columns = first.len();
@@ -25,7 +28,8 @@ pub fn best_path(table: &[Vec<f64>], cost_of_a_step: f64, max_steps: &[usize]) -
     path
 }
 
-/// The column of the row before from which column `i` is reached with the greatest value.
+/// The largest gain with which column `i` can be reached, and the column of the row before from
+/// which it is reached.
 fn best_origin(best: &[f64], i: usize, cost_of_a_step: f64, max_step: usize) -> (f64, usize) {
     let mut found = (best[i], i);
     for step in 1..=max_step.min(best.len() - 1) {

@@ -1,4 +1,8 @@
-//! All that was learned from one demonstration, put together from the joints that a method found.
+//! Puts together what was learned from one demonstration.
+//!
+//! In: the recording, and the joints that a method found; base frame, metres, radians.
+//! Out: a [`Demonstration`]: the object model with its parts, joints and grasp points, and the pose
+//! of each part in each camera frame.
 
 use super::ego_motion::EgoMotion;
 use super::grasp_point::GraspEstimator;
@@ -7,7 +11,6 @@ use super::learned_joint::{LearnedJoint, LearnedJoints, RejectedCandidate};
 use super::recording::Recording;
 use super::stage_times::StageTimes;
 use super::tracking::{TrackSet, Trajectory};
-use crate::config::SkillConfig;
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointKind;
 use crate::object::model::{MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
@@ -16,35 +19,39 @@ use rayon::prelude::*;
 
 /// All that was learned from one demonstration.
 pub struct Demonstration {
-    /// Parts and joints.
+    /// Parts and joints of the object.
     pub model: ObjectModel,
-    /// `camera_from_part`, a trajectory a part; part axes are the object frame's at the
-    /// reference frame, so that the base's is `camera_from_object`.
+    /// `camera_from_part` of each part, with one pose for each frame. All parts have the axes of
+    /// the object frame at the reference frame, so that the trajectory of the base is
+    /// `camera_from_object`.
     pub camera_from_part: Vec<Trajectory>,
     /// Time of each frame, microseconds.
     pub frame_utimes: Vec<i64>,
-    /// Tracks, for pictures.
+    /// Tracks in the camera frame of each frame, metres.
     pub tracks: TrackSet,
-    /// The part of each track; `None`: not known.
+    /// Part of each track; `None` where it is not known.
     pub track_parts: Vec<Option<usize>>,
-    /// For each part: points on a plain part, which has no tracks, in its coordinates.
+    /// For each part: points of its surface that were found without tracks, in part coordinates,
+    /// metres; empty for other parts.
     pub plain_surface: Vec<Vec<Point3<f64>>>,
-    /// Frames kept for appearance.
+    /// Frames that were kept whole, for the appearance of the parts.
     pub keyframes: Keyframes,
-    /// Moving things that are no part of the object, and why; for a report, not in the model.
+    /// Moving things that are no part of the object, with the reason; for reports, not in the
+    /// model.
     pub rejections: Vec<RejectedCandidate>,
-    /// Where the time went.
+    /// Wall time of each stage.
     pub times: StageTimes,
 }
 
 impl Demonstration {
-    /// Why there is no joint, as a sentence without its full stop: for a demonstration that shows none.
+    /// Reason why the demonstration has no joint, as a sentence without its full stop.
     pub fn why_nothing(&self) -> String {
         why_nothing(&self.rejections)
     }
 }
 
-/// What may well be a part and needs to be shown for longer; else the candidate that most observations speak for.
+/// The reason of the first candidate that may be a part and needs a longer demonstration; else the
+/// candidate with the most observations (tracks times frames).
 fn why_nothing(rejections: &[RejectedCandidate]) -> String {
     if let Some(unclear) = rejections.iter().find(|r| r.needs_more) {
         return format!("{}; nothing was learned", unclear.reason);
@@ -54,10 +61,11 @@ fn why_nothing(rejections: &[RejectedCandidate]) -> String {
     format!("nothing articulated moves; nothing was learned{closest}")
 }
 
-/// Puts a demonstration together: the base and one part a joint, with poses and grasps.
+/// Puts a demonstration together: the base and one part for each joint, with poses and grasp
+/// points.
 pub(super) fn assemble(
     object: &str,
-    config: &SkillConfig,
+    profile: String,
     recording: Recording,
     learned: LearnedJoints,
     mut times: StageTimes,
@@ -86,7 +94,7 @@ pub(super) fn assemble(
         parts,
         joints: joints.into_iter().map(|j| j.joint).collect(),
         demonstrations: 1,
-        profile: config.profile.clone(),
+        profile,
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     debug_assert!(model.joints.iter().all(|j| j.kind != JointKind::Fixed));
@@ -123,7 +131,7 @@ fn poses_in_camera(base: &EgoMotion, joints: &[LearnedJoint]) -> Vec<Trajectory>
     std::iter::once(of_base).chain(joints.iter().map(of_joint)).collect()
 }
 
-/// The part of each track: the base for those that rest; `None` where it is not known.
+/// The part of each track: the base for static tracks; `None` where it is not known.
 fn parts_of_tracks(base: &EgoMotion, joints: &[LearnedJoint]) -> Vec<Option<usize>> {
     let mut parts: Vec<Option<usize>> =
         base.tracks.iter().map(|t| (!t.moves).then_some(0)).collect();
@@ -135,7 +143,8 @@ fn parts_of_tracks(base: &EgoMotion, joints: &[LearnedJoint]) -> Vec<Option<usiz
     parts
 }
 
-/// The point at which the part of a joint was held.
+/// The point at which the part of a joint was held, in part coordinates, metres; `None` if no hand
+/// was found.
 fn grasp_of(
     learned: &LearnedJoint,
     tracks: &TrackSet,
@@ -151,8 +160,8 @@ fn grasp_of(
     estimator.grasp(keyframes)
 }
 
-/// Places of tracks on their part, in its coordinates: where each was first seen while the pose of the
-/// part is known. For a plain part these are places on its plane.
+/// Points on the part, in its coordinates: the place of each track where it was first seen while
+/// the pose of the part is known, and the points that were found without tracks.
 fn surface_of(
     set: &TrackSet,
     learned: &LearnedJoint,

@@ -1,23 +1,26 @@
-//! Parts that make one surface while they rest: the doors and drawers of one front. Pictures see through the
-//! place of each while that part is away, and between the motions of two parts all of them rest: a surface is
-//! divided by the episode in which its samples were away.
+//! Separates parts that form one surface while they rest, such as the doors and drawers of one front, by the
+//! time at which they move. Depth images see through the place of a part while it is away, and between the
+//! motions of two parts all of them rest.
 //!
-//! In: for each sample of a surface the keyframes that see through its place. Out: an episode for each sample. Two
-//! parts that are away at the same time are not told apart here, nor are those whose episodes are between each other:
-//! of a board that tilts about its middle one half lies before where it rests and the other behind it, and pictures
-//! see through the one before and after they see through the other.
+//! In: for each sample of a surface, the keyframes that see through its place. Out: the number of the episode
+//! (the motion of one part) of each sample.
+//!
+//! Two parts that are away at the same time are not separated. Neither are parts of which one moves between
+//! two motions of the other: when a board tilts about its middle, one half moves in front of its rest
+//! position and the other half behind it, and images see through the place of the first half before and after
+//! they see through the place of the second.
 
-/// Keyframes that were asked and see something behind a place, as bits, in the order of time.
+/// Set of the tested keyframes that see something behind a place: one bit for each, in the order of time.
 pub type AwayKeyframes = u64;
 
-/// Least share of a surface's samples that are away for a keyframe to be of an episode.
+/// Smallest share of a surface's samples that are away in a keyframe of an episode.
 const LEAST_AWAY: f64 = 0.05;
-/// Fewest asked keyframes without motion between two episodes.
+/// Smallest number of tested keyframes without motion between two episodes.
 const FEWEST_BETWEEN: usize = 2;
-/// Largest share of the samples that may be away in both of two episodes; more are of a part that moved twice.
+/// Largest share of the samples that may be away in both of two episodes; above it, one part moved twice.
 const MOST_IN_BOTH: f64 = 0.1;
 
-/// The episode of each sample, from 0 on.
+/// The episode of each sample, from 0; 0 for all samples if the episodes do not follow one another.
 pub fn episodes(away: &[AwayKeyframes]) -> Vec<usize> {
     let mut episodes = intervals(away);
     while let Some((a, b)) = pair_of_one_part(&episodes, away) {
@@ -34,7 +37,7 @@ pub fn episodes(away: &[AwayKeyframes]) -> Vec<usize> {
     away.iter().map(of).collect()
 }
 
-/// Times, as bits, between which hardly any sample is away.
+/// Intervals of time, as sets of keyframes, between which hardly any sample is away.
 fn intervals(away: &[AwayKeyframes]) -> Vec<AwayKeyframes> {
     let least = (LEAST_AWAY * away.len() as f64).max(1.0);
     let is_away = |bit: usize| away.iter().filter(|a| *a >> bit & 1 == 1).count() as f64 >= least;
@@ -54,7 +57,7 @@ fn intervals(away: &[AwayKeyframes]) -> Vec<AwayKeyframes> {
     found
 }
 
-/// Two episodes, the earlier first, in both of which many samples are away.
+/// Two episodes, the earlier first, in both of which many samples are away: they are motions of one part.
 fn pair_of_one_part(episodes: &[AwayKeyframes], away: &[AwayKeyframes]) -> Option<(usize, usize)> {
     let in_both = |a: usize, b: usize| {
         away.iter().filter(|s| *s & episodes[a] != 0 && *s & episodes[b] != 0).count()

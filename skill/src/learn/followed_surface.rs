@@ -1,4 +1,8 @@
-//! A part that no track shows: its surface, followed along a joint, as the joint that is reported.
+//! Makes a learned joint of a surface that was followed along a joint without tracks.
+//!
+//! In: the joint, points of the surface, and the configuration in each frame that shows it; base
+//! frame, metres, radians.
+//! Out: a [`LearnedJoint`] of which the base is the parent.
 
 use super::learned_joint::{LearnedJoint, orient, range_of};
 use super::recording::Recording;
@@ -7,22 +11,24 @@ use crate::object::joint_geometry::JointGeometry;
 use crate::object::model::{Joint, covariance_rows};
 use nalgebra::{Matrix6, Point3};
 
-/// A surface with the joint that moves it, base frame.
+/// A surface and the joint that moves it, in the base frame.
 pub struct FollowedSurface<'s> {
-    /// The joint.
+    /// Type and line of the joint.
     pub geometry: JointGeometry,
-    /// Covariance of its (axis, origin).
+    /// Covariance of the joint's (axis, origin).
     pub covariance: Matrix6<f64>,
-    /// Places on the surface at configuration 0.
+    /// Points of the surface at configuration 0.
     pub points: &'s [Point3<f64>],
-    /// Frames that show it, and its configuration in each.
+    /// Frames that show the surface, each with the configuration of the joint.
     pub configuration: Vec<(usize, f64)>,
-    /// How far readings are from where the joint puts the surface, metres.
+    /// Distance of the readings from the surface as the joint places it, metres: root mean square
+    /// for a plain part, median for a vacated surface.
     pub rmse: f64,
 }
 
 impl FollowedSurface<'_> {
-    /// As a joint of the base; its configuration is known in the frames that show it.
+    /// The surface as a joint of the base; the configuration is known in the frames that show the
+    /// surface.
     pub fn into_learned(self, recording: &Recording) -> LearnedJoint {
         let mut geometry = self.geometry;
         let (frames, mut configuration): (Vec<usize>, Vec<f64>) =

@@ -1,62 +1,66 @@
-//! The free-space test: a model claims that a part has a surface at some points; a depth picture
+//! The free-space test. A model claims that a part has a surface at some points; a depth image
 //! contradicts it where it shows something behind such a point. An arm moves with the part that it
-//! holds, but is there only part of the time: other pictures see through the places where the model
+//! holds, but is there only part of the time: other images see through the places where the model
 //! would have it.
+//!
+//! In: a depth image, points of a part, and the pose of the part in the camera; metres.
+//! Out: the number of points that the image sees through, and of those that it finds in place.
 
 use crate::math::rigid::{Pose, matrix_pose};
 use linkage_frames::RgbdFrame;
 use linkage_frames::depth::DepthSensor;
 use nalgebra::Point3;
 
-/// What a depth picture says about a point.
+/// What a depth image shows at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Probe {
-    /// Something behind it was seen.
+    /// All readings around the point are behind it: it is in free space.
     Through,
-    /// Its surface was seen.
+    /// A reading around the point is at its depth, or some are in front of it and some behind it.
     Agrees,
-    /// Hidden, outside, or no reading.
+    /// The point is hidden, outside the image, or without a reading.
     Unknown,
 }
 
-/// Points of a part that a picture sees through, and those that it finds in their places.
+/// Number of points of a part that depth images see through, and of those that they find in place.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct FreeSpaceCounts {
-    /// Something behind them is seen.
+    /// Points behind which something is seen.
     pub through: usize,
-    /// Their surface is seen.
+    /// Points at which a surface is seen.
     pub agrees: usize,
 }
 
 impl FreeSpaceCounts {
-    /// Counts what was found elsewhere, too.
+    /// Adds the counts of another image.
     pub fn add(&mut self, other: Self) {
         self.through += other.through;
         self.agrees += other.agrees;
     }
 
-    /// Points of which the pictures show something.
+    /// Number of points that are either seen through or found in place.
     pub fn count(self) -> usize {
         self.through + self.agrees
     }
 
-    /// How many more are found than seen through.
+    /// Number of points found in place less the number seen through.
     pub fn margin(self) -> i64 {
         self.agrees as i64 - self.through as i64
     }
 
-    /// Share that is seen through.
+    /// Share of the counted points that are seen through, 0 to 1.
     pub fn share_through(self) -> f64 {
         self.through as f64 / self.count().max(1) as f64
     }
 
-    /// Hardly ever seen through, of one point in many pictures.
+    /// True if one point in many images is seen through fewer than three times, or in less than a
+    /// third of the images that count.
     pub fn mostly_agrees(self) -> bool {
         self.through < 3 || 3 * self.through < self.count()
     }
 }
 
-/// What a picture shows of points of a part.
+/// Counts the points of a part that a depth image sees through, and those that it finds in place.
 pub fn count_free_space(
     picture: &RgbdFrame,
     points: &[Point3<f64>],
@@ -74,13 +78,13 @@ pub fn count_free_space(
     found
 }
 
-/// Columns and rows from a place's pixel to those that are asked about it.
+/// Columns and rows from the pixel of a point to the readings that are compared with it.
 const AROUND: [(isize, isize); 9] =
     [(0, 0), (-2, -2), (0, -2), (2, -2), (-2, 0), (2, 0), (-2, 2), (0, 2), (2, 2)];
-/// Pixels at the border of a picture that are not asked.
+/// Width of the image border in which points are not tested, pixels.
 const BORDER_PX: f64 = 3.0;
 
-/// What a depth picture says about a point in the camera frame, by the readings around its pixel.
+/// Compares a point in the camera frame with the depth readings around its pixel.
 pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     let Some(pixel) = picture.camera.project(in_camera) else { return Probe::Unknown };
     if !picture.camera.sees(&pixel, BORDER_PX) {
@@ -92,7 +96,8 @@ pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     let margin = depth_margin(picture.camera.depth_sensor, in_camera.z);
     let (near, far) = (in_camera.z - margin, in_camera.z + margin);
     let (mut reaches, mut ends) = (false, false);
-    // The reading at the place itself most often decides. Where there is none, no comparison holds.
+    // The first reading, at the pixel itself, most often decides. A missing reading is NaN, for
+    // which no comparison holds.
     for (x, y) in AROUND {
         let z = readings.get((middle + y * width + x) as usize).map_or(f64::NAN, |z| f64::from(*z));
         reaches |= z >= near;
@@ -104,7 +109,7 @@ pub fn probe_point(picture: &RgbdFrame, in_camera: &Point3<f64>) -> Probe {
     if reaches { Probe::Through } else { Probe::Unknown }
 }
 
-/// Difference of depths up to which they may be of one surface, at depth `z`; metres.
+/// Largest difference between two depths of one surface at depth `z`, metres.
 pub fn depth_margin(sensor: DepthSensor, z: f64) -> f64 {
     0.02 + 1.5 * sensor.feature_sigma(z)
 }

@@ -1,5 +1,9 @@
-//! Where the demonstrator's hand held a part: what moved with the part while it moved, and was
-//! not there while it rested. A planner may hold it in the same place.
+//! Finds where the demonstrator's hand held a part: at places that moved with the part while it
+//! moved, and were empty while it rested. A planner may hold the part in the same place.
+//!
+//! In: poses of the part and of its parent in the camera, points of the part, and the keyframes;
+//! metres.
+//! Out: the middle of the grip, in part coordinates; `None` if no hand is found.
 
 use super::keyframes::Keyframes;
 use super::tracking::Trajectory;
@@ -10,52 +14,57 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
-/// Side of the cells of space that are asked about, metres; at twice this distance twice as large.
+/// Side of a cell of space for a part up to 1 m away, metres; beyond, it grows in proportion to the
+/// depth.
 const CELL_M: f64 = 0.015;
-/// Pixels between those that are looked at.
+/// Step from one pixel that is read to the next, in columns and in rows.
 const PIXEL_STRIDE: usize = 3;
-/// Frames over which a part is seen to move or to rest.
+/// Frames before and after a keyframe over which the travel of a part is measured.
 const SPAN: usize = 4;
-/// Smallest travel of a moving part's middle over these frames, metres.
+/// Smallest travel of the part's middle around a keyframe in which the part moves, metres.
 const MOVES_M: f64 = 0.008;
-/// Largest travel of a resting part's middle over these frames, metres.
+/// Largest travel of the part's middle around a keyframe in which the part rests, metres.
 const RESTS_M: f64 = 0.002;
-/// Fewest and most keyframes in which the part moves, and the same of those in which it rests.
+/// Smallest and largest number of keyframes in which the part moves, and of those in which it
+/// rests.
 const KEYFRAMES: [usize; 2] = [4, 14];
-/// Share of the moving keyframes in which a held place is filled.
+/// Smallest share of the moving keyframes in which a held place is filled.
 const FILLED: f64 = 0.6;
-/// Share of the resting keyframes that must agree on what is at a place then.
+/// Smallest share of the resting keyframes that agree on what is at a place, of those that show it.
 const AGREEING: f64 = 0.7;
-/// Depth in front of and behind a place that is the place itself, metres.
+/// Largest difference in depth between a place and a reading that shows the place itself, metres.
 const THICKNESS_M: f64 = 0.02;
-/// How far from the part's tracks its surface and the hand are looked for, metres.
+/// Distance from the known points of the part within which its surface and the hand are searched,
+/// metres.
 const REACH_M: f64 = 0.15;
 /// Largest distance of the hand from the part's surface, metres.
 const HAND_M: f64 = 0.1;
-/// How much farther from the surface than its nearest place the grip reaches, metres.
+/// Largest additional distance of the grip from the surface, beyond that of the hand's nearest
+/// place, metres.
 const GRIP_M: f64 = 0.02;
-/// Smallest travel of a held place, as a share of the farthest travel of the part's tracks,
-/// outliers included: a hand is where it moves the part with little force. What is near a hinge
-/// hardly moves, whatever it is.
+/// Smallest travel of a held place, as a share of the farthest travel of the part's points,
+/// outliers included. A hand holds a part where little force moves it; near a hinge hardly anything
+/// moves, whatever it is.
 const LEVER: f64 = 0.5;
-/// Distance between cells that belong together, in sides of a cell.
+/// Largest distance between connected cells, in sides of a cell.
 const LINKED: f64 = 2.0;
-/// Fewest cells of a hand.
+/// Smallest number of cells of a hand.
 const LEAST_CELLS: usize = 12;
 
-/// A part with what is known of its motion.
+/// A part with its motion and its surface.
 pub struct GraspEstimator<'h> {
-    /// Its pose in each frame; part axes are the camera's at the first frame.
+    /// Pose of the part in the camera, for each frame; the part has the axes of the camera at the
+    /// first frame.
     pub camera_from_part: &'h Trajectory,
-    /// That of what carries it.
+    /// Pose of the parent, which carries the part, in the camera, for each frame.
     pub camera_from_parent: &'h Trajectory,
-    /// Places on it, in its own coordinates.
+    /// Points of the part, in part coordinates, metres.
     pub surface: Vec<Point3<f64>>,
 }
 
 impl GraspEstimator<'_> {
-    /// The point that was held, in the part's coordinates; `None` where no hand was seen to hold
-    /// it.
+    /// The point that was held, in part coordinates; `None` if no hand is found that holds the
+    /// part.
     pub fn grasp(&self, keyframes: &Keyframes) -> Option<Point3<f64>> {
         let middle = median_point(&self.surface)?;
         let frames = |wanted: fn(f64) -> bool| -> Vec<(Pose, &RgbdFrame)> {
@@ -89,7 +98,8 @@ impl GraspEstimator<'_> {
         grip(&largest_piece(&hand, LINKED * cell), &own)
     }
 
-    /// How far the part's middle moves round a frame, against what carries it.
+    /// Travel of the part's middle relative to its parent, from `SPAN` frames before a frame to
+    /// `SPAN` frames after it, metres.
     fn travel(&self, frame: usize, middle: &Point3<f64>) -> Option<f64> {
         let at = |f: usize| {
             let parent_from_camera = (*self.camera_from_parent.get(f)?)?.inverse();
@@ -101,9 +111,9 @@ impl GraspEstimator<'_> {
     }
 }
 
-/// Within this distance, metres, a place of the surface has neighbours.
+/// Radius within which the neighbours of a point of the part are counted, metres.
 const OUTLIER_M: f64 = 0.1;
-/// Fewest neighbours of a place of the surface: others are outliers.
+/// Smallest number of neighbours of a point of the part that is no outlier.
 const OUTLIER_NEIGHBOURS: usize = 4;
 
 /// Cells of space.
@@ -117,7 +127,7 @@ fn cell_of(p: &Point3<f64>, side: f64) -> [i32; 3] {
 }
 
 impl Cells {
-    /// All within about `reach` of the points.
+    /// All cells within about `reach` of the points.
     fn around(points: &[Point3<f64>], reach: f64, side: f64) -> Self {
         let far = (reach / side).ceil() as i32;
         let mut cells = HashSet::new();
@@ -139,7 +149,8 @@ impl Cells {
     }
 }
 
-/// Places, in the part's coordinates, that are filled in most of the keyframes.
+/// Places in part coordinates, one for each cell that is filled in at least `FILLED` of the
+/// keyframes.
 fn filled(frames: &[(Pose, &RgbdFrame)], near: &Cells, side: f64) -> Vec<Point3<f64>> {
     let here: Vec<_> =
         frames.par_iter().map(|(pose, frame)| filled_in(pose, frame, near, side)).collect();
@@ -159,7 +170,7 @@ fn filled(frames: &[(Pose, &RgbdFrame)], near: &Cells, side: f64) -> Vec<Point3<
     places.into_iter().map(|p| p.1).collect()
 }
 
-/// Cells that are filled in one keyframe: the sum of the places seen there, and their number.
+/// Cells that are filled in one keyframe: sum and number of the places that are seen in each.
 fn filled_in(
     camera_from_part: &Pose,
     frame: &RgbdFrame,
@@ -180,7 +191,8 @@ fn filled_in(
     here
 }
 
-/// Largest distance of a point from its first position.
+/// Largest distance of a place from where it is in the first of the frames, in the camera frame,
+/// metres.
 fn way(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> f64 {
     let first = frames.first().map_or(*place, |(pose, _)| pose * place);
     frames.iter().map(|(pose, _)| (pose * place - first).norm()).fold(0.0, f64::max)
@@ -192,7 +204,8 @@ enum Resting {
     There,
 }
 
-/// What the resting keyframes show at a place; `None` where they disagree or do not see it.
+/// What the resting keyframes show at a place; `None` if they disagree, or if fewer than two show
+/// it.
 fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Resting> {
     let (mut free, mut there) = (0, 0);
     for (camera_from_part, frame) in frames {
@@ -217,7 +230,7 @@ fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Re
     }
 }
 
-/// The largest set of connected places: a hand, not the rim of the part.
+/// The largest set of connected places: the hand, not the rim of the part.
 fn largest_piece(places: &[Point3<f64>], linked: f64) -> Vec<Point3<f64>> {
     let mut left: Vec<usize> = (0..places.len()).collect();
     let mut largest: Vec<Point3<f64>> = Vec::new();
@@ -236,7 +249,8 @@ fn largest_piece(places: &[Point3<f64>], linked: f64) -> Vec<Point3<f64>> {
     largest
 }
 
-/// The middle of what is nearest to the part.
+/// The middle of those places of the hand that are nearest to the part's surface; `None` if the
+/// hand is too small or too far from the surface.
 fn grip(hand: &[Point3<f64>], surface: &[Point3<f64>]) -> Option<Point3<f64>> {
     let distance = |p: &Point3<f64>| {
         surface.iter().map(|s| (p - s).norm_squared()).fold(f64::INFINITY, f64::min).sqrt()

@@ -1,4 +1,5 @@
-//! What every method of learning returns: a joint with the part that it moves.
+//! What every learning method returns: joints, each with the part that it moves, and rejected
+//! candidates.
 
 use super::tracking::Trajectory;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -6,63 +7,72 @@ use crate::object::model::Joint;
 use nalgebra::{Point3, UnitVector3, Vector3};
 use std::fmt;
 
-/// A joint with the part that it moves.
+/// A joint and the part that it moves.
 #[derive(Debug, Clone)]
 pub struct LearnedJoint {
-    /// The joint.
+    /// The joint, with its configuration in each frame that shows it.
     pub joint: Joint,
-    /// Takes the part's points of the reference frame to where they are in the base frame.
+    /// Motion of the part in the base frame since the reference frame, for each frame.
     pub base_from_part: Trajectory,
-    /// Tracks on the part.
+    /// Indices of the tracks on the part.
     pub tracks: Vec<usize>,
-    /// Places on a plain part, which has no tracks, in its coordinates.
+    /// Points of a part that was found without tracks, in part coordinates, metres; else empty.
     pub plain_surface: Vec<Point3<f64>>,
 }
 
-/// A moving thing that a method found and does not take for a part of an object.
+/// A moving thing that a method found and rejected as a part of the object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RejectedCandidate {
-    /// Type of the joint that explained its motion best.
+    /// Type of the joint that best explained the motion.
     pub kind: JointKind,
-    /// Tracks that followed it.
+    /// Number of tracks that followed the motion.
     pub tracks: usize,
-    /// Frames in which its configuration was known.
+    /// Number of frames in which the configuration was known.
     pub frames: usize,
-    /// Why it was rejected, as a sentence without its full stop.
+    /// Reason for the rejection, as a sentence without its full stop.
     pub reason: String,
-    /// It may well be a part: a demonstration that shows more of its motion would tell.
+    /// True if the candidate may be a part: a demonstration that shows more of its motion could
+    /// confirm it.
     pub needs_more: bool,
 }
 
 impl fmt::Display for RejectedCandidate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kind, tracks, frames, reason, .. } = self;
-        write!(f, "a {} candidate ({tracks} tracks, {frames} frames): {reason}", kind.name())
+        match tracks {
+            0 => write!(f, "a plain {} candidate ({frames} frames): {reason}", kind.name()),
+            _ => write!(
+                f,
+                "a {} candidate ({tracks} tracks, {frames} frames): {reason}",
+                kind.name()
+            ),
+        }
     }
 }
 
-/// What a method of learning returns.
+/// All that a learning method returns.
 #[derive(Debug, Clone, Default)]
 pub struct LearnedJoints {
     /// The joints, parents before children.
     pub joints: Vec<LearnedJoint>,
-    /// What was rejected last, and why.
+    /// Candidates that were rejected last, with the reasons.
     pub rejections: Vec<RejectedCandidate>,
-    /// What else was seen to turn.
+    /// Planes that turned and of which no joint was made.
     pub turning: Vec<TurningPlane>,
 }
 
-/// A plane that turned about a line and that no joint was made of. Its line's direction is known well, for normals
-/// tell it; its place is not.
+/// A plane that turned about a line, and of which no joint was made. The direction of the line is
+/// known well, because the normals determine it; the place of the line is not.
 #[derive(Debug, Clone, Copy)]
 pub struct TurningPlane {
     /// Unit direction of the line, base frame.
     pub axis: Vector3<f64>,
-    /// The middle of the plane when it was first seen.
+    /// Middle of the plane when it was first seen, base frame, metres.
     pub middle: Point3<f64>,
 }
 
-/// Configuration 0 at the first frame, growing with the first clear motion.
+/// Shifts the configurations so that the first is 0, and reverses the axis if the first clear
+/// motion (over a quarter of the span) would make them negative.
 pub fn orient(geometry: &mut JointGeometry, configuration: &mut [f64]) {
     let Some(&first) = configuration.first() else { return };
     let span = span_of(configuration);
@@ -76,7 +86,8 @@ pub fn orient(geometry: &mut JointGeometry, configuration: &mut [f64]) {
     }
 }
 
-/// Least and greatest configuration, single outliers left out.
+/// Smallest and largest configuration, without the outermost 1 % at each end, which may be
+/// outliers. The range always contains 0.
 pub fn range_of(configuration: &[f64]) -> [f64; 2] {
     let mut sorted = configuration.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -88,7 +99,7 @@ pub fn range_of(configuration: &[f64]) -> [f64; 2] {
     [sorted[stray].min(0.0), sorted[n - 1 - stray].max(0.0)]
 }
 
-/// How far a list of configurations reaches, radians or metres.
+/// Difference between the largest and the smallest configuration, radians or metres.
 pub fn span_of(configuration: &[f64]) -> f64 {
     let low = configuration.iter().copied().fold(f64::INFINITY, f64::min);
     let high = configuration.iter().copied().fold(f64::NEG_INFINITY, f64::max);

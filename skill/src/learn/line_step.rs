@@ -1,11 +1,11 @@
-//! The four unknowns of a line: two that turn its direction, radians, and two that shift its origin across
-//! itself, metres, both along the basis of [`orthonormal_basis`].
+//! A small change of a line, with four unknowns: two turn its direction, radians, and two shift its
+//! origin across the line, metres, both along the basis of [`orthonormal_basis`].
 
 use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{Matrix4, Matrix6, SMatrix, UnitVector3, Vector4};
 
-/// The line, its direction turned and its origin shifted across itself.
+/// The line with its direction turned and its origin shifted across it by `step`.
 pub fn moved_line(line: &JointGeometry, step: &Vector4<f64>) -> JointGeometry {
     let (u, v) = orthonormal_basis(&line.axis);
     let axis = line.axis.into_inner() + u * step[0] + v * step[1];
@@ -13,7 +13,8 @@ pub fn moved_line(line: &JointGeometry, step: &Vector4<f64>) -> JointGeometry {
     JointGeometry { axis: UnitVector3::new_normalize(axis), origin, ..*line }
 }
 
-/// Covariance of (axis, origin) from the information of the line's four unknowns.
+/// Covariance of (axis, origin) from the information matrix of the line's four unknowns; zero if
+/// that matrix is singular.
 pub fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> Matrix6<f64> {
     let (u, v) = orthonormal_basis(&line.axis);
     let mut spread = SMatrix::<f64, 6, 4>::zeros();
@@ -25,8 +26,8 @@ pub fn line_covariance(line: &JointGeometry, information: &Matrix4<f64>) -> Matr
     spread * of_line * spread.transpose()
 }
 
-/// A line's covariance of (axis, origin) with errors that all readings share, of `direction` radians and `place`
-/// metres to all sides across the line.
+/// Covariance of a line's (axis, origin) with added errors that all readings share: standard
+/// deviations of `direction` radians and `place` metres, to all sides across the line.
 pub fn with_shared_errors(
     mut covariance: Matrix6<f64>,
     line: &JointGeometry,

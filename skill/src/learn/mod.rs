@@ -1,10 +1,17 @@
-//! Learning from a demonstration: the paper's training phase (its Fig. 3), as one type that
-//! takes frames as they come and one function that finishes.
+//! Learning from a demonstration: the training phase of the paper (its Fig. 3). [`Learner`] takes
+//! the frames one by one; [`Learner::finish`] returns what was learned.
+//!
+//! In: RGB-D frames in the order of time, and the configuration.
+//! Out: a [`Demonstration`]: the joints in the object frame, and the pose of each part in each
+//! camera frame; metres, radians.
+//! From: paper, section III. The configuration names the method: the paper's, the baseline of Katz
+//! et al., or ours (`joint_search`, then `plane_hinges` and `vacated`).
 
 pub(crate) mod appearance;
 pub(crate) mod attachment;
 mod background_search;
 mod best_path;
+pub(crate) mod config;
 pub(crate) mod demonstration;
 pub(crate) mod ego_motion;
 mod episodes;
@@ -25,11 +32,12 @@ pub(crate) mod stage_times;
 pub(crate) mod tracking;
 mod vacated;
 
-use crate::config::{Method, SkillConfig};
 use crate::math::rigid::Pose;
 use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
 use crate::vision_error::VisionError;
-use background_search::{BackgroundSearch, Snapshot, search_settings};
+use background_search::{BackgroundSearch, Snapshot};
+pub use config::LearnSettings;
+use config::Method;
 use demonstration::assemble;
 use ego_motion::EgoMotionEstimator;
 use joint_search::WarmStart;
@@ -43,29 +51,29 @@ use tracking::{Tracker, informative_frames};
 pub use demonstration::Demonstration;
 pub use learned_joint::RejectedCandidate;
 
-/// A demonstration that nothing can be learned from.
+/// Reason why nothing can be learned from a demonstration, or why a frame is refused.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LearnError {
-    /// Too few frames.
+    /// The demonstration has too few frames.
     #[error("the demonstration has {found} frames, at least {needed} are needed")]
     TooShort {
-        /// Frames given.
+        /// Number of frames that were given.
         found: usize,
-        /// Frames needed.
+        /// Number of frames that are needed.
         needed: usize,
     },
-    /// Time stands still or runs backwards.
+    /// A frame is not later than the frame before it.
     #[error("frame {frame} is not later than the one before it ({before} us, then {now} us)")]
     TimeRunsBackwards {
-        /// Number of the frame.
+        /// Number of the refused frame, counted from 0 over the frames that are kept.
         frame: usize,
-        /// Time of the frame before.
+        /// Time of the frame before, microseconds.
         before: i64,
-        /// Its time.
+        /// Time of the refused frame, microseconds.
         now: i64,
     },
-    /// No depth at all.
+    /// No feature has depth in enough frames to be a track.
     #[error(
         "no frame has depth at any feature: is the depth camera covered or depth_units_per_metre wrong?"
     )]
@@ -75,16 +83,18 @@ pub enum LearnError {
     Vision(#[from] VisionError),
 }
 
-/// Whole frames kept for appearance and free-space tests: bounds memory.
+/// Largest number of frames that are kept whole, for appearance and free-space tests; it bounds the
+/// memory.
 const KEYFRAMES: usize = 48;
-/// Frames between searches for joints while frames arrive, and so how old a live guess may be.
+/// Frames from the start of one background search to the start of the next. A live estimate is less
+/// than twice as many frames old, unless frames were removed since.
 const SEARCH_EVERY: usize = 15;
-/// Fewest frames of a demonstration.
+/// Smallest number of frames of a demonstration.
 const MIN_FRAMES: usize = 10;
 
-/// Takes the frames of a demonstration, one after the other.
+/// Learns from a demonstration whose frames arrive one after the other.
 pub struct Learner {
-    config: SkillConfig,
+    settings: LearnSettings,
     tracker: Tracker,
     base: EgoMotionEstimator,
     keyframes: Keyframes,
@@ -95,39 +105,41 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// A learner that has seen nothing.
-    pub fn new(config: &SkillConfig) -> Self {
-        Self::with_progress(config, false)
+    /// Creates a learner without a live estimate.
+    pub fn new(settings: impl Into<LearnSettings>) -> Self {
+        Self::with_progress(settings.into(), false)
     }
 
-    /// A learner with a [`Self::current_estimate`] while the demonstration runs, for a twentieth more
-    /// work.
-    pub fn live(config: &SkillConfig) -> Self {
-        Self::with_progress(config, true)
+    /// Creates a learner that has a [`Self::current_estimate`] while the demonstration runs, for a
+    /// twentieth more work.
+    pub fn live(settings: impl Into<LearnSettings>) -> Self {
+        Self::with_progress(settings.into(), true)
     }
 
-    fn with_progress(config: &SkillConfig, reports_progress: bool) -> Self {
-        let every = match config.learn.way {
+    fn with_progress(settings: LearnSettings, reports_progress: bool) -> Self {
+        let every = match settings.method {
             Method::DirectJoints => SEARCH_EVERY,
             #[cfg(feature = "paper")]
             Method::Paper | Method::Katz => 0,
         };
         Self {
-            tracker: Tracker::new(config.track.clone()),
-            base: EgoMotionEstimator::new(config.seed),
+            tracker: Tracker::new(settings.track.clone()),
+            base: EgoMotionEstimator::new(settings.seed),
             keyframes: Keyframes::new(KEYFRAMES),
             background: BackgroundSearch::new(every, reports_progress),
-            config: config.clone(),
+            settings,
             first_utime: 0,
             last_utime: None,
             times: StageTimes::default(),
         }
     }
 
-    /// Takes the next frame.
+    /// Takes the next frame: tracks its features, estimates the motion of the camera, and starts a
+    /// background search if one is due.
     ///
     /// # Errors
-    /// [`LearnError::TimeRunsBackwards`]; the learner stays usable.
+    /// [`LearnError::TimeRunsBackwards`], after which the learner stays usable;
+    /// [`LearnError::Vision`].
     pub fn push(&mut self, frame: &RgbdFrame) -> Result<(), LearnError> {
         self.make_room();
         let index = self.tracker.frames();
@@ -145,25 +157,25 @@ impl Learner {
             self.base.push(&self.tracker.lifted(), frame.camera.depth_sensor)
         });
         self.keyframes.offer(index, frame);
-        let Self { tracker, base, keyframes, config, background, times, .. } = self;
+        let Self { tracker, base, keyframes, settings, background, times, .. } = self;
         let snapshot = || Snapshot {
             tracks: tracker.snapshot(),
             camera_from_base: base.camera_from_base().to_vec(),
             keyframes: keyframes.clone(),
         };
-        times.measure("ahead", || background.offer(index + 1, config, snapshot));
+        times.measure("ahead", || background.offer(index + 1, settings, snapshot));
         Ok(())
     }
 
-    /// Forgets frames in which little moves when there are as many as memory is kept for, so that a
+    /// Removes frames in which little moves when the largest number of frames is reached, so that a
     /// demonstration may last for any time.
     fn make_room(&mut self) {
-        let room = self.config.track.max_frames.max(4 * MIN_FRAMES);
+        let room = self.settings.track.max_frames.max(4 * MIN_FRAMES);
         if self.tracker.frames() < room {
             return;
         }
         let mut marks = informative_frames(self.tracker.seen(), room / 2);
-        // Whole frames that were kept are kept on: their pictures cannot be had again.
+        // The frames of keyframes are kept: their images cannot be read again.
         self.keyframes.iter().for_each(|(index, _)| marks[index] = true);
         let numbers = self.tracker.keep_frames(&marks);
         self.base.keep_frames(&marks, &numbers);
@@ -172,19 +184,21 @@ impl Learner {
         tracing::debug!(of = marks.len(), kept = self.tracker.frames(), "frames forgotten");
     }
 
-    /// The tracker, for drawing what it follows.
+    /// The tracker, to draw the features that it follows.
     #[doc(hidden)]
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
     }
 
-    /// Pose of the object frame, the first frame's camera, in the newest frame; `None` before it.
+    /// Pose of the object frame (the camera frame of the first frame) in the camera frame of the
+    /// newest frame; `None` before the first frame.
     pub fn camera_from_object(&self) -> Option<Pose> {
         self.base.camera_from_base().last().copied()
     }
 
-    /// The best guess of a [`Self::live`] learner: joints that a search over the first part of the
-    /// demonstration has accepted. How long that part is depends on how fast this machine is.
+    /// The present model of a [`Self::live`] learner, with the joints that a search over the first
+    /// part of the demonstration has accepted. How many frames that part has depends on the speed
+    /// of this machine.
     #[must_use]
     pub fn current_estimate(&self, object: &str) -> ObjectModel {
         let joints = self.background.current_estimate();
@@ -198,18 +212,18 @@ impl Learner {
             parts,
             joints,
             demonstrations: 0,
-            profile: self.config.profile.clone(),
+            profile: self.settings.profile.clone(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         }
     }
 
-    /// Learns from what was seen.
+    /// Learns from all frames that were pushed.
     ///
     /// # Errors
     /// [`LearnError::TooShort`], [`LearnError::NoDepth`]. A demonstration in which nothing
     /// articulated moves is no error: its model has no joints.
     pub fn finish(self, object: &str) -> Result<Demonstration, LearnError> {
-        let Self { config, tracker, base, keyframes, background, mut times, .. } = self;
+        let Self { settings, tracker, base, keyframes, background, mut times, .. } = self;
         if tracker.frames() < MIN_FRAMES {
             return Err(LearnError::TooShort { found: tracker.frames(), needed: MIN_FRAMES });
         }
@@ -223,8 +237,8 @@ impl Learner {
         let ego_motion =
             times.measure("base", || earlier.ego_motion.extended(&tracks, poses, sensor));
         let recording = Recording { tracks, ego_motion, keyframes };
-        let learned = learn_joints(&recording, &earlier.warm_start, &config, &mut times);
-        Ok(assemble(object, &config, recording, learned, times))
+        let learned = learn_joints(&recording, &earlier.warm_start, &settings, &mut times);
+        Ok(assemble(object, settings.profile, recording, learned, times))
     }
 }
 
@@ -232,23 +246,23 @@ impl Learner {
 fn learn_joints(
     recording: &Recording,
     earlier: &WarmStart,
-    config: &SkillConfig,
+    settings: &LearnSettings,
     times: &mut StageTimes,
 ) -> LearnedJoints {
-    match config.learn.way {
+    match settings.method {
         #[cfg(feature = "paper")]
-        Method::Paper => paper::learn(recording, config.seed, times),
+        Method::Paper => paper::learn(recording, settings.seed, times),
         #[cfg(feature = "paper")]
         Method::Katz => times.measure("katz", || katz::learn(recording)),
         Method::DirectJoints => {
-            let settings = search_settings(config);
+            let search = settings.search();
             let found =
-                times.measure("joints", || joint_search::learn(recording, earlier, &settings));
-            let found = match config.planes.enabled {
+                times.measure("joints", || joint_search::learn(recording, earlier, &search));
+            let found = match settings.planes.enabled {
                 true => times.measure("planes", || plane_hinges::complete(found, recording)),
                 false => found,
             };
-            match config.planes.vacated {
+            match settings.planes.vacated {
                 true => times.measure("vacated", || vacated::complete(found, recording)),
                 false => found,
             }
@@ -270,8 +284,8 @@ mod tests {
     }
 
     /// A learner that has seen so many frames of the wall.
-    fn after(frames: i64, depth: f64, config: &SkillConfig) -> Learner {
-        let mut learner = Learner::new(config);
+    fn after(frames: i64, depth: f64, settings: LearnSettings) -> Learner {
+        let mut learner = Learner::new(settings);
         for frame in 0..frames {
             learner.push(&wall(7_000_000 + INTERVAL_US * frame, depth)).unwrap();
         }
@@ -280,20 +294,20 @@ mod tests {
 
     #[test]
     fn a_few_frames_are_too_short_a_demonstration() {
-        let learner = after(MIN_FRAMES as i64 - 1, 1.5, &SkillConfig::default());
+        let learner = after(MIN_FRAMES as i64 - 1, 1.5, LearnSettings::default());
         let refused = learner.finish("wall").err();
         assert!(matches!(refused, Some(LearnError::TooShort { found: 9, needed: 10 })));
     }
 
     #[test]
     fn frames_without_depth_teach_nothing() {
-        let refused = after(12, f64::NAN, &SkillConfig::default()).finish("wall").err();
+        let refused = after(12, f64::NAN, LearnSettings::default()).finish("wall").err();
         assert!(matches!(refused, Some(LearnError::NoDepth)));
     }
 
     #[test]
     fn what_rests_is_learned_without_a_joint_and_the_camera_stays_where_it_is() {
-        let learner = after(20, 1.5, &SkillConfig::default());
+        let learner = after(20, 1.5, LearnSettings::default());
         let camera = learner.camera_from_object().unwrap();
         assert!(camera.translation.vector.norm() < 1e-3 && camera.rotation.angle() < 1e-3);
         let learned = learner.finish("wall").unwrap();
@@ -305,7 +319,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_is_not_later_is_refused_and_the_next_one_is_taken() {
-        let mut learner = Learner::new(&SkillConfig::default());
+        let mut learner = Learner::new(LearnSettings::default());
         learner.push(&wall(500, 1.5)).unwrap();
         for now in [500, 499, i64::MIN] {
             let refused = learner.push(&wall(now, 1.5)).err();
@@ -322,9 +336,9 @@ mod tests {
     #[test]
     fn memory_holds_no_more_frames_than_are_asked_for_or_are_kept_whole() {
         for (asked, held) in [(60, 60), (0, KEYFRAMES + 1)] {
-            let mut config = SkillConfig::default();
-            config.track.max_frames = asked;
-            let mut learner = after(0, 1.5, &config);
+            let mut settings = LearnSettings::default();
+            settings.track.max_frames = asked;
+            let mut learner = after(0, 1.5, settings);
             for frame in 0..100 {
                 learner.push(&wall(INTERVAL_US * frame, 1.5)).unwrap();
                 let frames = learner.tracker().frames();
@@ -338,10 +352,10 @@ mod tests {
 
     #[test]
     fn before_anything_is_found_the_estimate_is_a_base_in_the_frame_of_the_first_camera() {
-        let nothing = Learner::live(&SkillConfig::default());
+        let nothing = Learner::live(LearnSettings::default());
         assert!(nothing.camera_from_object().is_none());
         assert!(nothing.current_estimate("wall").joints.is_empty());
-        let model = after(3, 1.5, &SkillConfig::default()).current_estimate("wall");
+        let model = after(3, 1.5, LearnSettings::default()).current_estimate("wall");
         assert_eq!((model.object.as_str(), model.schema.as_str()), ("wall", MODEL_SCHEMA));
         assert!(model.joints.is_empty());
         assert_eq!((model.parts.len(), model.parts[0].name.as_str()), (1, "base"));

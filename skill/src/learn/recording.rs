@@ -13,7 +13,7 @@ use super::tracking::TrackSet;
 pub struct Recording {
     /// Tracks in the camera frame, with the time of each frame.
     pub tracks: TrackSet,
-    /// Motion of the camera, and the same tracks in the base frame.
+    /// Motion of the camera, and all tracks in the base frame.
     pub ego_motion: EgoMotion,
     /// Frames that were kept whole, for free-space tests.
     pub keyframes: Keyframes,

@@ -1,4 +1,4 @@
-//! Where the time goes, by stage.
+//! Measures the wall time of each stage of learning.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -10,7 +10,7 @@ pub struct StageTimes {
 }
 
 impl StageTimes {
-    /// Runs a stage and adds its time.
+    /// Runs a stage and adds its wall time to that of the same name.
     pub fn measure<T>(&mut self, stage: &'static str, run: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = run();

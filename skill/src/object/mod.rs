@@ -5,6 +5,7 @@ pub(crate) mod check;
 pub(crate) mod joint_geometry;
 pub(crate) mod model;
 pub(crate) mod stored_object;
+pub(crate) mod surface_end;
 
 pub use appearance::Appearance;
 pub use check::InvalidModel;

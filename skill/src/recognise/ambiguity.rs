@@ -1,9 +1,9 @@
-//! Ambiguous configurations. A part may be seen and yet look the same wherever its joint puts it, as
-//! the round foot of a chair does, or a plain board that slides in its own plane. Its
-//! configuration is told only where no other one explains the picture about as well.
+//! Detection of ambiguous configurations. A part may have the same appearance at each configuration of its joint,
+//! like the round foot of a chair, or a plain board that slides in its own plane. Its configuration is reported only
+//! if no other one explains the image about as well.
 //!
-//! In: a refined state and its evidence. Out: the evidence without the parts that could as well be
-//! elsewhere.
+//! In: a refined state and its evidence (camera frame, metres and radians).
+//! Out: the evidence without the parts that could as well be elsewhere.
 
 use super::evidence::{
     Detection, RefinedPose, configuration_deviations, evident_joints, told_within,
@@ -16,13 +16,14 @@ use super::verdict::PartVerdict;
 use super::verify::verify;
 use rayon::prelude::*;
 
-/// Configurations that are tried.
+/// Number of configurations tried of a joint.
 const STEPS: usize = 25;
-/// Share of what a configuration explains from which another one explains about as much.
+/// Smallest share of the explained surfels at which another configuration counts as about as good.
 const AS_GOOD: f64 = 0.9;
 
-/// What of a state can be told whose parts in `placed` are where it puts them: the configurations that the
-/// surface tells well, and of which no other one explains the picture about as well.
+/// Detection of a state that was found by surface, in a room or by shape: a configuration is determined if the
+/// surface gives it precisely and no other one explains the image about as well. `placed`: parts that are where the
+/// state puts them.
 pub fn told_by_surface(refiner: &Refiner, refined: RefinedPose, placed: Vec<bool>) -> Detection {
     let articulated = refiner.articulated;
     let RefinedPose { state, score, inliers, verdict } = refined;
@@ -45,8 +46,7 @@ pub fn told_by_surface(refiner: &Refiner, refined: RefinedPose, placed: Vec<bool
     found
 }
 
-/// Withdraws parts that could as well be elsewhere by one of these joints, and the configurations
-/// that rested on them.
+/// Removes parts that could as well be elsewhere by one of these joints, and the configurations that depend on them.
 pub fn withdraw_ambiguous(
     refiner: &Refiner,
     found: &mut Detection,
@@ -62,8 +62,8 @@ pub fn withdraw_ambiguous(
     found.evident = evident_joints(refiner.articulated, &found.placed);
 }
 
-/// The parts on that side of a joint which shows less (those that move, where the room tells the base), if they could as well be elsewhere while
-/// the others stay where they are; else none.
+/// The parts on one side of a joint, if they fit the image about as well at another configuration; else none. The
+/// side is the one that explains less, or the moving side if the room fixes the base.
 fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize> {
     let articulated = refiner.articulated;
     let j = &articulated.joints[joint];
@@ -86,21 +86,21 @@ fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize>
             elsewhere[joint] = q;
             let elsewhere = articulated.state_with(held[0], &camera_from_held, elsewhere);
             let explained = of(&explained(refiner, &elsewhere), &weak);
-            // What was never seen to happen is no alternative to what was.
+            // A configuration outside the demonstrated range is a weaker alternative.
             let penalty = articulated.range_penalty(&elsewhere) - articulated.range_penalty(state);
             explained - penalty.max(0.0) > AS_GOOD * of(&by_part, &weak)
         });
     if is_ambiguous { weak } else { Vec::new() }
 }
 
-/// What a state explains of the picture by each of its parts, in surfels.
+/// How much of the image each part explains in a state, in surfels.
 fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
     let Refiner { scene, articulated, cloud, matches, .. } = *refiner;
     let verdict = verify(scene, articulated, cloud, state);
     if let Some(contours) = refiner.shape {
         let in_sight = ends_in_sight(scene, articulated, contours, state);
         let of_part = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
-            // What stood beside the base is missing elsewhere: that tells nothing of where the base is.
+            // Furniture learned with the base may be missing now, so free space counts little against the base.
             seen.fit_of_shape(part == 0) + ends.closeness - ends.missing as f64
         };
         return verdict.parts.iter().zip(&in_sight).enumerate().map(of_part).collect();

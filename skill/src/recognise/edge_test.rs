@@ -1,36 +1,37 @@
-//! Occlusion-edge test: does the surface end where the learned one does? A thing that looks like
-//! the learned one and goes on beyond its edges is another one.
+//! Occlusion-edge test: an object with the appearance of the learned one, but whose surface continues beyond the
+//! learned edges, is another object.
 //!
-//! In: the learned edges (object frame at configuration 0, metres), a state, and a depth buffer of
-//! the object's own visible surface in that state. Out: by part, how many edges end as learned, and
-//! how many go on.
+//! In: the learned edges (object frame at configuration 0, metres), a state, and a depth buffer of the object's own
+//! visible surface in that state.
+//! Out: by part, the number of edges that end as learned, and of those beyond which the surface continues.
 
 use super::kinematics::{Articulated, State};
 use super::render_cloud::{DepthBuffer, KnownEdge, NEAREST_M};
 use super::scene::Scene;
-use crate::learn::appearance::occlusion_edges::is_empty;
+use crate::object::surface_end::is_empty;
 use nalgebra::{Point2, Point3, Vector3, center};
 
-/// What is beyond a part's edges.
+/// Edges of a part, counted by what is seen beyond them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct EdgeCounts {
-    /// Edges beyond which nothing is, as learned.
+    /// Number of edges beyond which there is free space, as learned.
     pub as_learned: usize,
-    /// Edges beyond which the surface goes on.
+    /// Number of edges beyond which the surface continues.
     pub goes_on: usize,
 }
 
-/// Edges of the base that prove nothing: furniture may stand flush with it.
+/// Number of edges added to those of the base, so that a few that continue prove nothing: furniture may stand flush
+/// with it.
 const BY_CHANCE_OF_BASE: f64 = 40.0;
-/// Edges of a moving part that prove nothing.
+/// Number of edges added to those of a moving part, so that a few that continue prove nothing.
 const BY_CHANCE: f64 = 10.0;
-/// Share of edges that go on from which they count against the part.
+/// Share of edges that continue from which they count against the part.
 const LEAST_SHARE: f64 = 0.4;
-/// Share of edges that go on from which the part is not the learned one.
+/// Share of edges that continue from which the part is not the learned one.
 const MOST_SHARE: f64 = 0.6;
 
 impl EdgeCounts {
-    /// 1: the part ends as learned; 0: it goes on.
+    /// Likeness of the edges, 0 to 1: 1 if the part ends as learned, 0 if its surface continues.
     pub fn likeness(&self, of_base: bool) -> f64 {
         let by_chance = if of_base { BY_CHANCE_OF_BASE } else { BY_CHANCE };
         let share = self.goes_on as f64 / ((self.as_learned + self.goes_on) as f64 + by_chance);
@@ -38,11 +39,11 @@ impl EdgeCounts {
     }
 }
 
-/// Something of the object this near to a place, metres, may be what is seen there.
+/// Largest distance behind a place, metres, of another part of the object that may be what is seen there.
 const OWN_M: f64 = 0.03;
 
-/// What the picture shows beyond those edges whose own surface is seen, by part. `buffer` holds the
-/// object's visible surface.
+/// Counts what is seen beyond those edges whose own surface is seen, by part. `buffer`: depth buffer of the object's
+/// visible surface.
 pub fn test_edges(
     scene: &Scene,
     articulated: &Articulated,
@@ -79,17 +80,17 @@ pub fn test_edges(
     counts
 }
 
-/// What is at a place.
+/// What is seen at a place.
 #[derive(PartialEq)]
 enum There {
-    /// Nothing: the camera sees through it.
+    /// Free space: the camera sees through the place.
     Nothing,
-    /// A surface of the orientation that was asked for.
+    /// A surface with the requested normal.
     Surface,
 }
 
-/// What is at a place in the camera frame: nothing, or a surface of that orientation, seen from
-/// either side; `None` where something else is, or hides it.
+/// What is seen at a place in the camera frame: free space, or a surface with this normal on either side; `None` if
+/// something else is there or occludes it.
 fn at(scene: &Scene, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<There> {
     if is_empty(&scene.frame, place, normal)? {
         return Some(There::Nothing);
@@ -99,10 +100,10 @@ fn at(scene: &Scene, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<There
     (surface.normal.dot(normal).abs() > PARALLEL).then_some(There::Surface)
 }
 
-/// Cosine of the largest angle between two normals of one surface.
+/// Smallest absolute cosine between two normals of one surface.
 const PARALLEL: f64 = 0.87;
 
-/// The pixel at which a place is seen, if the camera sees it.
+/// Pixel at which a place is seen; `None` if it is outside the image or too near.
 fn pixel_of(scene: &Scene, place: &Point3<f64>) -> Option<(usize, usize)> {
     let camera = &scene.frame.camera;
     let near: Option<Point2<f64>> = (place.z >= NEAREST_M).then(|| camera.project(place)).flatten();
@@ -135,7 +136,7 @@ mod tests {
         let counts = |edges: EdgeCounts| (edges.as_learned, edges.goes_on);
         assert_eq!(counts(before_a_board(0.20)), (1, 0));
         assert_eq!(counts(before_a_board(0.27)), (0, 1));
-        // Where the surface itself is not seen, what is beyond says nothing.
+        // If the surface itself is not seen, what is beyond is no evidence.
         assert_eq!(counts(before_a_board(0.10)), (0, 0));
     }
 

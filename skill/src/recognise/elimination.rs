@@ -1,6 +1,9 @@
-//! Configurations by elimination. A part seen edge on, or from a side that the demonstration
-//! never showed, gives no evidence of its own; but wherever else it stood it would hide what
-//! is seen behind it. Where that leaves only a narrow interval, the configuration is known.
+//! Configurations by elimination. A part that is seen edge-on, or from a side that was never demonstrated, gives no
+//! evidence of its own; but anywhere else it would occlude what is seen behind it. If that leaves only a narrow
+//! interval, the configuration is known.
+//!
+//! In: a detection and its scene.
+//! Out: the detection with further configurations and their standard deviations (rad or m).
 
 use super::evidence::{Detection, told_within};
 use super::kinematics::{Articulated, State};
@@ -10,19 +13,18 @@ use super::verify::verify;
 use rayon::prelude::*;
 use std::collections::HashSet;
 
-/// Configurations that are tried.
+/// Number of configurations tried of a joint.
 const STEPS: usize = 61;
 /// Side of the cells in which contradictions are counted, pixels.
 const CELL_PX: usize = 4;
-/// Cells that the part hides somewhere in its range; with fewer nothing can be ruled out.
+/// Smallest number of cells that contradict the worst configuration; with fewer nothing can be ruled out.
 const MIN_CELLS: usize = 60;
-/// Share of those cells that may contradict a configuration by noise.
+/// Largest share of the cells of the worst configuration that may contradict another one by noise.
 const NOISE_SHARE: f64 = 0.08;
-/// Share of the resting parts' surface that a configuration must leave as visible as it is.
+/// Smallest share of the resting parts' surface that must remain visible at a possible configuration.
 const KEPT_SURFACE: f64 = 0.85;
 
-/// Tells configurations that nothing seen beyond the joint shows, where all others can be
-/// ruled out.
+/// Adds the configurations for which all others are ruled out, of joints with no evidence on their moving side.
 pub fn add_by_elimination(
     scene: &Scene,
     articulated: &Articulated,
@@ -43,24 +45,24 @@ pub fn add_by_elimination(
     }
 }
 
-/// The interval of configurations that a picture leaves possible.
+/// Interval of configurations that the image leaves possible, rad or m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Remaining {
-    /// Its middle.
+    /// Middle of the interval.
     middle: f64,
-    /// Half its width.
+    /// Half the width of the interval.
     half_width: f64,
 }
 
 impl Remaining {
-    /// Standard deviation of a configuration that may lie anywhere in it.
+    /// Standard deviation of a configuration that may lie anywhere in the interval.
     fn deviation(&self) -> f64 {
         self.half_width / 3.0_f64.sqrt()
     }
 }
 
-/// The configurations of `joint` that the picture leaves possible, all else being as in
-/// `state`; `None` where it leaves several apart, too wide an interval, or none.
+/// Configurations of `joint` that the image leaves possible, all else being as in `state`; `None` if the interval is
+/// too wide or empty, or reaches an end of the range.
 fn remaining(
     scene: &Scene,
     articulated: &Articulated,
@@ -94,19 +96,19 @@ fn remaining(
         .collect();
     let (low, high) = (possible.first()?.q, possible.last()?.q);
     tracing::debug!(joint, low, high, most, surface, of = possible.len(), "by elimination");
-    // A configuration beyond the range would leave its end as the only possible one.
+    // If the true configuration is beyond the range, only the end of the range remains: this is not accepted.
     let inside = low > j.low + 0.5 * step && high < j.high - 0.5 * step;
     let (middle, half_width) = (0.5 * (low + high), 0.5 * (high - low) + 0.5 * step);
     let narrow = 0.5 * (high - low) < told_within(j.geometry.kind);
     (inside && narrow).then_some(Remaining { middle, half_width })
 }
 
-/// A configuration and what speaks against it.
+/// A tried configuration and the evidence against it.
 struct Trial {
     q: f64,
-    /// Cells of the picture in which the moved parts would hide what is seen.
+    /// Number of cells of the image in which the moved parts would occlude what is seen.
     contradictions: usize,
-    /// Surfels of the other parts that agree with the picture.
+    /// Number of surfels of the other parts that agree with the image.
     resting: usize,
 }
 

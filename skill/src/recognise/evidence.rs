@@ -1,8 +1,9 @@
-//! Evidence for a state: its score, which parts are seen, and which configurations that tells.
+//! Evidence for a state: its score, the parts that are seen, and the configurations that are determined.
 //!
-//! In: the verdict of the picture on a state, its inliers and its normal equations. Out: a score, the
-//! probability that the state is right, the parts of which something was itself seen, the joints of
-//! which both sides were, and the standard deviation of each configuration (rad or m).
+//! In: the verdict on a state, its inliers and its normal equations.
+//! Out: a score, the probability that the state is right, the parts that were themselves seen, the joints of which
+//! both sides were seen, and the standard deviation of each configuration (rad or m).
+//! From: ours; the probability is a logistic curve through the pairs of `bench --suite recognise`.
 
 use super::config::RecogniseConfig;
 use super::hypothesis;
@@ -12,42 +13,42 @@ use super::normal_equations::System;
 use super::verdict::Verdict;
 use crate::object::joint_geometry::JointKind;
 
-/// A state that was refined from a hypothesis, with what the picture says of it.
+/// A state that was refined from a hypothesis, and its comparison with the image.
 pub struct RefinedPose {
     /// Pose and configurations.
     pub state: State,
-    /// What is explained, and how well, 0 to 1.
+    /// Score of the state, 0 to 1.
     pub score: f64,
-    /// Matches that agree in space.
+    /// Number of places with matches that agree geometrically.
     pub inliers: usize,
-    /// What the picture says.
+    /// Comparison with the image.
     pub verdict: Verdict,
 }
 
-/// A state of the object, with what can be told of it.
+/// A state of the object, and what is determined of it.
 pub struct Detection {
-    /// Pose and configurations, those included that are not told.
+    /// Pose and configurations, including those that are not determined.
     pub state: State,
-    /// What is explained, and how well, 0 to 1.
+    /// Score of the state, 0 to 1.
     pub score: f64,
-    /// Matches that agree in space.
+    /// Number of places with matches that agree geometrically.
     pub inliers: usize,
-    /// What the picture says.
+    /// Comparison with the image.
     pub verdict: Verdict,
-    /// Parts of which something seen tells where they are.
+    /// For each part, true if seen evidence fixes its place.
     pub placed: Vec<bool>,
-    /// Joints whose configuration can be told.
+    /// For each joint, true if its configuration is determined.
     pub evident: Vec<bool>,
-    /// Standard deviation of each joint's configuration, rad or m, where the picture tells it.
+    /// Standard deviation of each configuration, rad or m, if it is known.
     pub deviations: Vec<Option<f64>>,
 }
 
-/// A score is high enough for the object to be reported.
+/// True if the score is high enough for the object to be reported.
 pub fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
     probability(score) >= config.min_score
 }
 
-/// [`Verdict::score`] of what the configuration asks for.
+/// [`Verdict::score`], limited to the tests that the configuration switches on.
 pub fn score_of(verdict: &Verdict, inliers: usize, config: &RecogniseConfig) -> f64 {
     let appearance = if config.compare_looks { verdict.appearance_score() } else { 1.0 };
     let free_space = if config.check_free_space { verdict.free_space() } else { 1.0 };
@@ -55,7 +56,7 @@ pub fn score_of(verdict: &Verdict, inliers: usize, config: &RecogniseConfig) -> 
     appearance * free_space * edges * verdict.agreement(inliers)
 }
 
-/// Parts of which something was itself seen, where the state puts it.
+/// For each part, true if features or surface of its own are seen where the state puts it.
 pub fn placed_parts(
     articulated: &Articulated,
     matches: &[Match],
@@ -70,7 +71,7 @@ pub fn placed_parts(
         .collect()
 }
 
-/// A configuration is told when something on either side of the joint tells where it is.
+/// For each joint, true if a placed part is on either side of it.
 pub fn evident_joints(articulated: &Articulated, placed: &[bool]) -> Vec<bool> {
     (0..articulated.joints.len())
         .map(|j| {
@@ -83,16 +84,16 @@ pub fn evident_joints(articulated: &Articulated, placed: &[bool]) -> Vec<bool> {
         .collect()
 }
 
-/// Factor on the standard deviation that the residuals give: neighbouring surfels err alike, so
-/// that they count as fewer.
+/// Factor on the standard deviation that the residuals give: errors of neighbouring surfels are correlated, so that
+/// they count as fewer.
 const SCATTER_WORTH: f64 = 2.0;
-/// Least standard deviation of a hinge's configuration, radians: by so much the learned model and
-/// the camera err, however many surfels agree.
+/// Smallest standard deviation of a hinge's configuration, radians: the error of model and camera, however many
+/// surfels agree.
 const LEAST_TURN_DEVIATION: f64 = 0.008;
-/// Least standard deviation of a slide's configuration, metres.
+/// Smallest standard deviation of a slide's configuration, metres.
 const LEAST_SLIDE_DEVIATION: f64 = 0.0015;
 
-/// Standard deviation of each configuration, by the normal equations at a state.
+/// Standard deviation of each configuration, rad or m, by the normal equations at a state.
 pub fn configuration_deviations(articulated: &Articulated, system: &System) -> Vec<Option<f64>> {
     let of_all = system.deviations();
     let of_joint = |(joint, deviation): (&ChainJoint, &Option<f64>)| {
@@ -105,13 +106,13 @@ pub fn configuration_deviations(articulated: &Articulated, system: &System) -> V
     articulated.joints.iter().zip(&of_all[6..]).map(of_joint).collect()
 }
 
-/// How far off a told configuration may be: radians or metres.
+/// Largest error of a configuration that is reported: metres for slides, radians for all others.
 pub fn told_within(kind: JointKind) -> f64 {
     if kind == JointKind::Prismatic { 0.02 } else { 0.087 }
 }
 
-/// Withdraws configurations whose standard deviation is so large that nothing is told: a locker's door
-/// that two features hold is at 0.85 rad, give or take 1.2.
+/// Withdraws configurations whose standard deviation is too large to be useful: a locker's door held by two features
+/// was at 0.85 rad with a deviation of 1.2.
 pub fn withdraw_uncertain(articulated: &Articulated, found: &mut Detection) {
     let joints = articulated.joints.iter().zip(&found.deviations);
     for (evident, (joint, deviation)) in found.evident.iter_mut().zip(joints) {
@@ -119,15 +120,15 @@ pub fn withdraw_uncertain(articulated: &Articulated, found: &mut Detection) {
     }
 }
 
-/// Share of right ones among the reports with a perfect score.
+/// Largest probability: the share of right reports among those with a perfect score.
 const CEILING: f64 = 0.97;
-/// Score at which half of that share is right.
+/// Score at which the probability is half of [`CEILING`].
 const EVEN: f64 = 0.42;
-/// Steepness of the curve there.
+/// Steepness of the logistic curve at [`EVEN`].
 const STEEPNESS: f64 = 16.0;
 
-/// How often a state with this verdict's score is right: a logistic curve through the pairs of
-/// `bench --suite recognise`, which prints how well it holds.
+/// Probability that a state with this score is right: a logistic curve through the pairs of
+/// `bench --suite recognise`, which prints how well it fits.
 pub fn probability(score: f64) -> f64 {
     CEILING / (1.0 + (-STEEPNESS * (score - EVEN)).exp())
 }

@@ -1,10 +1,10 @@
-//! Hypotheses: poses of one part from matches that agree in space; the other parts follow
-//! through the joints, whose configurations the other parts' matches vote for.
+//! Hypotheses: poses of one part from matches that agree geometrically; the other parts follow through the joints,
+//! whose configurations are voted by the matches of those parts.
 //!
-//! In: matches (model side in the object frame at configuration 0, seen side in the camera frame,
-//! metres). Out: states, each with the number of matches that support it. Triples are drawn among
-//! pairs of matches whose distance and normals are alike on both sides (geometric consistency), and
-//! scored by a truncated quadratic (MSAC).
+//! In: matches (model side in the object frame at configuration 0, seen side in the camera frame, metres).
+//! Out: states, each with the number of matches that support it.
+//! From: standard methods: pairwise geometric consistency of matches (distance and normals), sampling of triples,
+//! score by a truncated quadratic (MSAC).
 
 use super::kinematics::{Articulated, State};
 use super::matching::Match;
@@ -22,36 +22,36 @@ use std::f64::consts::TAU;
 /// A pose of one part with the configurations that follow.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
-    /// The part that it started from.
+    /// Part whose pose was estimated first.
     pub part: usize,
-    /// Its pose.
+    /// Pose of the part [`Self::part`].
     pub camera_from_part: Pose,
-    /// The whole object.
+    /// Pose and configurations of the whole object.
     pub state: State,
-    /// Matches that agree, each place counted once.
+    /// Number of places whose matches (or contour points) agree with the state.
     pub support: usize,
 }
 
-/// Matches of a part that are considered.
+/// Largest number of matches of a part that are used.
 const MAX_MATCHES: usize = 250;
-/// Triples drawn.
+/// Number of triples drawn for a part; each seed gets at least four.
 const TRIPLES: usize = 600;
-/// Seeds of triples.
+/// Largest number of matches that start a triple: those with the most consistent partners.
 const SEEDS: usize = 80;
-/// Poses kept per part.
+/// Largest number of poses kept of a part.
 const KEEP: usize = 6;
-/// Largest difference of angles between normals, radians.
+/// Largest difference between an angle on the model and the same angle in the scene, radians.
 const MAX_ANGLE: f64 = 0.49;
-/// Normals contribute as points at this distance, metres.
+/// Distance from a matched point to the point on its normal that is fitted as well, metres.
 const NORMAL_ARM: f64 = 0.04;
-/// Matches that need not be sifted before a state is refined.
+/// Above this number, matches far from the hypothesis are dropped before refinement.
 const FEW: usize = 800;
-/// Tolerances within which a match may come to agree with a state that is refined.
+/// Factor on the tolerance of a match within which refinement may turn it into an inlier.
 const REACH: f64 = 4.0;
-/// Least cosine between a model's and a seen normal.
+/// Smallest cosine between the normal of the model and the seen normal of an inlier.
 const MIN_COSINE: f64 = 0.82;
 
-/// All hypotheses, most support first.
+/// Hypotheses of all parts, most support first.
 pub fn all(articulated: &Articulated, matches: &[Match], seed: u64) -> Vec<Hypothesis> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut found = Vec::new();
@@ -72,7 +72,7 @@ pub fn all(articulated: &Articulated, matches: &[Match], seed: u64) -> Vec<Hypot
     found
 }
 
-/// Of many matches, those that a state may come to agree with as it is refined; few are kept.
+/// Matches that may become inliers of a state by refinement; all of them if there are at most [`FEW`].
 pub fn within_reach<'m>(
     articulated: &Articulated,
     matches: &'m [Match],
@@ -85,8 +85,7 @@ pub fn within_reach<'m>(
     matches.iter().filter(|m| agrees(m, &poses[m.part], REACH)).cloned().collect()
 }
 
-/// Inliers of a state, counted once a place on the object and in the picture; of one part or
-/// of all.
+/// Number of inliers of a state, on one part or on all (`None`), counted by [`places`].
 pub fn unique_inliers(
     articulated: &Articulated,
     matches: &[Match],
@@ -98,8 +97,8 @@ pub fn unique_inliers(
     places(own.filter(|m| agrees(m, &poses[m.part], 1.0)))
 }
 
-/// Inliers of a state on one part, as [`unique_inliers`] counts them, each worth 1 where it fits
-/// exactly and 0 where it only just agrees.
+/// Inliers of a state on one part, counted by [`places`] and weighted by how well they fit: 1 for residual 0, 0 for
+/// a residual equal to the tolerance.
 pub fn fit_of_inliers(
     articulated: &Articulated,
     matches: &[Match],
@@ -120,7 +119,8 @@ pub fn fit_of_inliers(
     mean * places(close.into_iter().map(|(_, m)| m)) as f64
 }
 
-/// Places of matches, each counted once on the object and in the picture.
+/// Number of distinct places of matches: the smaller of the number of cells on the object (12 mm wide) and in the
+/// image (4 pixels wide).
 pub fn places<'m>(matches: impl Iterator<Item = &'m Match>) -> usize {
     let (mut on_object, mut in_picture) = (HashSet::new(), HashSet::new());
     for m in matches {
@@ -130,17 +130,17 @@ pub fn places<'m>(matches: impl Iterator<Item = &'m Match>) -> usize {
     on_object.len().min(in_picture.len())
 }
 
-/// A match agrees with its part's pose in place and normal.
+/// True if a match agrees with the pose of its part in place and normal; `slack` is a factor on its tolerance.
 pub fn agrees(m: &Match, camera_from_part: &IsometryMatrix3<f64>, slack: f64) -> bool {
     Pair::of(m).is_some_and(|pair| pair.residual_squared(camera_from_part, slack).is_some())
 }
 
-/// Both sides of a match have a normal.
+/// True if both sides of a match have a normal.
 fn has_normals(m: &Match) -> bool {
     m.model_normal.norm_squared() > 0.5 && m.seen_normal.norm_squared() > 0.5
 }
 
-/// A match with depth, flattened for the inner loops.
+/// A match with depth, reduced to what the inner loops need.
 struct Pair {
     model_point: Point3<f64>,
     model_normal: Vector3<f64>,
@@ -162,8 +162,8 @@ impl Pair {
         })
     }
 
-    /// How far the pair is apart in a pose, in tolerances and squared; `None` where it does not
-    /// agree with it in place and normal.
+    /// Squared distance of the pair in a pose, divided by the squared tolerance; `None` if the pair does not agree
+    /// with the pose in place and normal.
     #[inline(always)]
     fn residual_squared(&self, pose: &IsometryMatrix3<f64>, slack: f64) -> Option<f64> {
         let apart = pose * self.model_point - self.seen_point;
@@ -173,7 +173,7 @@ impl Pair {
     }
 }
 
-/// Some of a part's matches, by their number: a bit each.
+/// A subset of a part's matches, one bit per match.
 #[derive(Clone, Copy, Default)]
 struct Chosen([u64; MAX_MATCHES.div_ceil(64)]);
 
@@ -200,14 +200,14 @@ impl Chosen {
         self.0.into_iter().enumerate().flat_map(of_word)
     }
 
-    /// Any of them; `None` where there is none.
+    /// Random member of the subset; `None` if it is empty.
     fn any(&self, rng: &mut ChaCha8Rng) -> Option<usize> {
         let count = self.count();
         (count > 0).then(|| self.iter().nth(rng.random_range(0..count)))?
     }
 }
 
-/// Poses of one part from its matches, the best first.
+/// Poses of one part from its matches, best first.
 fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
     let pairs: Vec<Pair> = matches.iter().filter_map(|m| Pair::of(m)).collect();
     let neighbours = compatibility(&pairs);
@@ -236,7 +236,7 @@ fn part_poses(matches: &[&Match], rng: &mut ChaCha8Rng) -> Vec<Pose> {
     distinct(&pairs, &scored)
 }
 
-/// Pairs of matches whose distance and normals' angles are those of the model.
+/// For each pair, the other pairs that are geometrically consistent with it.
 fn compatibility(pairs: &[Pair]) -> Vec<Chosen> {
     let of = |i: usize| {
         let mut compatible_with = Chosen::default();
@@ -247,7 +247,7 @@ fn compatibility(pairs: &[Pair]) -> Vec<Chosen> {
     (0..pairs.len()).into_par_iter().map(of).collect()
 }
 
-/// Two matches may belong to one rigid motion: distance and angles are alike on both sides.
+/// True if two matches may belong to one rigid motion: distance and angles are alike on both sides.
 fn compatible(a: &Pair, b: &Pair) -> bool {
     let on_model = b.model_point - a.model_point;
     let in_scene = b.seen_point - a.seen_point;
@@ -268,14 +268,14 @@ fn compatible(a: &Pair, b: &Pair) -> bool {
         && (!b.has_normals || to_the_other(b, -1.0))
 }
 
-/// Two angles, by their cosines, differ by less than [`MAX_ANGLE`]. Cosines differ by no more than
-/// their angles, so that most pairs are told without an arc cosine.
+/// True if two angles, given by their cosines, differ by less than [`MAX_ANGLE`]. Cosines differ by no more than
+/// their angles, so most pairs are rejected without an arc cosine.
 fn is_same_angle(cosine: f64, other: f64) -> bool {
     let angle = |x: f64| x.clamp(-1.0, 1.0).acos();
     (cosine - other).abs() < MAX_ANGLE && (angle(cosine) - angle(other)).abs() < MAX_ANGLE
 }
 
-/// Rigid fit of places and of the tips of their normals.
+/// Weighted rigid fit of the matched points and of points on their normals.
 fn fit(pairs: &[Pair], of: impl IntoIterator<Item = usize>) -> Option<Pose> {
     let (mut from, mut to, mut weights) = (Vec::new(), Vec::new(), Vec::new());
     for i in of {
@@ -292,7 +292,7 @@ fn fit(pairs: &[Pair], of: impl IntoIterator<Item = usize>) -> Option<Pose> {
     rigid_fit(&from, &to, &weights)
 }
 
-/// A pose, the pairs that agree with it, and how well.
+/// A pose with the pairs that agree with it and its score.
 struct Scored {
     pose: Pose,
     inliers: Chosen,
@@ -313,7 +313,7 @@ impl Scored {
     }
 }
 
-/// The best poses that do not share most of their inliers, refitted on them.
+/// Best poses that share at most half of their inliers with each better one, refitted to their inliers.
 fn distinct(pairs: &[Pair], scored: &[Scored]) -> Vec<Pose> {
     let mut kept = Vec::new();
     let mut used: Vec<Chosen> = Vec::new();
@@ -341,8 +341,8 @@ fn distinct(pairs: &[Pair], scored: &[Scored]) -> Vec<Pose> {
     kept
 }
 
-/// Configurations by votes, spreading through the tree from the part whose pose is known.
-/// Joints without votes stay at rest.
+/// Configurations by votes, propagated through the tree from the part with the known pose. A joint without votes
+/// keeps its rest configuration.
 fn configurations(
     articulated: &Articulated,
     matches: &[Match],
@@ -366,14 +366,15 @@ fn configurations(
         if let Some(voted) = vote(articulated, matches, i, other, &pose, forward) {
             q[i] = voted;
         }
-        // Poses of parts relative to their parent at configuration 0 coincide: the motion of
-        // the joint is all that lies between them.
+        // At configuration 0 the frames of all parts coincide, so that only the motion of the joint lies between two
+        // poses.
         let motion = joint.geometry.motion(q[i]);
         pose_of[other] = Some(if forward { pose * motion } else { pose * motion.inverse() });
     }
 }
 
-/// The configuration that most matches of `other` agree on, given the known side's pose.
+/// Configuration that most matches of `other` vote for, given the pose of the part on the known side; `forward` if
+/// that is the parent.
 fn vote(
     articulated: &Articulated,
     matches: &[Match],
@@ -388,8 +389,8 @@ fn vote(
         .filter(|m| m.part == other)
         .filter_map(|m| {
             let seen = camera_from_known.inverse_transform_point(&m.seen_point?);
-            // Forward: motion(q) takes the model's place to the seen one; backward it is the
-            // seen place that the motion takes to the model's.
+            // Forward, motion(q) takes the model point to the seen point; backward, it takes the seen point to the
+            // model point.
             let (from, to) = if forward { (m.model_point, seen) } else { (seen, m.model_point) };
             let (q, residual, lever) = vote_of(&j.geometry, &from, &to);
             (residual < 1.3 * m.tolerance && q > j.low && q < j.high)
@@ -407,7 +408,8 @@ fn vote(
     median(&mut near)
 }
 
-/// Configuration that takes `from` closest to `to`, how far it misses, and the lever arm.
+/// Configuration that moves `from` closest to `to`, the remaining distance (metres), and the lever arm (metres; 1
+/// for a slide).
 fn vote_of(line: &JointGeometry, from: &Point3<f64>, to: &Point3<f64>) -> (f64, f64, f64) {
     let axis = line.axis.into_inner();
     if line.kind == JointKind::Prismatic {

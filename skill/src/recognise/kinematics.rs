@@ -1,66 +1,67 @@
-//! The kinematic tree as recognition needs it: an object's pose with the configuration of its joints.
+//! The kinematic tree of an object in the form that recognition needs.
 //!
-//! In: a model (object frame at configuration 0, metres and radians). Out: the pose of each part in the
-//! camera frame in a state, how each point moves with each unknown (the Jacobian), and the state after
-//! a step of the unknowns.
+//! In: a model (object frame at configuration 0, metres and radians).
+//! Out: the pose of each part in the camera frame in a state, how points move with each unknown (the Jacobian), and
+//! the state after a step of the unknowns.
+//! From: forward kinematics of a tree of joints.
 
 use crate::math::rigid::{Pose, matrix_pose};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::ObjectModel;
 use nalgebra::{DVector, IsometryMatrix3, Point3, UnitQuaternion, Vector3};
 
-/// Where the object is and how it stands.
+/// Pose and configurations of an object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// Pose of the object frame.
+    /// Pose of the object frame in the camera frame.
     pub camera_from_object: Pose,
-    /// Configuration of each joint.
+    /// Configuration of each joint, rad or m.
     pub q: Vec<f64>,
 }
 
-/// A joint as recognition needs it.
+/// A joint in the form that recognition needs.
 pub struct ChainJoint {
-    /// Its line in the object frame at configuration 0.
+    /// Line of the joint, object frame at configuration 0.
     pub geometry: JointGeometry,
-    /// Carrying part.
+    /// Index of the carrying part.
     pub parent: usize,
-    /// Moved part.
+    /// Index of the moved part.
     pub child: usize,
-    /// Range that was seen.
+    /// Range seen in the demonstrations, rad or m.
     pub range: [f64; 2],
-    /// Lower end of the range, with a margin.
+    /// Lower end of the range with a margin, rad or m.
     pub low: f64,
-    /// Upper end of the range, with a margin.
+    /// Upper end of the range with a margin, rad or m.
     pub high: f64,
 }
 
 impl ChainJoint {
-    /// Of a line, the carrying and the moved part, and the range that was seen.
+    /// Joint of a line, of the carrying and the moved part, and of the demonstrated range.
     pub fn new(geometry: JointGeometry, [parent, child]: [usize; 2], range: [f64; 2]) -> Self {
         let margin = 0.06 * (range[1] - range[0]) + 0.02;
         let (low, high) = (range[0] - margin, range[1] + margin);
         Self { geometry, parent, child, range, low, high }
     }
 
-    /// Standard deviation of how far it moves beyond the range that was seen, rad or m.
+    /// Standard deviation of the motion beyond the demonstrated range, rad or m.
     pub fn slack(&self) -> f64 {
         if self.geometry.kind == JointKind::Prismatic { SLIDE_SLACK } else { TURN_SLACK }
     }
 
-    /// How far a configuration lies outside the range that was seen, below it negative.
+    /// How far a configuration lies outside the demonstrated range, rad or m; negative below the range, 0 within.
     pub fn excess(&self, q: f64) -> f64 {
         q - q.clamp(self.range[0], self.range[1].max(self.range[0]))
     }
 }
 
-/// Standard deviation of how far hinges turn beyond the range that was seen, radians.
+/// Standard deviation of the rotation of hinges beyond the demonstrated range, radians.
 const TURN_SLACK: f64 = 0.02;
-/// Standard deviation of how far slides move beyond it, metres.
+/// Standard deviation of the motion of slides beyond the demonstrated range, metres.
 const SLIDE_SLACK: f64 = 0.01;
-/// Surfels that say as much as one unit of log-likelihood: neighbours err alike.
+/// This many surfels give one nat of evidence, because residuals of neighbours are correlated.
 const SURFELS_PER_NAT: f64 = 5.0;
 
-/// The object's kinematic tree.
+/// Kinematic tree of an object.
 pub struct Articulated {
     /// Number of parts.
     pub parts: usize,
@@ -69,7 +70,7 @@ pub struct Articulated {
 }
 
 impl Articulated {
-    /// Of a model.
+    /// Kinematic tree of a model.
     pub fn new(model: &ObjectModel) -> Self {
         let joints = model
             .joints
@@ -79,19 +80,18 @@ impl Articulated {
         Self { parts: model.parts.len(), joints }
     }
 
-    /// The configuration in the middle of what was seen, nearest to 0.
+    /// Configuration 0 of each joint, clamped to its range with margin.
     pub fn rest(&self) -> Vec<f64> {
         self.joints.iter().map(|j| 0.0_f64.clamp(j.low, j.high)).collect()
     }
 
-    /// How much a state is less likely for joints that stand outside the range that was seen, in
-    /// surfels of agreement.
+    /// Cost of joints outside the demonstrated range, in surfels of agreement.
     pub fn range_penalty(&self, state: &State) -> f64 {
         let excess = |(joint, q): (&ChainJoint, &f64)| (joint.excess(*q) / joint.slack()).powi(2);
         SURFELS_PER_NAT * 0.5 * self.joints.iter().zip(&state.q).map(excess).sum::<f64>()
     }
 
-    /// `object_from_part` by part, relative to configuration 0.
+    /// `object_from_part` of each part: its motion since configuration 0.
     pub fn motions(&self, q: &[f64]) -> Vec<Pose> {
         let mut motions = vec![Pose::identity(); self.parts];
         for (joint, &q) in self.joints.iter().zip(q) {
@@ -100,17 +100,17 @@ impl Articulated {
         motions
     }
 
-    /// `camera_from_part` by part.
+    /// `camera_from_part` of each part.
     pub fn poses(&self, state: &State) -> Vec<Pose> {
         self.motions(&state.q).iter().map(|m| state.camera_from_object * m).collect()
     }
 
-    /// The same, for moving many points.
+    /// `camera_from_part` of each part as a matrix, for moving many points.
     pub fn matrices(&self, state: &State) -> Vec<IsometryMatrix3<f64>> {
         self.poses(state).iter().map(matrix_pose).collect()
     }
 
-    /// Parts that a joint moves, through its descendants.
+    /// Parts that a joint moves: its child and all descendants of the child.
     pub fn moved_by(&self, joint: usize) -> Vec<usize> {
         let mut moved = vec![self.joints[joint].child];
         for j in &self.joints {
@@ -121,13 +121,13 @@ impl Articulated {
         moved
     }
 
-    /// The state in which `part` has a pose, for given configurations.
+    /// State with configurations `q` in which `part` has the given pose.
     pub fn state_with(&self, part: usize, camera_from_part: &Pose, q: Vec<f64>) -> State {
         let motion = self.motions(&q)[part];
         State { camera_from_object: camera_from_part * motion.inverse(), q }
     }
 
-    /// How points move with each unknown, where parts have these poses.
+    /// Velocities of points with each unknown, for parts at these poses.
     pub fn velocities(&self, poses: &[Pose]) -> Velocities {
         let of_joint = |j: usize| {
             let line = self.joints[j].geometry.transformed(&poses[self.joints[j].parent]);
@@ -136,8 +136,9 @@ impl Articulated {
         Velocities((0..self.joints.len()).map(of_joint).collect())
     }
 
-    /// Applies a step over the unknowns of [`Velocities`], shortened as a whole where it
-    /// is too long (pose and configurations may compensate each other), kept in range.
+    /// State after a step over the unknowns of [`Velocities`]. A step that is too long is shortened as a whole,
+    /// since pose and configurations may compensate each other; configurations are clamped to their range with
+    /// margin.
     pub fn stepped(&self, state: &State, step: &DVector<f64>) -> State {
         let longest =
             |from: usize, to: usize| (from..to).map(|k| step[k].abs()).fold(0.0, f64::max);
@@ -162,12 +163,12 @@ impl Articulated {
     }
 }
 
-/// Each joint's line in the camera frame, and the parts that it moves.
+/// Line of each joint in the camera frame, and the parts that it moves.
 pub struct Velocities(Vec<(JointGeometry, Vec<usize>)>);
 
 impl Velocities {
-    /// Velocity of a point of a part, both in the camera frame, with each unknown: rotation of
-    /// the whole (3), translation (3), configurations.
+    /// Velocity of a point of a part, both in the camera frame, with each unknown: rotation of the object about the
+    /// axes of the camera (3), translation (3), then each configuration.
     pub fn of(&self, part: usize, at: &Point3<f64>) -> impl Iterator<Item = Vector3<f64>> {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         let with_joint = move |(line, moved): &(JointGeometry, Vec<usize>)| {

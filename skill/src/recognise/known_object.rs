@@ -1,8 +1,8 @@
 //! An object of the store, prepared once for matching against many scenes.
 //!
-//! In: its model and its appearance (object frame at configuration 0, metres). Out: its features in
-//! a table that is compared at once, its surface, a thinned copy of the surface for the many
-//! configurations that are only compared roughly, and where the surface ends.
+//! In: its model and its appearance (object frame at configuration 0, metres).
+//! Out: tables of features for matching, the surface, a thinned copy of the surface to compare many configurations
+//! roughly, and the edges of the surface.
 
 use super::matching::FeatureTable;
 use super::render_cloud::{Cloud, known_edges};
@@ -13,14 +13,14 @@ use std::sync::OnceLock;
 
 /// An object with its appearance prepared for matching.
 pub struct KnownObject {
-    /// Motion.
+    /// Parts and joints.
     pub model: ObjectModel,
     pub(super) table: FeatureTable,
-    /// Features of the room in which it was last seen.
+    /// Features of what stood around the object, not its own.
     pub(super) room: FeatureTable,
     pub(super) cloud: Cloud,
     pub(super) coarse: Cloud,
-    /// Where it is known to end, as stored.
+    /// All known edges of the surface, as stored; `cloud` holds some of them.
     edges: Vec<Edge>,
     shape: OnceLock<ObjectShape>,
 }
@@ -33,7 +33,7 @@ impl KnownObject {
         Self { room, ..Self::of(model, table, cloud, appearance.edges.clone()) }
     }
 
-    /// Of its prepared features and surface, and all its edges.
+    /// Creates an object of prepared features and surface, and all its edges; without a room.
     pub(super) fn of(
         model: ObjectModel,
         table: FeatureTable,
@@ -44,7 +44,7 @@ impl KnownObject {
         Self { model, table, room, coarse: cloud.thinned(), cloud, edges, shape: OnceLock::new() }
     }
 
-    /// Its shape, worked out when it is first looked for by it.
+    /// Shape of the object, computed on first use.
     pub(super) fn shape(&self) -> &ObjectShape {
         let new =
             || ObjectShape::new(&known_edges(&self.edges), &self.coarse, self.model.parts.len());

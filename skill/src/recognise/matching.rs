@@ -1,5 +1,9 @@
-//! Matches between an object's features and a scene's: nearest descriptor among those of the
-//! right metric size, distinctly nearer than the best one at another place.
+//! Matches of an object's features with those of a scene: the nearest descriptor among those of the right metric
+//! size, and how much nearer it is than the best one at another place.
+//!
+//! In: features of an object (object frame at configuration 0) and of a scene (camera frame), metres.
+//! Out: matches.
+//! From: paper, section III-E, which matches descriptors; ratio test of Lowe (2004).
 
 use super::config::RecogniseConfig;
 use crate::features::quantised::{bytes_of, quantise, similarity};
@@ -11,50 +15,49 @@ use nalgebra::{DMatrix, Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// One match.
+/// A match of a feature of an object with one of a scene.
 #[derive(Debug, Clone)]
 pub struct Match {
     /// Part of the object.
     pub part: usize,
-    /// Place on the object at configuration 0.
+    /// Point on the object at configuration 0, object frame, metres.
     pub model_point: Point3<f64>,
-    /// Normal there; zero where unknown.
+    /// Unit normal at the model point, object frame; zero if unknown.
     pub model_normal: Vector3<f64>,
-    /// Place in the camera frame; `None` without depth.
+    /// Point in the camera frame, metres; `None` without depth.
     pub seen_point: Option<Point3<f64>>,
-    /// Normal there; zero where unknown.
+    /// Unit normal at the seen point, camera frame; zero if unknown.
     pub seen_normal: Vector3<f64>,
-    /// Pixel.
+    /// Pixel of the seen feature.
     pub pixel: [f32; 2],
-    /// Distance of the descriptors.
+    /// Distance between the unit descriptors.
     pub distance: f64,
-    /// Its ratio to the distance of the best one at another place: the smaller the more distinct.
+    /// Ratio of `distance` to the distance of the best descriptor at another place: the smaller, the more distinct.
     pub ratio: f64,
-    /// Tolerance of its place, metres.
+    /// Tolerance of the seen point, metres; 0 without depth.
     pub tolerance: f64,
 }
 
 /// Kinds of features that are compared.
 const KINDS: [FeatureKind; 2] = [FeatureKind::Picture, FeatureKind::Rectified];
 
-/// Features of an object of one kind, by size: a feature is compared with those of about its own
-/// size.
+/// Features of one kind of an object, by size: a feature is compared only with those of about its size.
 struct Table {
     kind: FeatureKind,
-    /// Bytes, a row a feature.
+    /// Descriptors in bytes, one row per feature.
     descriptors: DMatrix<u8>,
     parts: Vec<usize>,
     points: Vec<Point3<f64>>,
     normals: Vec<Vector3<f64>>,
-    /// Ascending.
+    /// Natural logarithm of each size in metres, ascending.
     log_sizes: Vec<f32>,
 }
 
-/// An object's features, ready to be compared with a scene's.
+/// Features of an object, prepared for matching with a scene.
 pub struct FeatureTable([Table; KINDS.len()]);
 
 impl FeatureTable {
-    /// Unpacks features.
+    /// Unpacks the features, and sorts them by kind and size.
     pub fn new(features: &[ModelFeature]) -> Self {
         let of = |kind: FeatureKind| {
             let mut features: Vec<&ModelFeature> =
@@ -84,7 +87,8 @@ fn log_size(size_m: f32) -> f32 {
 }
 
 impl Table {
-    /// Indices of features whose size a query's may be.
+    /// Indices of the features that are compared with a query: those of about its size; all if the query has no
+    /// depth.
     fn gated(&self, query: &DescribedFeature) -> Range<usize> {
         if query.point.is_none() {
             return 0..self.parts.len();
@@ -99,23 +103,23 @@ impl Table {
     }
 }
 
-/// Features of a scene of one kind.
+/// Features of one kind of a scene.
 struct QueriesOfKind {
-    /// Their places among all of the scene's, by size; those without depth come last.
+    /// Indices into all features of the scene, by size; those without depth come last.
     order: Vec<usize>,
-    /// Bytes of their descriptors, a column each.
+    /// Descriptors, bytes as floats, one column per feature.
     descriptors: DMatrix<f32>,
 }
 
-/// A scene's features, ready to be compared with many objects'.
+/// Features of a scene, prepared for matching with many objects.
 pub struct Queries {
     kinds: [QueriesOfKind; KINDS.len()],
-    /// What measured their depth.
+    /// Sensor that measured the depth.
     sensor: DepthSensor,
 }
 
 impl Queries {
-    /// Of all features of a scene.
+    /// Prepares all features of a scene.
     pub fn new(features: &[DescribedFeature], sensor: DepthSensor) -> Self {
         let of = |kind: FeatureKind| {
             let size = |i: &usize| features[*i].point.map_or(f64::INFINITY, |_| features[*i].size);
@@ -131,23 +135,23 @@ impl Queries {
     }
 }
 
-/// Features nearer to one another than this are one place, metres.
+/// Largest distance between features that count as one place, metres.
 const ONE_PLACE_M: f64 = 0.03;
-/// Largest distance of unit descriptors.
+/// Largest distance between the unit descriptors of a match.
 const MAX_DISTANCE: f64 = 0.85;
 
-/// The matches of a scene's features with an object's, kind by kind.
+/// Matches of a scene's features with an object's, one list per kind.
 pub struct Compared(Vec<Vec<Match>>);
 
 impl Compared {
-    /// Compares a scene's features, of which `queries` were made.
+    /// Matches the features of a scene, of which `queries` were made, with those of an object.
     pub fn new(seen: &[DescribedFeature], queries: &Queries, table: &FeatureTable) -> Self {
         let of_kind = |(of_kind, table)| match_kind(seen, of_kind, table, queries.sensor);
         Self(queries.kinds.iter().zip(&table.0).map(of_kind).collect())
     }
 
-    /// The most distinct matches of both kinds, of features that lie where `is_free` says so;
-    /// most distinct first.
+    /// The most distinct matches of both kinds, most distinct first. Features at places for which `is_free` is false
+    /// are left out.
     pub fn distinct(
         &self,
         is_free: impl Fn(&Point3<f64>) -> bool,
@@ -166,7 +170,7 @@ impl Compared {
         distinct.into_iter().cloned().collect()
     }
 
-    /// All matches, nearest first.
+    /// All matches, smallest distance first.
     pub fn all(&self) -> Vec<Match> {
         let mut all: Vec<&Match> = self.0.iter().flatten().collect();
         all.sort_by(|a, b| a.distance.total_cmp(&b.distance));
@@ -174,12 +178,13 @@ impl Compared {
     }
 }
 
-/// Distinct matches of each kind that are kept, the most distinct first.
+/// Largest number of distinct matches that are kept of each kind.
 const MAX_MATCHES: usize = 400;
-/// Queries that are compared at a time.
+/// Number of queries that are compared at a time.
 const BLOCK: usize = 64;
 
-/// Many products of descriptors at once, as matrices: numbers so small are exact in floats.
+/// Matches of one kind of features. Products of descriptors are computed as products of matrices; whole numbers of
+/// this size are exact in floats.
 fn match_kind(
     seen: &[DescribedFeature],
     queries: &QueriesOfKind,
@@ -193,7 +198,7 @@ fn match_kind(
     let gates: Vec<Range<usize>> = queries.order.iter().map(|i| table.gated(&seen[*i])).collect();
     let mut blocks = Vec::new();
     let mut end = 0;
-    // Rectified features have a few sizes: those of another are no work.
+    // Rectified features have only a few sizes: queries are grouped so that other sizes cost no work.
     for alike in gates.chunk_by(|a, b| b.start < a.end) {
         let all = end..end + alike.len();
         end = all.end;
@@ -219,7 +224,7 @@ fn match_kind(
     matches.into_iter().map(|(_, m)| m).collect()
 }
 
-/// The match of a query by the products of its descriptor with those of features from `first` on.
+/// Match of a query, by the products of its descriptor with those of the features from index `first` on.
 fn matched(
     query: &DescribedFeature,
     table: &Table,
@@ -244,17 +249,17 @@ fn matched(
     .filter(|m| m.distance < MAX_DISTANCE)
 }
 
-/// The feature of the highest product, and the highest of those that are elsewhere.
+/// The feature with the largest product, and the largest product among the features at another place.
 struct Nearest {
     index: usize,
     product: f32,
     elsewhere: f32,
 }
 
-/// Products that are compared at a time.
+/// Number of products that are compared at a time.
 const LANES: usize = 32;
 
-/// Loops as wide as the processor allows, with the same results on all.
+/// Finds the nearest feature; loops are as wide as the processor allows, with the same results on all.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn nearest(products: &[f32], first: usize, table: &Table) -> Option<Nearest> {
     let of_chunks: Vec<f32> = products.chunks(LANES).map(highest).collect();
@@ -280,7 +285,7 @@ fn nearest(products: &[f32], first: usize, table: &Table) -> Option<Nearest> {
     Some(Nearest { index, product, elsewhere })
 }
 
-/// The highest of up to so many products.
+/// Largest of up to [`LANES`] products.
 #[inline(always)]
 fn highest(products: &[f32]) -> f32 {
     let mut lanes = [0.0; LANES];
@@ -295,7 +300,7 @@ fn highest(products: &[f32]) -> f32 {
     lanes[0]
 }
 
-/// Tolerance of a matched place at depth `z`, metres.
+/// Tolerance of a seen point at depth `z`, metres.
 fn tolerance(sensor: DepthSensor, z: f64) -> f64 {
     0.008 + 3.0 * sensor.reading_sigma(z)
 }

@@ -1,17 +1,17 @@
-//! Recognition in a future encounter (paper, section III-E): which learned object is in the
-//! picture, where its frame is, and at which configuration each of its joints is.
+//! Recognition in a future encounter: which learned object is in the image, the pose of its frame, and the
+//! configuration of each of its joints.
 //!
-//! In: a [`Scene`] (one frame, prepared) and known objects. Out: a [`Recognition`]: poses, lines of
-//! joints and configurations in the camera frame, metres and radians.
+//! In: a [`Scene`] (one prepared RGB-D frame) and known objects.
+//! Out: a [`Recognition`]: poses, joint lines and configurations in the camera frame, metres and radians.
+//! From: paper, section III-E, which matches descriptors; the refinement and verification are ours.
 //!
-//! The way of one object, a file a step: its features are compared with the scene's (`matching`);
-//! hypotheses of each part's pose come from matches that agree in space, the other parts follow
-//! through their joints (`hypothesis`); everything is refined together (`refine`); the result is
-//! verified against the picture (`verify`, `edge_test`): geometry alone cannot tell look-alikes
-//! apart, inliers alone cannot either. What of it is told is decided last (`evidence`, `ambiguity`,
-//! `elimination`). Where nothing is found by its own features, plain things are looked for in the room in
-//! which they were learned (`room_search`). [`Follower`] then follows the object from frame to frame, and an index of
-//! words (`retrieval`) tells which objects of a large store are worth a search.
+//! The steps for one object, one file each: its features are matched with those of the scene (`matching`). Matches
+//! that agree geometrically give hypotheses of a part's pose; the other parts follow through their joints
+//! (`hypothesis`). A hypothesis is refined (`refine`) and verified (`verify`, `edge_test`), since neither geometry
+//! nor inliers alone distinguish similar objects. Which configurations are reported is decided last (`evidence`,
+//! `ambiguity`, `elimination`). Objects without features are searched in their room (`room_search`). [`Follower`]
+//! follows an object from frame to frame. An index of words (`retrieval`) selects the objects of a large store to be
+//! searched.
 
 mod ambiguity;
 pub(crate) mod config;
@@ -56,10 +56,10 @@ use rayon::prelude::*;
 use shape::ContourGrid;
 use std::sync::Arc;
 
-/// Looks for every object in the scene; those above the threshold, best first.
+/// Searches the scene for every object and returns those above the threshold, best first.
 ///
-/// Where distinct matches lead to no object at all, all matches are tried, of each. That costs as
-/// much again, and more: where something is known to be seen it is not asked for.
+/// If distinct matches lead to no object at all, each object is searched again with all matches, which at least
+/// doubles the time, then in its room and, if configured, by its shape.
 #[must_use]
 pub fn recognise(
     scene: &Scene,
@@ -86,8 +86,7 @@ pub fn recognise(
     recognition
 }
 
-/// Where nothing was recognised, looks for each object without features of its own: in its room, then
-/// by its shape.
+/// If nothing was recognised, searches for each object in its room, then, if configured, by its shape.
 fn retry_plain(searches: &mut [ObjectSearch], scene: &Scene, config: &RecogniseConfig) {
     let is_recognised =
         |searches: &[ObjectSearch]| searches.iter().any(ObjectSearch::is_recognised);
@@ -101,8 +100,7 @@ fn retry_plain(searches: &mut [ObjectSearch], scene: &Scene, config: &RecogniseC
     }
 }
 
-/// The best explanation of the scene by one object, whatever its score; `None` when too few
-/// matches agree in space.
+/// Best explanation of the scene by one object, whatever its score; `None` if too few matches agree geometrically.
 #[must_use]
 pub fn find(
     scene: &Scene,
@@ -151,7 +149,7 @@ mod tests {
         Scene::new(&slider(paint, slid)).unwrap()
     }
 
-    /// What a picture shows of the slider, at configuration 0.
+    /// Known object made of one scene of the slider, at configuration 0.
     fn known(name: &str, paint: u32) -> Arc<KnownObject> {
         let scene = scene(paint, 0.0);
         let part_at = |z: f64| match z {

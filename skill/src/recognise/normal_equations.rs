@@ -1,9 +1,11 @@
-//! Normal equations over an object's pose and configurations, and the rows that a seen surface
-//! gives them (point-to-plane residuals with a robust weight).
+//! Normal equations over an object's pose and configurations, and the rows that a seen surface adds to them.
 //!
-//! The unknowns: rotation of the object about the camera's axes (3, radians), translation (3, metres),
-//! then one configuration per joint (rad or m). In: residuals with their rows of the Jacobian. Out: a
-//! step, or the standard deviation of each unknown.
+//! The unknowns: rotation of the object about the camera's axes (3, radians), translation (3, metres), then one
+//! configuration per joint (rad or m).
+//!
+//! In: residuals with their rows of the Jacobian.
+//! Out: a step, or the standard deviation of each unknown.
+//! From: Gauss-Newton; point-to-plane residuals with Huber's weight.
 
 use super::kinematics::{Articulated, State};
 use super::render_cloud::{Cloud, visible};
@@ -11,31 +13,31 @@ use super::scene::Scene;
 use crate::math::normal_equations::NormalEquations;
 use nalgebra::{DMatrix, DVector, Dyn};
 
-/// Normal equations over pose and configurations; residuals are predicted less seen.
+/// Normal equations over pose and configurations; residuals are predicted minus seen.
 pub struct System {
     equations: NormalEquations<Dyn>,
     row: DVector<f64>,
 }
 
-/// Deviation from which on an unknown counts as untold: a metre, or a radian.
+/// Smallest standard deviation, metres or radians, at which an unknown counts as undetermined.
 const UNTOLD_DEVIATION: f64 = 1.0;
-/// Evidence of an unknown of which nothing tells.
+/// Information of an unknown without any evidence: a standard deviation of 2 metres or radians.
 const UNTOLD_INFORMATION: f64 = 0.25;
 
 impl System {
-    /// For so many unknowns.
+    /// Empty equations of this number of unknowns.
     pub fn new(unknowns: usize) -> Self {
         Self { equations: NormalEquations::of(Dyn(unknowns)), row: DVector::zeros(unknowns) }
     }
 
-    /// One residual, with how it changes with each unknown.
+    /// Adds one residual with its row of the Jacobian and its weight.
     pub fn add(&mut self, jacobian: impl IntoIterator<Item = f64>, residual: f64, weight: f64) {
         self.row.iter_mut().zip(jacobian).for_each(|(entry, value)| *entry = value);
         self.equations.add(&self.row, residual, weight);
     }
 
-    /// Draws joints back that stand outside the range that was seen: a joint may turn a little
-    /// further than it was shown, but where the picture hardly tells, it does not.
+    /// Adds a prior that draws configurations outside the demonstrated range back to it. A joint may move a little
+    /// beyond that range, but only where the image supports it.
     pub fn draw_into_range(&mut self, articulated: &Articulated, state: &State) {
         for (j, (joint, q)) in articulated.joints.iter().zip(&state.q).enumerate() {
             let excess = joint.excess(*q);
@@ -47,35 +49,36 @@ impl System {
         }
     }
 
-    /// Holds the first unknowns, the pose, where they are.
+    /// Adds information to the first six unknowns, the pose, so that they keep their values.
     pub fn hold_pose(&mut self, weight: f64) {
         for k in 0..6 {
             self.equations.left[(k, k)] += weight;
         }
     }
 
-    /// Standard deviation of each unknown where all others are unknown too, in the unknowns' own
-    /// units: `None` where nothing tells of it.
+    /// Standard deviation of each unknown, in its own unit, if all others are unknown too; `None` if it is not
+    /// determined.
     pub fn deviations(&self) -> Vec<Option<f64>> {
         deviations_of(self.equations.information())
     }
 
-    /// Standard deviation of each of the first six unknowns, the pose, where all others are known.
+    /// Standard deviation of each of the first six unknowns, the pose, if the configurations are known; `None` if it
+    /// is not determined.
     pub fn pose_deviations(&self) -> Vec<Option<f64>> {
         deviations_of(self.equations.information().view((0, 0), (6, 6)).into_owned())
     }
 
-    /// The step that lowers the residuals; `None` when it cannot be told.
+    /// Step that lowers the residuals, after `damping` is added to the information of each unknown; `None` if it is
+    /// not determined.
     pub fn solve(mut self, damping: f64) -> Option<DVector<f64>> {
         self.equations.damp(damping);
         Some(-self.equations.solution()?)
     }
 }
 
-/// Standard deviations by the information of unknowns.
+/// Standard deviations of unknowns by their information.
 fn deviations_of(mut information: DMatrix<f64>) -> Vec<Option<f64>> {
     let unknowns = information.nrows();
-    // Without any evidence an unknown stays as uncertain as this.
     (0..unknowns).for_each(|k| information[(k, k)] += UNTOLD_INFORMATION);
     let Some(covariance) = information.cholesky().map(|c| c.inverse()) else {
         return vec![None; unknowns];
@@ -86,7 +89,9 @@ fn deviations_of(mut information: DMatrix<f64>) -> Vec<Option<f64>> {
         .collect()
 }
 
-/// Distances of visible surfels to the planes seen at their pixels, nearer than `gate`.
+/// Adds the distances of visible surfels to the planes seen at their pixels, and returns their number. `gate`:
+/// largest distance, metres, to which depth noise is added. All planes together weigh at most as much as 300 single
+/// ones.
 pub fn add_surface(
     system: &mut System,
     scene: &Scene,
@@ -142,7 +147,7 @@ mod tests {
         let mut system = System::new(7);
         system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0], 0.0, 1e6);
         assert_eq!(system.deviations()[6], None);
-        // Another one that tells the one tells the other.
+        // A residual that fixes the first unknown fixes the second one too.
         system.add([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 0.0, 1e6);
         assert!(system.deviations()[6].is_some_and(|d| d < 0.002));
     }

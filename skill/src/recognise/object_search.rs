@@ -1,10 +1,12 @@
 //! The search for one object in a scene.
 //!
-//! In: a scene and a known object. Out: what of the object can be told, as a [`Detection`], or
-//! several where things of one class stand side by side. The steps: distinct matches of features;
-//! hypotheses of each part's pose from matches that agree in space; refinement of the best
-//! hypotheses; verification of each refined state by the picture; choice of the best state; decision
-//! which of its configurations are told. Without depth, PnP takes the place of the first steps.
+//! In: a scene and a known object.
+//! Out: what is determined of the object, as a [`Recognised`], or several if objects of one class stand side by
+//! side.
+//!
+//! The steps: distinct matches of features; hypotheses of each part's pose from matches that agree geometrically;
+//! refinement of the best hypotheses; verification of each refined state by the image; choice of the best state;
+//! decision which of its configurations are determined. Without depth, PnP replaces the first steps.
 
 use super::ambiguity::withdraw_ambiguous;
 use super::config::RecogniseConfig;
@@ -28,14 +30,14 @@ use super::shape_search;
 use super::verify::verify;
 use crate::math::rigid::Pose;
 
-/// Matches that agree in space before anything dense is computed.
+/// Smallest number of matches, each place counted once, that must agree with a refined state.
 const MIN_INLIERS: usize = 7;
-/// Things of one make that are looked for in one picture.
+/// Largest number of objects of one class that are searched for in one frame.
 const MAX_OF_A_MAKE: usize = 4;
-/// Share of the surface of one thing that may lie where another thing stands.
+/// Largest share of an object's surface that may lie in space that another object occupies.
 const MAX_SHARED: f64 = 0.3;
 
-/// One object looked for in a scene.
+/// Search for one object in a scene.
 pub struct ObjectSearch<'l> {
     scene: &'l Scene,
     object: &'l KnownObject,
@@ -43,16 +45,16 @@ pub struct ObjectSearch<'l> {
     seed: u64,
     articulated: Articulated,
     compared: Compared,
-    /// Matches that are distinct.
+    /// Distinct matches.
     distinct: Vec<Match>,
-    /// Hypotheses that were refined.
+    /// Poses of hypotheses that were refined.
     tried: TriedPoses,
-    /// The best of them.
+    /// Best detection so far.
     found: Option<Detection>,
 }
 
 impl<'l> ObjectSearch<'l> {
-    /// Looks for the object by its distinct matches.
+    /// Searches for the object by its distinct matches.
     pub fn by_distinct_matches(
         scene: &'l Scene,
         object: &'l KnownObject,
@@ -85,19 +87,19 @@ impl<'l> ObjectSearch<'l> {
         Self { tried, found, ..search }
     }
 
-    /// Something was found whose score is high enough.
+    /// True if the score of the best detection is high enough.
     pub fn is_recognised(&self) -> bool {
         self.found.as_ref().is_some_and(|f| is_believed(f.score, self.config))
     }
 
-    /// What was found, whatever its score, as it is reported.
+    /// Best detection as it is reported, whatever its score.
     pub fn best(&self) -> Option<Recognised> {
         self.found.as_ref().map(|found| report(self.object, &self.articulated, found))
     }
 
-    /// Looks for the object by all matches. Paint that repeats has its like elsewhere: of 40 matches
-    /// that are right two may be distinct. As more agree by chance, nothing is forgiven for being
-    /// hidden, and a joint has to show.
+    /// Searches for the object by all matches. Matches of repeated texture are not distinct: of 40 right matches two
+    /// may be. As more matches agree by chance, occluded surface counts against the state, and the configuration of
+    /// a joint has to be determined.
     pub fn retry_with_all_matches(&mut self) {
         if !self.config.try_all_matches || !self.scene.has_depth() {
             return;
@@ -119,7 +121,7 @@ impl<'l> ObjectSearch<'l> {
         }
     }
 
-    /// Looks for the object where its room says that it stands, if the room is seen.
+    /// Searches for the object at the place that the matches of its room give, if its room is seen.
     pub fn retry_in_room(&mut self, seen: &ContourGrid) {
         let scene = self.scene;
         let of_room = Compared::new(&scene.features, scene.queries(), &self.object.room);
@@ -133,11 +135,11 @@ impl<'l> ObjectSearch<'l> {
         }
     }
 
-    /// Looks for the object by its shape: what is plain has no features, but it ends somewhere.
+    /// Searches for the object by its contour: plain objects have no features, but their surface ends.
     pub fn retry_by_shape(&mut self, seen: &ContourGrid) {
         let KnownObject { cloud, model, .. } = self.object;
         tracing::debug!(object = model.object, "looked for by shape");
-        // Ends tell configurations, and a thinned surface has none.
+        // Edges determine configurations, and a thinned surface has none.
         let contours = Contours { shape: self.object.shape(), seen };
         let by_shape = Refiner { shape: Some(contours), coarse: cloud, ..self.refiner(&[], 0) };
         if let Some(found) = shape_search::find(&by_shape, contours) {
@@ -145,10 +147,9 @@ impl<'l> ObjectSearch<'l> {
         }
     }
 
-    /// What was recognised, and further things of the same class, and the best score below the
-    /// threshold. Each next one is looked for where none of those before it stands. As pieces of
-    /// room may look alike, a further one must show both sides of a joint and half as many inliers
-    /// as the first.
+    /// Recognised objects of this class, and the score of the first one below the threshold, 0 if there is none.
+    /// Each further one is searched for outside the space of those before it. As parts of a room may be alike, a
+    /// further one must show both sides of a joint and have half as many inliers as the first.
     pub fn same_class_instances(mut self) -> (Vec<Recognised>, f64) {
         let Some(first) = self.found.take() else { return (Vec::new(), 0.0) };
         let min_inliers = MIN_INLIERS.max(first.inliers.div_ceil(2));
@@ -174,8 +175,7 @@ impl<'l> ObjectSearch<'l> {
         (all, 0.0)
     }
 
-    /// The best explanation of the scene by matches; where there is no depth, by where they lie in
-    /// the picture.
+    /// Best explanation of the scene by matches; without depth, by their pixels.
     fn detect(
         &self,
         matches: &[Match],
@@ -221,9 +221,9 @@ impl<'l> ObjectSearch<'l> {
 #[derive(Default)]
 struct TriedPoses(Vec<(usize, Pose)>);
 
-/// Poses of one part that are no farther apart, in metres, lead to one state.
+/// Largest distance between two poses of one part that count as one pose, metres.
 const SAME_PLACE_M: f64 = 0.05;
-/// The same for their rotation, radians.
+/// Largest rotation between two poses of one part that count as one pose, radians.
 const SAME_TURN: f64 = 0.2;
 
 impl TriedPoses {
@@ -241,11 +241,12 @@ impl TriedPoses {
     }
 }
 
-/// Share of the matches that agree with one state from which another may be the better one.
+/// Smallest share of the matches that agree with one state that must agree with another state for it to be the
+/// better one.
 const SHARE_OF_MOST: f64 = 0.4;
 
-/// The best state that hypotheses lead to, of those that were not tried before. Where far more
-/// matches agree on another, the picture shows something else that has the learned paint.
+/// Best state that hypotheses lead to, of those that were not tried before; `None` if far more matches agree on
+/// another hypothesis: the image then shows something else with the learned texture.
 fn best_pose(
     refiner: &Refiner,
     mut least_support: usize,
@@ -274,8 +275,8 @@ fn best_pose(
             poses.into_iter().enumerate().for_each(|(part, pose)| tried.add(part, pose));
             least_support = least_support.max((SHARE_OF_MOST * refined.inliers as f64) as usize);
         }
-        // A small piece of the room may look better than all of the object does in poor light:
-        // what counts is how much is explained, and how well.
+        // In poor light a small piece of the room may score better than the whole object, so that states are ranked
+        // by score times explained surface.
         let explained = refined.score * refine::explained(&refined.verdict, refined.inliers);
         if best.as_ref().is_none_or(|(most, _)| explained > *most) {
             best = Some((explained, refined));
@@ -285,8 +286,8 @@ fn best_pose(
     best.map(|(_, best)| best).filter(|b| b.inliers >= least)
 }
 
-/// The state that a hypothesis leads to, and what the picture says of it; `None` where another thing
-/// is seen in its place.
+/// State that a hypothesis leads to, and its comparison with the image; `None` if another object is seen in its
+/// place.
 fn refined_and_verified(refiner: &Refiner, hypothesis: &Hypothesis) -> Option<RefinedPose> {
     let Refiner { scene, articulated, cloud, config, .. } = *refiner;
     let matches = &hypothesis::within_reach(articulated, refiner.matches, &hypothesis.state)[..];
@@ -299,7 +300,7 @@ fn refined_and_verified(refiner: &Refiner, hypothesis: &Hypothesis) -> Option<Re
     Some(RefinedPose { state, score, inliers, verdict })
 }
 
-/// Decides what of a state can be told.
+/// Decides which configurations of a state are determined, and lowers the score if none is.
 fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
     let Refiner { scene, articulated, cloud, config, .. } = *refiner;
     let RefinedPose { state, score, inliers, verdict } = refined;

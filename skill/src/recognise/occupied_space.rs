@@ -1,20 +1,20 @@
-//! Occupied voxels: places in front of the camera where something that was recognised stands.
+//! Occupied voxels: space in which recognised objects stand.
 //!
-//! In: surfaces of recognised things, camera frame, metres. Out: whether a place is occupied, and what
-//! share of another surface is.
+//! In: surfaces of recognised objects, camera frame, metres.
+//! Out: whether a place is occupied, and which share of another surface is.
 
 use super::kinematics::{Articulated, State};
 use super::render_cloud::Cloud;
 use nalgebra::Point3;
 use std::collections::HashSet;
 
-/// Edge of a cell, metres.
+/// Edge length of a voxel, metres.
 const CELL_M: f64 = 0.03;
 
-/// A voxel by its number along x, y and z.
+/// Index of a voxel along x, y and z.
 type Cell = [i32; 3];
 
-/// Occupied cells, camera frame.
+/// Occupied voxels, camera frame.
 #[derive(Default)]
 pub struct OccupiedVoxels {
     cells: HashSet<Cell>,
@@ -24,30 +24,30 @@ fn cell_of(p: &Point3<f64>) -> Cell {
     [p.x, p.y, p.z].map(|x| (x / CELL_M).floor() as i32)
 }
 
-/// A cell with all that touch it.
+/// A voxel and its 26 neighbours.
 fn around(cell: Cell) -> impl Iterator<Item = Cell> {
     (0..27).map(move |i| [cell[0] + i % 3 - 1, cell[1] + i / 3 % 3 - 1, cell[2] + i / 9 - 1])
 }
 
-/// Where the surface of an object in some state is.
+/// Places of the surfels of an object in a state, camera frame, metres.
 pub fn places_of(cloud: &Cloud, articulated: &Articulated, state: &State) -> Vec<Point3<f64>> {
     let poses = articulated.poses(state);
     cloud.surfels.iter().map(|s| poses[s.part] * s.point).collect()
 }
 
 impl OccupiedVoxels {
-    /// Marks places, and what touches them, as occupied.
+    /// Marks the voxels of places, and the neighbours of these voxels, as occupied.
     pub fn add(&mut self, places: &[Point3<f64>]) {
         let own: HashSet<Cell> = places.iter().map(cell_of).collect();
         self.cells.extend(own.into_iter().flat_map(around));
     }
 
-    /// A place is occupied.
+    /// True if the place is occupied.
     pub fn holds(&self, place: &Point3<f64>) -> bool {
         self.cells.contains(&cell_of(place))
     }
 
-    /// Share of places that are occupied.
+    /// Share of places that are occupied, 0 to 1.
     pub fn share(&self, places: &[Point3<f64>]) -> f64 {
         places.iter().filter(|p| self.holds(p)).count() as f64 / places.len().max(1) as f64
     }

@@ -1,21 +1,22 @@
 //! Correlation of learned and seen colour within patches of surface.
 //!
-//! In: L*a*b* colours, by patch. Out: a correlation of -1 to 1, and how much texture there is to
-//! correlate. Light differs between a demonstration and an encounter, texture does not: mean and
-//! scale of each patch are taken out, as in normalised cross-correlation.
+//! In: L*a*b* colours, by patch.
+//! Out: a correlation of -1 to 1, and the amount of texture.
+//! From: normalised cross-correlation: mean and scale of each patch are removed, because light differs between a
+//! demonstration and an encounter, and texture does not.
 
 use nalgebra::Vector3;
 
-/// Colour that varies so much, L*a*b*, tells a patch from others: any more counts no more.
+/// Standard deviation of the colour within a patch, L*a*b*, above which more variation gives no more weight.
 const TELLING: f64 = 3.0;
-/// Variation of colour that noise makes.
+/// Variance of colour due to noise, L*a*b* squared; keeps plain surfaces from correlating by chance.
 const NOISE: f64 = 1.0;
-/// Fewest surfels of a patch that are compared.
+/// Smallest number of surfels of a patch that is compared.
 const LEAST_IN_PATCH: f64 = 12.0;
-/// Fewest surfels that tell anything.
+/// Smallest number of surfels, in patches that are compared, for a correlation.
 const LEAST_IN_ALL: f64 = 25.0;
 
-/// Learned and seen colours of a patch: sums over its surfels.
+/// Sums of learned and seen colours over the surfels of a patch.
 #[derive(Clone, Copy, Default)]
 pub struct PatchColours {
     n: f64,
@@ -27,7 +28,7 @@ pub struct PatchColours {
 }
 
 impl PatchColours {
-    /// One surfel's learned and seen colour.
+    /// Adds the learned and the seen colour of one surfel.
     pub fn add(&mut self, learned: [f32; 3], seen: [f32; 3]) {
         let [x, y] = [learned, seen].map(|lab| Vector3::from(lab).map(f64::from));
         self.n += 1.0;
@@ -38,8 +39,7 @@ impl PatchColours {
         self.common += x.dot(&y);
     }
 
-    /// Correlation, and how much it tells. The noise keeps plain surfaces from correlating by
-    /// chance.
+    /// Correlation of the patch, and its weight.
     fn correlation(&self) -> (f64, f64) {
         let (mx, my) = (self.learned / self.n, self.seen / self.n);
         let xx = (self.learned_squared / self.n - mx.norm_squared()).max(0.0);
@@ -50,9 +50,9 @@ impl PatchColours {
     }
 }
 
-/// How well colour varies alike within patches, -1 to 1: light differs between encounters,
-/// texture does not. Each patch speaks for itself, however strong its contrast, so that one
-/// mark upon another is no likeness. `None` for too little surface.
+/// Mean correlation of colour within patches, -1 to 1, weighted by surface and texture; `None` with too little
+/// surface or without texture. Each patch is normalised by itself, so that one patch of strong contrast does not
+/// dominate.
 pub fn correlation(patches: &[PatchColours]) -> Option<f64> {
     let (mut sum, mut total, mut count) = (0.0, 0.0, 0.0);
     for patch in patches.iter().filter(|patch| patch.n >= LEAST_IN_PATCH) {
@@ -64,7 +64,7 @@ pub fn correlation(patches: &[PatchColours]) -> Option<f64> {
     (count >= LEAST_IN_ALL && total > 0.0).then(|| sum / total)
 }
 
-/// How much learned colour varies within patches, 0 to 1.
+/// Amount of texture of the learned colour within patches, 0 to 1.
 pub fn texture(patches: &[PatchColours]) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for patch in patches.iter().filter(|patch| patch.n >= LEAST_IN_PATCH) {

@@ -1,9 +1,9 @@
-//! Where depth is missing: a part's pose from its matches' pixels alone (PnP), then each joint's
-//! configuration from the pixels of the parts beyond it.
+//! Recognition without depth: the pose of one part from the pixels of its matches alone (PnP), then the
+//! configuration of each joint from the pixels of the parts beyond it.
 //!
-//! In: matches (model side in the object frame at configuration 0, metres; seen side in pixels). Out: a
-//! detection, verified by its colours alone. The minimal solver is AP3P (Ke and Roumeliotis 2017) in
-//! RANSAC.
+//! In: matches (model side in the object frame at configuration 0, metres; seen side in pixels).
+//! Out: a detection (camera frame, metres and radians), verified by its colours alone.
+//! From: AP3P (Ke and Roumeliotis 2017) in RANSAC; Gauss-Newton over reprojection errors.
 
 use super::evidence::{Detection, evident_joints};
 use super::hypothesis::places;
@@ -20,23 +20,23 @@ use opencv::calib3d;
 use opencv::core::{Mat, Point2f, Point3f, Vector};
 use opencv::prelude::*;
 
-/// Inliers that a pose without depth must have.
+/// Smallest number of inliers of a pose without depth.
 const MIN_INLIERS: usize = 12;
-/// Inliers that show a part.
+/// Smallest number of inliers that show a part.
 const MIN_OF_PART: usize = 4;
-/// Reprojection error of an inlier, pixels.
+/// Largest reprojection error of an inlier, pixels.
 const MAX_ERROR_PX: f64 = 4.0;
-/// Configurations tried.
+/// Number of configurations tried of a joint.
 const SCAN: usize = 61;
-/// How many of a part's matches are tried at a time, the most distinct first: of more, fewer are
-/// right.
+/// Numbers of a part's matches that are tried, the most distinct first: the more there are, the smaller the share of
+/// right ones.
 const LOTS: [usize; 3] = [40, 100, 250];
-/// Steps of refinement.
+/// Number of steps of the refinement.
 const STEPS: usize = 8;
-/// Samples drawn of a lot, at the most.
+/// Largest number of samples that RANSAC draws.
 const SAMPLES: i32 = 2000;
 
-/// The object from pixels, verified by its looks; `None` without enough inliers.
+/// Detection from pixels, verified by colour; `None` with too few inliers.
 pub fn find(
     scene: &Scene,
     articulated: &Articulated,
@@ -58,7 +58,7 @@ pub fn find(
     Some(Detection { state, score, inliers, verdict, placed, evident, deviations })
 }
 
-/// The state that most matches agree with, and how many.
+/// State with the most inliers, and their number.
 fn place(
     camera: &PinholeCamera,
     articulated: &Articulated,
@@ -78,7 +78,8 @@ fn place(
         .filter(|(_, inliers)| *inliers >= MIN_INLIERS)
 }
 
-/// The state in which a part has a pose and the others' matches agree most.
+/// State in which `part` has the given pose, with the configurations that most matches of the parts beyond each
+/// joint agree with.
 fn configured(
     camera: &PinholeCamera,
     articulated: &Articulated,
@@ -106,7 +107,7 @@ fn configured(
     articulated.state_with(part, camera_from_part, q)
 }
 
-/// Pose and configurations by least squares over the pixels of all that agrees.
+/// Pose and configurations by least squares over the reprojection errors of all inliers.
 fn refined(
     camera: &PinholeCamera,
     articulated: &Articulated,
@@ -142,13 +143,13 @@ fn refined(
     state
 }
 
-/// How far a match's pixel is from where a place projects, pixels.
+/// Reprojection error of a match whose model point is at `at` in the camera frame, pixels.
 fn off_by(camera: &PinholeCamera, m: &Match, at: &Point3<f64>) -> Option<Vector2<f64>> {
     let p = camera.project(at)?;
     Some(Vector2::new(p.x - f64::from(m.pixel[0]), p.y - f64::from(m.pixel[1])))
 }
 
-/// Places of some parts that are where a state projects them.
+/// Number of inliers of a state on some parts, each place counted once.
 fn inliers_of(
     camera: &PinholeCamera,
     articulated: &Articulated,
@@ -159,7 +160,7 @@ fn inliers_of(
     inliers(camera, articulated, matches, state, |m| parts.contains(&m.part))
 }
 
-/// Places of those matches that count that are where a state projects them.
+/// Number of inliers of a state among the matches that `counts` selects, each place counted once.
 fn inliers(
     camera: &PinholeCamera,
     articulated: &Articulated,
@@ -175,7 +176,7 @@ fn inliers(
     }))
 }
 
-/// The pose of one part by RANSAC over its matches' pixels; `None` with too few inliers.
+/// Pose of one part by RANSAC over the pixels of its matches; `None` with too few matches or inliers.
 fn solve(camera: &PinholeCamera, matches: &[&Match]) -> opencv::Result<Option<Pose>> {
     if matches.len() < 6 {
         return Ok(None);

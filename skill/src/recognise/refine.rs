@@ -1,8 +1,10 @@
-//! Refinement of a hypothesis: configurations without votes are scanned in depth, features
-//! and surface are brought to agreement in one articulated least-squares problem.
+//! Refinement of a hypothesis: configurations with few inliers are scanned by depth, then features and surface are
+//! aligned in one articulated least-squares problem.
 //!
-//! In: a hypothesis. Out: the state nearby that explains the picture best (camera frame, metres and
-//! radians), or none where another thing is seen in its place.
+//! In: a hypothesis.
+//! Out: the nearby state that explains the image best (camera frame, metres and radians), or `None` if another
+//! object is seen in its place.
+//! From: Gauss-Newton over point-to-point residuals of matches and point-to-plane residuals of surface.
 
 use super::config::RecogniseConfig;
 use super::hypothesis::{Hypothesis, agrees, unique_inliers};
@@ -17,62 +19,62 @@ use super::verify::verify;
 use crate::math::rigid::matrix_pose;
 use rayon::prelude::*;
 
-/// Inliers on either side of a joint below which its configuration is scanned.
+/// Number of inliers on one side of a joint below which its configuration is scanned.
 const WEAK: usize = 6;
-/// Surfels that a matched feature is worth.
+/// Weight of a matched feature, in surfels.
 pub const FEATURE_WORTH: f64 = 8.0;
-/// Scanned configurations that are followed to their end.
+/// Largest number of scanned configurations that are refined.
 const FOLLOWED: usize = 3;
-/// Configurations that are tried of a joint's range.
+/// Number of configurations tried over a joint's range.
 const COARSE_STEPS: usize = 25;
-/// Surfels below which a surface aligns nothing.
+/// Smallest number of surfels with which a surface is aligned.
 const LEAST_SURFACE: usize = 20;
-/// How much better a scanned configuration must fit to replace a refined one.
+/// Smallest ratio of their fits at which a scanned configuration replaces a refined one.
 const SCAN_ADVANTAGE: f64 = 1.02;
 
-/// How much of the picture a state explains, in surfels: less where much of what it claims
-/// stands behind something else.
+/// How much of the image a state explains, in surfels; less if much of the claimed surface is occluded.
 pub fn explained(verdict: &Verdict, inliers: usize) -> f64 {
     let shown = verdict.fit().max(0.0) + FEATURE_WORTH * inliers as f64;
     shown * shown / (shown + verdict.hidden as f64).max(1.0)
 }
 
-/// Distance of a surfel from the surface seen at its pixel up to which it counts in the end.
+/// Largest distance of a surfel from the surface seen at its pixel in the last steps, metres.
 const FINAL_GATE_M: f64 = 0.012;
-/// The same at first, where features tell the pose.
+/// Largest distance of a surfel from the surface seen at its pixel in the first step, metres, if features give the
+/// pose.
 const FIRST_GATE_M: f64 = 0.04;
-/// The same where the room tells it: what stands there may be turned or moved a little.
+/// Largest distance of a surfel from the surface seen at its pixel in the first step, metres, if the room gives the
+/// pose: the object may have been turned or moved a little.
 const ROOM_GATE_M: f64 = 0.12;
-/// Standard deviation of where the object stands in its room, metres: things are pushed a little.
+/// Standard deviation of the object's place in its room, metres: objects are pushed a little.
 const ROOM_SIGMA_M: f64 = 0.03;
 
-/// One object against one scene.
+/// Refinement of one object in one scene.
 pub struct Refiner<'r> {
-    /// The encounter.
+    /// Scene of the encounter.
     pub scene: &'r Scene,
-    /// The object's tree.
+    /// Kinematic tree of the object.
     pub articulated: &'r Articulated,
-    /// Its surface.
+    /// Surface of the object.
     pub cloud: &'r Cloud,
-    /// Some of it, to compare configurations by.
+    /// Thinned surface of the object, for comparing configurations.
     pub coarse: &'r Cloud,
-    /// Its matches.
+    /// Matches of the object.
     pub matches: &'r [Match],
-    /// Fewest of them that must agree with a state.
+    /// Smallest number of matches, each place counted once, that must agree with a state.
     pub min_inliers: usize,
-    /// Its contour, where states are aligned by that too.
+    /// Contour of the object and of the image, if states are aligned by contour too.
     pub shape: Option<Contours<'r>>,
-    /// Matches of the room that agree with the hypothesis: they hold the base about where it is, as far as
-    /// its own surface does not tell better.
+    /// Matches of the room that agree with the hypothesis: a weak prior on the pose of the base.
     pub room: &'r [Match],
-    /// What is done.
+    /// Configuration of recognition.
     pub config: &'r RecogniseConfig,
 }
 
 impl Refiner<'_> {
-    /// From a hypothesis to the state that fits best. Depth alone may hold for several states, and
-    /// plain boards slide as they are aligned: what the matches say by themselves competes too.
-    /// `None` where another thing is seen in the place of the hypothesis' part.
+    /// State with the best fit near a hypothesis: of the fit to the matches alone, the aligned state, and scanned
+    /// configurations. The matches alone compete, since depth may fit several states, and a plain board slides
+    /// during alignment. `None` if another object is seen in the place of the hypothesis' part.
     pub fn settle(&self, hypothesis: &Hypothesis) -> Option<State> {
         let part = hypothesis.part;
         let matched = match self.room {
@@ -96,19 +98,18 @@ impl Refiner<'_> {
             return Some(settled);
         }
         let tuned = weak.iter().fold(settled, |state, joint| self.tune(part, state, *joint));
-        // Where ends are known they tell more exactly than what may be tried.
+        // Contours determine the state more precisely than the tried configurations.
         Some(if self.shape.is_some() { self.align(tuned) } else { tuned })
     }
 
-    /// Another thing is seen where a state puts a part.
+    /// True if another object is seen where a state puts a part.
     fn shows_another(&self, part: usize, state: &State) -> bool {
         let seen = verify(self.scene, self.articulated, self.cloud, state).parts[part];
         (self.config.check_free_space && seen.is_missing())
             || (self.config.compare_looks && seen.has_other_texture())
     }
 
-    /// A scanned state, followed to its end. Alignment may pull a small part into the surface
-    /// behind it: its configuration is looked for again.
+    /// Aligns a scanned state, then scans it once more: alignment may pull a small part into the surface behind it.
     fn follow(&self, part: usize, scanned: State, weak: &[usize]) -> State {
         let aligned = self.align(scanned);
         let again = self.scan(part, &aligned, weak, 41, 1).swap_remove(0);
@@ -116,8 +117,8 @@ impl Refiner<'_> {
         if better { again } else { aligned }
     }
 
-    /// Moves a joint to where its parts look most alike, from the nearest scanned configuration:
-    /// depth says nothing of what turns in its own shape, as the foot of a chair does.
+    /// Moves a joint to the best fit within one scanned step. Depth does not determine the rotation of a part that
+    /// turns in its own shape, as the foot of a chair does; its colour does.
     fn tune(&self, part: usize, state: State, joint: usize) -> State {
         const HALF: i32 = 8;
         let j = &self.articulated.joints[joint];
@@ -131,13 +132,13 @@ impl Refiner<'_> {
         self.best_of(about).unwrap_or(state)
     }
 
-    /// The state that fits best; of equal ones the last, whichever thread is first.
+    /// State with the best fit; of equal ones the last, so that the order of threads does not matter.
     fn best_of(&self, states: impl ParallelIterator<Item = State>) -> Option<State> {
         let fitted: Vec<(f64, State)> = states.map(|s| (self.fit(self.cloud, &s), s)).collect();
         fitted.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
     }
 
-    /// Agreement of surface and features; a feature weighs as much as some surface.
+    /// Agreement of surface and features, in surfels, less the cost of joints outside their range.
     fn fit(&self, cloud: &Cloud, state: &State) -> f64 {
         let features = unique_inliers(self.articulated, self.matches, state, None) as f64;
         let verdict = verify(self.scene, self.articulated, cloud, state);
@@ -162,8 +163,8 @@ impl Refiner<'_> {
             .collect()
     }
 
-    /// Scans joints for the configurations that fit best, best first, while `part` stays
-    /// where it is; of all but the last joint only the best is kept. Never empty.
+    /// Scans joints for the configurations with the best fit, best first, while `part` keeps its pose; of all joints
+    /// but the last only the best configuration is kept. Never empty.
     fn scan(
         &self,
         part: usize,
@@ -203,7 +204,7 @@ impl Refiner<'_> {
         best
     }
 
-    /// Matches alone, robustly.
+    /// State fitted to the matches alone, with robust weights.
     fn fit_features(&self, mut state: State) -> State {
         for i in 0..6 {
             let slack = if i < 2 { 1.5 } else { 1.0 };
@@ -239,8 +240,8 @@ impl Refiner<'_> {
         used
     }
 
-    /// The room draws the base to about where it stood, as much as one place would that is known to
-    /// [`ROOM_SIGMA_M`], however many matches say so: they err together where the object was moved.
+    /// Adds the matches of the room as a prior on the pose of the base. Together they weigh as much as one place
+    /// known to [`ROOM_SIGMA_M`], however many they are: if the object was moved, their errors are equal.
     fn add_room(&self, system: &mut System, state: &State) {
         let poses = self.articulated.poses(state);
         let velocities = self.articulated.velocities(&poses);
@@ -255,7 +256,7 @@ impl Refiner<'_> {
         }
     }
 
-    /// Normal equations of surface and matches at a state.
+    /// Normal equations of surface, matches, room and contour at a state.
     pub fn system(&self, state: &State) -> System {
         let mut system = System::new(6 + self.articulated.joints.len());
         add_surface(&mut system, self.scene, self.articulated, self.cloud, state, FINAL_GATE_M);
@@ -266,14 +267,14 @@ impl Refiner<'_> {
         system
     }
 
-    /// Contour that is known at a state, where states are aligned by contour.
+    /// Adds the contour that is known at a state, if states are aligned by contour.
     fn add_ends(&self, system: &mut System, state: &State) {
         let Some(Contours { shape, seen }) = self.shape else { return };
         let known = shape.known_at(self.articulated, state);
         add_contour(system, self.scene, seen, known, self.articulated, state);
     }
 
-    /// Articulated point-to-plane alignment of the surface, with the matches.
+    /// Articulated point-to-plane alignment of the surface, together with matches, room and contour.
     fn align(&self, mut state: State) -> State {
         const STEPS: usize = 10;
         if !self.config.align_surface {

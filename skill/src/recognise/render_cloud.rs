@@ -1,9 +1,9 @@
-//! The object's surface, and which of it the camera should see in a state.
+//! The surface of an object, and which of it the camera should see in a state.
 //!
-//! In: a learned appearance (object frame, every joint at configuration 0, metres) and the pose of
-//! each part in the camera frame. Out: the visible surfels, each with its pixel, found by a coarse
-//! depth buffer (z-buffer) per part. The surfels are grouped in patches, within which colour is
-//! compared.
+//! In: a learned appearance (object frame, every joint at configuration 0, metres) and the pose of each part in the
+//! camera frame.
+//! Out: the visible surfels with their pixels. They are grouped in patches, within which colour is compared.
+//! From: a coarse depth buffer (z-buffer) per part.
 
 use super::scene::Scene;
 use crate::math::extremes::smaller;
@@ -12,33 +12,33 @@ use crate::object::appearance::{Appearance, Edge};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// An object's surface.
+/// Surface of an object as surfels.
 pub struct Cloud {
-    /// Part, place and normal at configuration 0, colour.
+    /// Surfels of all parts, object frame at configuration 0.
     pub surfels: Vec<CloudPoint>,
-    /// The patch of each surfel.
+    /// Index of the patch of each surfel.
     pub patches: Vec<usize>,
-    /// The part of each patch.
+    /// Part of each patch.
     pub part_of_patch: Vec<usize>,
-    /// Some of the places where its parts are known to end; none of a thinned cloud.
+    /// Some of the known edges of the parts; none in a thinned cloud.
     pub edges: Vec<KnownEdge>,
 }
 
-/// Edges of a part that are tested: they come in random order.
+/// Largest number of edges of a part that are tested; they are stored in random order.
 const TESTED_EDGES: usize = 300;
-/// Surfels for which one stands in a thinned cloud.
+/// A thinned cloud keeps one surfel of this many.
 const THINNING: usize = 3;
 
 /// One surfel.
 #[derive(Clone, Copy)]
 pub struct CloudPoint {
-    /// Part.
+    /// Index of the part.
     pub part: usize,
-    /// Place.
+    /// Place, object frame at configuration 0, metres.
     pub point: Point3<f64>,
-    /// Normal.
+    /// Unit normal, object frame at configuration 0.
     pub normal: Vector3<f64>,
-    /// L*a*b*.
+    /// Colour, L*a*b*.
     pub lab: [f32; 3],
 }
 
@@ -62,7 +62,7 @@ impl Cloud {
         Self { edges, ..Self::of(surfels.collect()) }
     }
 
-    /// Of surfels.
+    /// Groups surfels in patches; without edges.
     pub fn of(surfels: Vec<CloudPoint>) -> Self {
         let mut part_of_patch = Vec::new();
         let mut in_cells: HashMap<_, Vec<Side>> = HashMap::new();
@@ -81,22 +81,22 @@ impl Cloud {
         Self { patches, part_of_patch, surfels, edges: Vec::new() }
     }
 
-    /// Every few surfels of each part: enough to compare configurations by.
+    /// Cloud of every third surfel: enough to compare configurations.
     pub fn thinned(&self) -> Self {
         Self::of(self.surfels.iter().copied().step_by(THINNING).collect())
     }
 }
 
-/// A surfel placed in the picture, visible if nothing of the object hides it.
+/// A surfel projected into the image.
 #[derive(Clone, Copy)]
 pub struct Placed {
-    /// Index in the cloud.
+    /// Index of the surfel in the cloud.
     pub index: usize,
-    /// Part.
+    /// Index of the part.
     pub part: usize,
-    /// Place in the camera frame.
+    /// Place in the camera frame, metres.
     pub point: Point3<f64>,
-    /// Normal in the camera frame.
+    /// Unit normal in the camera frame.
     pub normal: Vector3<f64>,
     /// Pixel.
     pub pixel: (usize, usize),
@@ -104,28 +104,28 @@ pub struct Placed {
     pub cosine: f64,
 }
 
-/// Nearer than this no depth camera sees, metres.
+/// Smallest depth that is compared, metres: no depth camera sees nearer.
 pub const NEAREST_M: f64 = 0.3;
-/// Cosine between its normal and the direction to the camera below which a surface is not compared:
-/// its depth tells no normal.
+/// Smallest cosine between the normal of a surface and the direction to the camera at which it is compared: more
+/// slanted surface has depth without a usable normal.
 const LEAST_COSINE: f64 = 0.2;
-/// Share of a part's surfels that are not compared where it turns its edge to the camera.
+/// Smallest share of a part's surfels that are too slanted to be compared for the part to be edge-on.
 const EDGE_ON_SHARE: f64 = 0.9;
-/// Side of a cell of the coarse depth buffer that finds self-occlusion, pixels.
+/// Side of a cell of the coarse depth buffer that detects self-occlusion, pixels.
 const BUFFER_PX: usize = 4;
 
-/// A coarse depth buffer of the part of the picture that an object covers.
+/// Coarse depth buffer of the region of the image that an object covers.
 pub struct DepthBuffer {
     first: (usize, usize),
     columns: usize,
     parts: usize,
-    /// By cell and part, the depth of the part's nearest surfel in the cell or those to its left
-    /// and right; infinite where there is none.
+    /// Depth of the nearest surfel by cell and part, metres, in the cell or its left and right neighbours; infinite
+    /// if there is none.
     nearest: Vec<f32>,
 }
 
 impl DepthBuffer {
-    /// Each surfel fills its cell and those about it.
+    /// Depth buffer in which each surfel fills its cell and the cells to its left and right.
     pub fn of(placed: &[Placed]) -> Self {
         let (mut first, mut last) = ((usize::MAX, usize::MAX), (1, 1));
         let mut parts = 0;
@@ -135,7 +135,7 @@ impl DepthBuffer {
             last = (last.0.max(u), last.1.max(v));
             parts = parts.max(p.part + 1);
         }
-        // A cell of margin about them, for what is beside them.
+        // A margin of one cell on each side, for the neighbours.
         let first = (first.0.min(last.0) - 1, first.1.min(last.1) - 1);
         let (columns, rows) = (last.0 + 2 - first.0, last.1 + 2 - first.1);
         let mut nearest = vec![f32::INFINITY; columns * rows * parts];
@@ -150,7 +150,7 @@ impl DepthBuffer {
         Self { first, columns, parts, nearest }
     }
 
-    /// Depths of a part's nearest surfel at a pixel, and of that of any other part; infinite where
+    /// Depth, metres, of the nearest surfel of `part` about a pixel, and of that of any other part; infinite if
     /// there is none.
     pub fn nearest(&self, pixel: (usize, usize), part: usize) -> (f64, f64) {
         let (mut own, mut other) = (f32::INFINITY, f32::INFINITY);
@@ -169,13 +169,13 @@ impl DepthBuffer {
     }
 }
 
-/// Counted from 1, so that each has neighbours.
+/// Cell of a pixel, counted from 1 so that each cell has neighbours.
 fn cell_of(pixel: (usize, usize)) -> (usize, usize) {
     (pixel.0 / BUFFER_PX + 1, pixel.1 / BUFFER_PX + 1)
 }
 
-/// Surfels of a state that the camera should see. Where two parts claim one place, only the
-/// nearer one counts: what is seen there is no evidence for the other.
+/// Surfels that the camera should see in a state. If two parts claim one place, only the nearer one is visible: what
+/// is seen there is no evidence for the other.
 pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     let camera = &scene.frame.camera;
     let poses: Vec<_> = poses.iter().map(matrix_pose).collect();
@@ -201,7 +201,7 @@ pub fn visible(scene: &Scene, cloud: &Cloud, poses: &[Pose]) -> Vec<Placed> {
     placed
 }
 
-/// By part: it turns its edge to the camera, so that hardly any of its surface can be compared.
+/// For each part, true if it is seen edge-on, so that hardly any of its surface can be compared.
 pub fn edge_on(cloud: &Cloud, poses: &[Pose]) -> Vec<bool> {
     let mut counts = vec![(0, 0); poses.len()];
     for s in &cloud.surfels {
@@ -216,22 +216,22 @@ pub fn edge_on(cloud: &Cloud, poses: &[Pose]) -> Vec<bool> {
     counts.into_iter().map(is_edge_on).collect()
 }
 
-/// An edge of a part's surface, in the object frame at configuration 0, metres.
+/// Edge of a part's surface, object frame at configuration 0, metres.
 #[derive(Clone, Copy)]
 pub struct KnownEdge {
-    /// The part.
+    /// Index of the part.
     pub part: usize,
-    /// A place on its surface.
+    /// A place on the surface of the part.
     pub surface: Point3<f64>,
-    /// The unit normal there.
+    /// Unit normal at that place.
     pub normal: Vector3<f64>,
-    /// A place in the tangent plane, just outside the surface, where nothing is.
+    /// A place in the tangent plane, just outside the surface, in free space.
     pub beyond: Point3<f64>,
-    /// Configurations of the part's joint for which nothing is there.
+    /// Smallest and largest configuration of the part's joint at which `beyond` is free space.
     pub configurations: [f64; 2],
 }
 
-/// Edges as recognition needs them.
+/// Unpacks stored edges.
 pub fn known_edges(edges: &[Edge]) -> Vec<KnownEdge> {
     let known = |e: &Edge| KnownEdge {
         part: usize::from(e.part),
@@ -243,11 +243,10 @@ pub fn known_edges(edges: &[Edge]) -> Vec<KnownEdge> {
     edges.iter().map(known).collect()
 }
 
-/// Side of a patch, a piece of a part's surface on which light falls evenly, metres. Two planks of
-/// different paint are two levels of light, and any two levels correlate: only what varies
-/// within a patch tells surfaces apart.
+/// Side of a patch, metres: a piece of a part's surface with even illumination. Two planks of different paint are
+/// two levels of lightness, and any two levels correlate: only variation within a patch distinguishes surfaces.
 const PATCH_M: f64 = 0.1;
-/// Least cosine between normals of one patch: around a corner light falls otherwise.
+/// Smallest cosine between normals of one patch: around a corner the illumination is another.
 const SAME_SIDE: f64 = 0.7;
 
 /// A patch and the normal of its first surfel.

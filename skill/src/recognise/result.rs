@@ -1,8 +1,8 @@
-//! The answer of recognition, as it is reported: `linkage.recognition/1`.
+//! The reported result of recognition: `linkage.recognition/1`.
 //!
-//! In: a [`Detection`]. Out: the object's pose and the line and configuration of each of its joints,
-//! in the camera frame, metres and radians; a configuration that nothing tells is `null`, with the
-//! reason.
+//! In: a [`Detection`].
+//! Out: the pose of the object, and line and configuration of each of its joints (camera frame, metres and radians);
+//! a configuration that is not determined is `null`, with the reason.
 
 use super::evidence::{Detection, probability};
 use super::kinematics::Articulated;
@@ -16,39 +16,39 @@ use serde::{Deserialize, Serialize};
 /// Name and version of the JSON form.
 pub const RECOGNITION_SCHEMA: &str = "linkage.recognition/1";
 
-/// A joint as it is now, in the camera frame.
+/// State of one joint in a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointState {
-    /// Its name.
+    /// Name of the joint.
     pub name: String,
-    /// Its kind.
+    /// Kind of the joint.
     #[serde(rename = "type")]
     pub kind: JointKind,
-    /// Unit direction, camera frame.
+    /// Unit direction of the line, camera frame.
     pub axis: [f64; 3],
-    /// A point on it, camera frame, metres.
+    /// A point on the line, camera frame, metres.
     pub origin: [f64; 3],
-    /// Metres a turn, for screws; else 0 and left out.
+    /// Advance of a screw, metres per turn; 0 and left out for other kinds.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub pitch: f64,
-    /// Configuration; `null` without evidence of its own.
+    /// Configuration, rad or m; `null` if it is not determined.
     pub configuration: Option<f64>,
-    /// Standard deviation of the configuration, rad or m; left out where it is not known.
+    /// Standard deviation of the configuration, rad or m; left out if it is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deviation: Option<f64>,
     /// Why the configuration is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// Range seen in the demonstrations.
+    /// Range of configurations seen in the demonstrations, rad or m.
     pub range: [f64; 2],
 }
 
-/// The value of [`Recognised::base_known`] where it is left out.
+/// Default of [`Recognised::base_known`] when it is left out.
 pub fn yes() -> bool {
     true
 }
 
-/// True where [`Recognised::base_known`] is left out.
+/// True if [`Recognised::base_known`] is left out when written.
 pub fn is_yes(known: &bool) -> bool {
     *known
 }
@@ -58,7 +58,7 @@ fn is_zero(pitch: &f64) -> bool {
 }
 
 impl JointState {
-    /// Its line, camera frame.
+    /// Line of the joint, camera frame.
     pub fn geometry(&self) -> JointGeometry {
         JointGeometry {
             kind: self.kind,
@@ -72,51 +72,52 @@ impl JointState {
 /// A recognised object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recognised {
-    /// Its name.
+    /// Name of the object.
     pub object: String,
-    /// Probability that it is there, and there; reported above [`super::RecogniseConfig::min_score`].
+    /// Probability (0 to 1) that the object is in the image at this pose; reported from
+    /// [`super::RecogniseConfig::min_score`] on.
     pub score: f64,
-    /// Matches that agree in space.
+    /// Number of places with matches that agree geometrically; 0 where no features are used.
     pub inliers: usize,
-    /// Pose of the object frame.
+    /// Pose of the object frame in the camera frame: x, y, z in metres, then the quaternion x, y, z, w.
     pub camera_from_object: [f64; 7],
-    /// False where nothing tells where the base is, as where only parts are seen whose
-    /// configuration is not known: `camera_from_object` is then a guess, while the axes of the
-    /// joints that carry them are right. Left out where true.
+    /// False if the pose of the base is not determined, e.g. if only parts are seen whose configuration is not
+    /// known: `camera_from_object` is then a guess, while the axes of the joints that carry those parts are right.
+    /// Left out if true.
     #[serde(default = "yes", skip_serializing_if = "is_yes")]
     pub base_known: bool,
-    /// Its joints.
+    /// Joints of the object.
     pub joints: Vec<JointState>,
-    /// Configurations that the pose goes with, those included that are not told; stays in the
-    /// program. Empty where they are not known.
+    /// Configurations that belong to the pose, rad or m, including those that are not determined; empty if they are
+    /// not known. Not written to JSON.
     #[serde(skip)]
     pub assumed: Vec<f64>,
 }
 
-/// All that was recognised in a frame: `linkage.recognition/1`.
+/// Everything that was recognised in a frame: `linkage.recognition/1`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recognition {
-    /// [`RECOGNITION_SCHEMA`].
+    /// Name and version of the JSON form: [`RECOGNITION_SCHEMA`].
     pub schema: String,
-    /// Best first.
+    /// Recognised objects, best first.
     pub matches: Vec<Recognised>,
-    /// Best score of what is not believed; stays in the program.
+    /// Largest probability of an object below the threshold, 0 if there is none. Not written to JSON.
     #[serde(skip)]
     pub best_refused: f64,
-    /// The object that has this score, where one has any; stays in the program.
+    /// Object with the probability [`Self::best_refused`], if there is one. Not written to JSON.
     #[serde(skip)]
     pub best_refused_object: Option<String>,
 }
 
 impl Recognition {
-    /// Wraps matches, best first.
+    /// Collects recognised objects and sorts them, best first.
     pub fn new(mut matches: Vec<Recognised>) -> Self {
         matches.sort_by(|a, b| b.score.total_cmp(&a.score));
         let schema = RECOGNITION_SCHEMA.to_owned();
         Self { schema, matches, best_refused: 0.0, best_refused_object: None }
     }
 
-    /// Notes an object that is not believed, where none before it was nearer to be.
+    /// Records an object below the threshold if its probability is the largest of these.
     pub(crate) fn refuse(&mut self, object: &str, score: f64) {
         if score > self.best_refused {
             self.best_refused = score;
@@ -125,7 +126,7 @@ impl Recognition {
     }
 }
 
-/// Something tells where the base is, or a part from which told configurations lead to it.
+/// True if seen evidence fixes the base, or a part from which determined configurations lead to the base.
 fn base_is_known(articulated: &Articulated, found: &Detection) -> bool {
     let leads = |part: usize| {
         (0..found.evident.len())
@@ -134,7 +135,7 @@ fn base_is_known(articulated: &Articulated, found: &Detection) -> bool {
     (0..articulated.parts).any(|part| found.placed[part] && leads(part))
 }
 
-/// Why a joint's configuration is not told, as a sentence for a person.
+/// Sentence for a user: why the configuration of a joint is not determined.
 fn reason(
     model: &ObjectModel,
     articulated: &Articulated,
@@ -154,11 +155,11 @@ fn reason(
     }
 }
 
-/// A detection as it is reported.
+/// Converts a detection to its reported form.
 pub fn report(object: &KnownObject, articulated: &Articulated, found: &Detection) -> Recognised {
     let motions = object.model.part_motions(&found.state.q);
     let state_of = |joint: usize| {
-        // The line is carried by the parent, from where it was at configuration 0.
+        // The parent carries the line, from where it is at configuration 0.
         let camera_from_parent =
             found.state.camera_from_object * motions[object.model.joints[joint].parent];
         joint_state(&object.model, articulated, found, joint, &camera_from_parent)
@@ -174,7 +175,7 @@ pub fn report(object: &KnownObject, articulated: &Articulated, found: &Detection
     }
 }
 
-/// One joint of a detection as it is reported.
+/// Converts one joint of a detection to its reported form.
 fn joint_state(
     model: &ObjectModel,
     articulated: &Articulated,
@@ -205,7 +206,7 @@ mod tests {
     use crate::recognise::verdict::Verdict;
     use nalgebra::{Point3, Vector3};
 
-    /// Of a door and its frame, of which these are seen.
+    /// A door on its frame; `placed`: which of frame and door are seen.
     fn door(placed: [bool; 2]) -> (Articulated, Detection) {
         let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::origin());
         let joints = vec![ChainJoint::new(hinge, [0, 1], [0.0, 1.0])];

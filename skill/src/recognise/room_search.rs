@@ -1,9 +1,9 @@
-//! The search for an object in the room in which it was last seen: most things stay where they are, and a
-//! white door has few features where the wall beside it has many.
+//! The search for an object in the room in which it was learned: most objects stay where they are, and a white door
+//! has few features where the wall beside it has many.
 //!
-//! In: a refiner with the object's shape and with matches of its own and of its room. Out: what of the
-//! object can be told, as a [`Detection`]. The room tells where to look; whether the object is there, and
-//! at which configurations, its own surface tells alone.
+//! In: a refiner with the object's shape, and matches of the object's base and of its room.
+//! Out: a [`Detection`]. The room determines where to search; only the object's own surface determines whether it is
+//! there, and its configurations.
 
 use super::ambiguity::told_by_surface;
 use super::evidence::{Detection, RefinedPose, is_believed};
@@ -17,31 +17,32 @@ use super::verdict::{PartVerdict, Verdict};
 use super::verify::{likeness_in_any_light, verify};
 use nalgebra::{Point3, Vector3};
 
-/// Matches of the room and of the base that must agree, each place counted once.
+/// Smallest number of places of the room and of the base whose matches must agree.
 const LEAST_MATCHES: usize = 12;
-/// Standard deviation of the places of these matches, metres: those of one poster or of one box, which
-/// may hang or stand elsewhere, lie nearer together.
+/// Smallest standard deviation of the places of the matches that agree, metres: matches on one poster or box, which
+/// may be elsewhere now, lie closer together.
 const LEAST_SPREAD_M: f64 = 0.25;
-/// Hypotheses of the room that are refined: a wall whose pattern repeats agrees at several places, and
-/// the object stands at one of them.
+/// Largest number of hypotheses of the room that are refined: a wall whose pattern repeats agrees at several places,
+/// and the object stands at one of them.
 const HYPOTHESES: usize = 6;
-/// Farthest that the object may have moved from where its room says, metres. Of 96 encounters, things in
-/// their own room had moved by up to 4 cm and things before the same wall in another room by up to 10, while
-/// a cabinet that stood 20 or 31 cm from where another one was learned was taken for that one.
+/// Largest distance of the object from the place that its room gives, metres. Of 96 encounters, things in their own
+/// room had moved by up to 4 cm and things before the same wall in another room by up to 10, while a cabinet that
+/// stood 20 or 31 cm from where another one was learned was taken for that one.
 const FARTHEST_MOVED_M: f64 = 0.12;
-/// Farthest that it may have turned, radians. Things that were found rightly had turned by up to 0.10; a cabinet of
-/// which little more than its door was seen had turned by 0.40 about the hinge, and its door was told 0.40 too far
-/// open.
+/// Largest rotation of the object from the pose that its room gives, radians. Things that were found rightly had
+/// turned by up to 0.10; a cabinet of which little more than its door was seen had turned by 0.40 about the hinge,
+/// so that its door was reported 0.40 too far open.
 const FARTHEST_TURNED_RAD: f64 = 0.2;
-/// Ends in sight of a part from which they decide whether the part is there.
+/// Smallest number of visible contour points that decide whether the moving parts are there.
 const ENOUGH_ENDS: usize = 12;
-/// Share of a part's ends in sight that the picture has too: of another thing, and of the part.
+/// Share of visible contour points confirmed by the image: score 0 at the first value, 1 at the second.
 const FOUND: (f64, f64) = (0.2, 0.45);
 
-/// Ends that the picture has of which a third of the evidence is still missing.
+/// With n confirmed contour points the evidence is 1 - exp(-n / ENDS).
 const ENDS: f64 = 15.0;
 
-/// What of the object stands where its room says. `matches`: of the room, and of its own base.
+/// Detection of the object where its room puts it; `None` if it is not certain. `matches`: those of the room and of
+/// the object's own base.
 pub fn find(
     refiner: &Refiner,
     contours: Contours,
@@ -61,7 +62,7 @@ pub fn find(
     is_certain.then_some(found)
 }
 
-/// The matches that agree with a hypothesis; `None` where they are few, or those of one thing alone.
+/// Matches that agree with a hypothesis; `None` if they are few, or lie close together, as on one poster.
 fn agreeing(refiner: &Refiner, matches: &[Match], hypothesis: &Hypothesis) -> Option<Vec<Match>> {
     let base = refiner.articulated.matrices(&hypothesis.state)[0];
     let agreeing: Vec<Match> =
@@ -72,14 +73,15 @@ fn agreeing(refiner: &Refiner, matches: &[Match], hypothesis: &Hypothesis) -> Op
     is_told.then_some(agreeing)
 }
 
-/// Standard deviation of places about their middle, metres.
+/// Standard deviation of places about their mean, metres.
 fn spread(places: &[Point3<f64>]) -> f64 {
     let count = places.len().max(1) as f64;
     let middle = Point3::from(places.iter().fold(Vector3::zeros(), |a, p| a + p.coords) / count);
     (places.iter().map(|p| (p - middle).norm_squared()).sum::<f64>() / count).sqrt()
 }
 
-/// The state that the room leads to, with what the picture says of it.
+/// State that the room leads to, and its comparison with the image; `None` if the object is too far from where the
+/// room puts it.
 fn refined(refiner: &Refiner, contours: Contours, hypothesis: &Hypothesis) -> Option<RefinedPose> {
     let Refiner { scene, articulated, cloud, room, .. } = *refiner;
     let state = refiner.settle(hypothesis)?;
@@ -102,23 +104,22 @@ fn refined(refiner: &Refiner, contours: Contours, hypothesis: &Hypothesis) -> Op
     Some(RefinedPose { state, score, inliers, verdict })
 }
 
-/// How far apart two states put the middle of the object's surface, metres.
+/// Distance between the centres of the object's surface in two states, by the pose of the base alone, metres.
 fn moved_by(cloud: &Cloud, from: &State, to: &State) -> f64 {
     let all = cloud.surfels.iter().fold(Vector3::zeros(), |sum, s| sum + s.point.coords);
     let middle = Point3::from(all / cloud.surfels.len().max(1) as f64);
     (from.camera_from_object * middle - to.camera_from_object * middle).norm()
 }
 
-/// Decides what of a state can be told: the room tells where the base is, and each part that stands where
-/// the state puts it tells its configuration, unless it could as well be elsewhere.
+/// Decides which configurations of a state are determined: the room fixes the base, and each part that stands where
+/// the state puts it determines its configuration, unless it could as well be elsewhere.
 fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detection {
     let in_sight = ends_in_sight(refiner.scene, refiner.articulated, contours, &refined.state);
     let placed = placed_in_room(&refined.verdict, &in_sight);
     told_by_surface(refiner, refined, placed)
 }
 
-/// Parts that are where the state puts them: the base by its room, the others by their surface and their
-/// ends.
+/// For each part, true if it is where the state puts it: the base by its room, the others by surface and contour.
 fn placed_in_room(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     let is_placed = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
         part == 0 || seen.stands() && (ends.count() < ENOUGH_ENDS || ends.share() > FOUND.0)
@@ -126,13 +127,13 @@ fn placed_in_room(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     verdict.parts.iter().zip(in_sight).enumerate().map(is_placed).collect()
 }
 
-/// How well the object's own surface shows where the room says, 0 to 1: its colour and texture, free space,
-/// where it ends, and how much of it is there. Another thing of its size may stand in its place: a washing
-/// machine where a kitchen unit was, both white.
+/// Score of the object's own surface where the room puts it, 0 to 1: colour and texture, free space, edges, coverage
+/// and contour. Another object of its size may stand in its place: a washing machine where a kitchen unit was, both
+/// white.
 fn room_score(verdict: &Verdict, likeness: f64, in_sight: &[EndsInSight], placed: &[bool]) -> f64 {
     let ends = share_of_ends(in_sight.get(1..).unwrap_or_default());
     let base_known = placed.iter().skip(1).any(|placed| *placed);
-    // The pattern of a wall may be that of another: something must end where the object does.
+    // Another wall may have the same pattern: some contour of the object must be confirmed.
     let found = in_sight.iter().zip(placed).filter(|p| *p.1).map(|(ends, _)| ends.found);
     let evidence = 1.0 - (-(found.sum::<usize>() as f64) / ENDS).exp();
     likeness
@@ -144,8 +145,8 @@ fn room_score(verdict: &Verdict, likeness: f64, in_sight: &[EndsInSight], placed
         * evidence
 }
 
-/// How well the picture ends where the moving parts do, 0 to 1. All parts count together: a drawer that is closed
-/// has few ends, and of these the picture may miss all.
+/// Score of the contours of the moving parts, 0 to 1, of all parts together: a closed drawer has few contour points,
+/// and the image may confirm none of them.
 fn share_of_ends(moving: &[EndsInSight]) -> f64 {
     let of = |count: fn(&EndsInSight) -> usize| moving.iter().map(count).sum::<usize>();
     let (found, all) = (of(|ends| ends.found), of(EndsInSight::count));
@@ -211,7 +212,7 @@ mod tests {
             })
         };
         assert!((moved(0.2) - 0.2).abs() < 1e-9);
-        // Where the wall says that it stands farther away, the slider does not.
+        // The wall puts the slider farther away than it is.
         let farther: Vec<Match> = of_wall(0.2, 0.0)
             .into_iter()
             .map(|m| Match { model_point: m.model_point - 0.2 * Vector3::z(), ..m })
@@ -221,7 +222,7 @@ mod tests {
 
     #[test]
     fn what_is_turned_far_from_where_its_room_says_tells_nothing() {
-        // Where the wall says that the slider is turned about its middle, it is not.
+        // The wall puts the slider rotated about its middle, which it is not.
         let turned = |turn: f64| -> Vec<Match> {
             let middle = Vector3::new(0.0, 0.0, 1.5);
             let about = Rotation3::from_axis_angle(&Vector3::y_axis(), turn);

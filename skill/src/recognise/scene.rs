@@ -1,7 +1,7 @@
-//! An encounter's frame, prepared once for all objects.
+//! A frame of an encounter, prepared once for all objects.
 //!
-//! In: an RGB-D frame. Out: its described features, its surface at any pixel (camera frame, metres), and
-//! its colour in L*a*b*.
+//! In: an RGB-D frame.
+//! Out: its described features, the surface at any pixel (camera frame, metres), and its colour in L*a*b*.
 
 use super::matching::Queries;
 use super::surface_cache::Surfaces;
@@ -14,21 +14,21 @@ use nalgebra::Vector3;
 
 /// A frame with features, normals and colour.
 pub struct Scene {
-    /// The frame.
+    /// RGB-D frame.
     pub frame: RgbdFrame,
-    /// Its features.
+    /// Described features of the frame.
     pub features: Vec<DescribedFeature>,
-    /// Its colour.
+    /// Colour of the frame in L*a*b*.
     pub lab: CielabImage,
     surfaces: Surfaces,
     queries: Queries,
 }
 
-/// Share of pixels without depth above which depth counts as missing.
+/// Smallest share of pixels without depth at which the whole frame counts as without depth.
 const MOSTLY_BLIND: f64 = 0.97;
 
 impl Scene {
-    /// Describes a frame.
+    /// Computes features, surface and colour of a frame.
     ///
     /// # Errors
     /// [`VisionError`] if the vision library fails.
@@ -43,7 +43,7 @@ impl Scene {
         Ok(Self::of(frame, features, normals, lab.map_err(VisionError::new)?))
     }
 
-    /// A frame without features, for what is followed by its surface.
+    /// Prepares a frame without features, for following by surface alone.
     ///
     /// # Errors
     /// [`VisionError`] if the vision library fails.
@@ -71,22 +71,22 @@ impl Scene {
         }
     }
 
-    /// Its features, ready to be compared.
+    /// Features of the frame, prepared for matching.
     pub(super) fn queries(&self) -> &Queries {
         &self.queries
     }
 
-    /// True when depth is there at all.
+    /// True if more than 3 % of the pixels have depth.
     pub fn has_depth(&self) -> bool {
         self.frame.depth.invalid_share() < MOSTLY_BLIND
     }
 
-    /// The surface at a pixel.
+    /// Surface at a pixel, camera frame; `None` if there is none.
     pub fn surface(&self, u: usize, v: usize) -> Option<SurfacePatch> {
         self.surfaces.at(u, v)
     }
 
-    /// The normal at a pixel; zero where there is none.
+    /// Unit normal of the surface at a pixel, camera frame; zero if there is no surface.
     pub fn normal(&self, u: usize, v: usize) -> Vector3<f64> {
         self.surface(u, v).map_or_else(Vector3::zeros, |s| s.normal)
     }

@@ -1,11 +1,10 @@
-//! The search for an object by its shape, for what is plain.
+//! The search for an object by its shape, for plain objects.
 //!
-//! In: a refiner with the object's shape and without matches. Out: what of the object can be told, as a
-//! [`Detection`]; `None` unless a moving part shows where it ends and both sides of a joint are seen:
-//! a plain board alone is like many others.
-//!
-//! The limits are ours, chosen on demonstrations and encounters of ten plain things (doors, drawers, lids,
-//! a chair) with about 380 wrong pairs, of which none is reported.
+//! In: a refiner with the object's shape and without matches.
+//! Out: a [`Detection`]; `None` unless a moving part shows where it ends and both sides of a joint are seen: a plain
+//! board alone is like many others.
+//! From: ours; the limits were chosen on demonstrations and encounters of ten plain things (doors, drawers, lids, a
+//! chair) with about 380 wrong pairs, of which none is reported.
 
 use super::ambiguity::told_by_surface;
 use super::evidence::{Detection, RefinedPose, is_believed};
@@ -16,20 +15,20 @@ use super::shape::{Contours, EndsInSight, ends_in_sight, shape_hypotheses};
 use super::verdict::{PartVerdict, Verdict};
 use super::verify::verify;
 
-/// Least score of what is told by shape alone.
+/// Smallest score of an object that is found by shape alone.
 const LEAST_SCORE: f64 = 0.5;
-/// Hypotheses by shape that are refined.
+/// Largest number of hypotheses by shape that are refined.
 const HYPOTHESES: usize = 8;
-/// Ends in sight of a part from which they decide whether the part is there.
+/// Smallest number of visible contour points of a part that decide whether the part is there.
 const ENOUGH_ENDS: usize = 12;
-/// Share of a part's ends in sight that the picture has too: of another thing, and of the part.
+/// Share of visible contour points confirmed by the image: score 0 at the first value, 1 at the second.
 const FOUND: (f64, f64) = (0.65, 0.9);
-/// Ends that the picture has of which a third of the evidence is still missing.
+/// With n confirmed contour points the evidence is 1 - exp(-n / ENDS).
 const ENDS: f64 = 25.0;
-/// Largest standard deviation of the pose for the shape to tell it: radians, metres.
+/// Largest standard deviation of a pose that the shape determines: rotation in radians, translation in metres.
 const TOLD: (f64, f64) = (0.03, 0.012);
 
-/// What of the object the contours of its parts tell.
+/// Detection of the object by the contours of its parts; `None` if it is not certain.
 pub fn find(refiner: &Refiner, contours: Contours) -> Option<Detection> {
     let found = decide(refiner, contours, best(refiner, contours)?);
     let is_certain = found.score > LEAST_SCORE
@@ -38,7 +37,7 @@ pub fn find(refiner: &Refiner, contours: Contours) -> Option<Detection> {
     is_certain.then_some(found)
 }
 
-/// The best state that the contours of parts lead to.
+/// Best state that the contours of the parts lead to.
 fn best(refiner: &Refiner, contours: Contours) -> Option<RefinedPose> {
     let Refiner { scene, articulated, cloud, .. } = *refiner;
     let mut hypotheses = shape_hypotheses(scene, contours.seen, articulated, contours.shape);
@@ -51,8 +50,7 @@ fn best(refiner: &Refiner, contours: Contours) -> Option<RefinedPose> {
         let score = shape_score(&verdict, &in_sight, &placed, &refiner.system(&state));
         let (part, support) = (hypothesis.part, hypothesis.support);
         tracing::debug!(part, support, score, ?in_sight, q = ?state.q, ?verdict, "refined by shape");
-        // A board may be laid on another in several ways: the one that puts more parts in their place
-        // is meant.
+        // A board fits another one in several poses: the one that places more parts is preferred.
         let parts = placed.iter().filter(|placed| **placed).count() as f64;
         let explained = score * parts * verdict.fit_of_shape().max(0.0);
         Some((explained, RefinedPose { state, score, inliers: 0, verdict }))
@@ -61,15 +59,15 @@ fn best(refiner: &Refiner, contours: Contours) -> Option<RefinedPose> {
     all.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
 }
 
-/// Decides what of a state can be told that was found by shape: where a part stands tells where it
-/// is, whatever it looks like, unless it could as well be elsewhere.
+/// Decides which configurations of a state found by shape are determined: a part that stands fixes its place,
+/// whatever its texture, unless it could as well be elsewhere.
 fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detection {
     let in_sight = ends_in_sight(refiner.scene, refiner.articulated, contours, &refined.state);
     let placed = placed_by_shape(&refined.verdict, &in_sight);
     told_by_surface(refiner, refined, placed)
 }
 
-/// Parts that stand and end where the state puts them, whatever they look like.
+/// For each part, true if it stands and ends where the state puts it, whatever its texture.
 fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     let is_placed = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
         let stands = if part == 0 { seen.holds() } else { seen.stands() };
@@ -78,9 +76,9 @@ fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     verdict.parts.iter().zip(in_sight).enumerate().map(is_placed).collect()
 }
 
-/// How well a state explains the picture by shape alone, 0 to 1: colour of the surface, free space,
-/// how the placed parts end, and how many of their ends are seen. 0 where what is seen does not tell
-/// the pose: a board whose ends are hidden slides in its plane.
+/// Score of a state by shape alone, 0 to 1: colour of the surface, free space, edges, contours of the moving parts,
+/// and number of their confirmed contour points. 0 if the image does not determine the pose: a board whose ends are
+/// occluded slides in its plane.
 fn shape_score(
     verdict: &Verdict,
     in_sight: &[EndsInSight],
@@ -93,8 +91,8 @@ fn shape_score(
     if !system.pose_deviations().iter().enumerate().all(told) {
         return 0.0;
     }
-    // A base is a box as others are, and what stood beside it is learned with it: a moving part has to
-    // show where it ends.
+    // Contour points of the base are no evidence: a base is a box like many others, and what stood beside it is
+    // learned with it.
     let moving = || in_sight.iter().skip(1);
     let found =
         moving().zip(&placed[1..]).filter(|m| *m.1).map(|(ends, _)| ends.found).sum::<usize>();
@@ -109,8 +107,8 @@ fn shape_score(
         * evidence
 }
 
-/// How well the picture ends where the moving parts do, 0 to 1: all of them together, but 0 where one of
-/// them does not. A handle or a hand hides some ends of each; the more parts fit, the surer it is.
+/// Score of the contours of the moving parts, 0 to 1: of all parts together, but 0 if one of them does not fit. A
+/// handle or a hand occludes some contour points of each part; the more parts fit, the more certain the score is.
 fn share_of_ends<'e>(moving: impl Iterator<Item = &'e EndsInSight>) -> f64 {
     let judged: Vec<&EndsInSight> = moving.filter(|ends| ends.count() >= ENOUGH_ENDS).collect();
     if judged.is_empty() {

@@ -1,25 +1,30 @@
-//! The latest frames of a camera that stands still, as one frame with less noise.
+//! Fusion of the latest frames of a camera that stands still into one frame with less noise.
 //!
-//! In: frames in time order. Out: the last of them, each pixel averaged with those earlier frames that
-//! show the same there: colours by their mean, depths by their median. What moves through the picture
-//! stays where the last frame has it. Depth noise falls by about the square root of the frames, and
-//! pixels that a structured-light camera reads now and then are filled.
+//! In: frames in time order.
+//! Out: the last frame, each pixel averaged with those earlier frames that show the same there: colours by their
+//! mean, depths (metres) by their median. What moves stays where the last frame has it. Depth noise falls by about
+//! the square root of the number of frames, and pixels that a structured-light camera reads only sometimes are
+//! filled.
 
 use super::stillness::EdgeView;
+use linkage_frames::depth::DepthSensor;
 use linkage_frames::{ColorImage, DepthImage, FrameError, RgbdFrame};
 use rayon::prelude::*;
 use std::collections::VecDeque;
+use std::f64::consts::SQRT_2;
 
-/// Most frames that are kept: a second of a camera at half its rate. More gain little and cost memory.
+/// Largest number of frames that are kept: one second of a camera at half its rate. More gain little and cost
+/// memory.
 const MOST: usize = 15;
-/// Most pixels of all frames that are kept, so that large pictures do not fill the memory: 15 frames of a
-/// Kinect are 4.6 million.
+/// Largest number of pixels of all frames that are kept, which bounds the memory: 15 frames of a Kinect have 4.6
+/// million.
 const MOST_PIXELS: usize = 8_000_000;
-/// Change of luma that noise explains, of 255.
+/// Largest change of luma, of 255, that noise explains.
 const SAME_LUMA: i32 = 12;
-/// Depths that are the same differ by less than this, metres, and this share of their square (1/m):
-/// three standard deviations of a structured-light camera.
-const SAME_DEPTH: [f64; 2] = [0.01, 0.009];
+/// Largest difference of two readings of one depth: in standard deviations of their difference, which is noisier than
+/// one reading by the square root of two, and metres beyond that.
+const SAME_DEPTH_SIGMAS: f64 = 3.0;
+const SAME_DEPTH_M: f64 = 0.006;
 
 /// Frames since the camera last moved.
 #[derive(Default)]
@@ -28,7 +33,7 @@ pub struct StillFrames {
 }
 
 impl StillFrames {
-    /// Takes the next frame; those before it are dropped where the camera has moved since.
+    /// Appends the next frame; the earlier ones are dropped if the camera has moved since the last.
     pub fn push(&mut self, frame: RgbdFrame) {
         if self.frames.back().is_some_and(|last| !is_same_view(last, &frame)) {
             self.frames.clear();
@@ -40,7 +45,7 @@ impl StillFrames {
         }
     }
 
-    /// Frames that the next [`StillFrames::fused`] makes one of.
+    /// Number of frames that are kept; the next [`StillFrames::fused`] uses at most these.
     pub fn len(&self) -> usize {
         self.frames.len()
     }
@@ -50,18 +55,18 @@ impl StillFrames {
         self.frames.is_empty()
     }
 
-    /// The last frame as it came.
+    /// The last frame, unchanged.
     pub fn last(&self) -> Option<&RgbdFrame> {
         self.frames.back()
     }
 
-    /// The last frame, with less noise; `None` before the first.
+    /// The last frame with less noise; `None` before the first frame.
     ///
     /// # Errors
-    /// None that a well-formed frame could cause.
+    /// None for a well-formed frame.
     pub fn fused(&self) -> Result<Option<RgbdFrame>, FrameError> {
         let Some(last) = self.frames.back() else { return Ok(None) };
-        // A camera may have moved slowly: each frame is compared with the last one, too.
+        // The camera may have moved slowly, so that each frame is also compared with the last one.
         let same: Vec<&RgbdFrame> =
             self.frames.iter().rev().skip(1).filter(|f| is_same_view(f, last)).collect();
         if same.is_empty() {
@@ -80,7 +85,7 @@ impl StillFrames {
     }
 }
 
-/// Colour and depth (metres, NaN without) of one pixel.
+/// Fused colour and depth (metres, NaN without) of one pixel.
 fn fused_pixel(last: &RgbdFrame, same: &[&RgbdFrame], u: usize, v: usize) -> ([u8; 3], f32) {
     let now = last.color.at(u, v).unwrap_or_default();
     let z_now = last.depth.at(u, v);
@@ -88,6 +93,8 @@ fn fused_pixel(last: &RgbdFrame, same: &[&RgbdFrame], u: usize, v: usize) -> ([u
     let mut colors = 1;
     let mut depths: [f32; MOST] = [0.0; MOST];
     let mut found = 0;
+    let sensor = last.camera.depth_sensor;
+    let is_like_now = |z: &f32| z_now.is_none_or(|now| is_same_depth(sensor, *z, now));
     if let Some(z) = z_now {
         depths[0] = z;
         found = 1;
@@ -99,15 +106,13 @@ fn fused_pixel(last: &RgbdFrame, same: &[&RgbdFrame], u: usize, v: usize) -> ([u
         let then = frame.color.at(u, v).unwrap_or(now);
         (0..3).for_each(|c| sum[c] += u32::from(then[c]));
         colors += 1;
-        if let Some(z) =
-            frame.depth.at(u, v).filter(|z| z_now.is_none_or(|now| is_same_depth(*z, now)))
-        {
+        if let Some(z) = frame.depth.at(u, v).filter(is_like_now) {
             depths[found] = z;
             found += 1;
         }
     }
     let rgb = sum.map(|s| ((s + colors / 2) / colors) as u8);
-    // A reading that few frames have is noise at an edge.
+    // Where the last frame has no depth, a reading in few frames is noise at an edge.
     let is_known = z_now.is_some() || 2 * found > same.len();
     (rgb, if is_known { median(&mut depths[..found]) } else { f32::NAN })
 }
@@ -117,12 +122,14 @@ fn median(values: &mut [f32]) -> f32 {
     values.get(values.len() / 2).copied().unwrap_or(f32::NAN)
 }
 
-fn is_same_depth(a: f32, b: f32) -> bool {
+/// True if two readings of a sensor, metres, may be of one depth.
+fn is_same_depth(sensor: DepthSensor, a: f32, b: f32) -> bool {
     let (a, b) = (f64::from(a), f64::from(b));
-    (a - b).abs() < SAME_DEPTH[0] + SAME_DEPTH[1] * a * b
+    let sigma = SQRT_2 * sensor.reading_sigma(0.5 * (a + b));
+    (a - b).abs() < SAME_DEPTH_M + SAME_DEPTH_SIGMAS * sigma
 }
 
-/// The pixel's luma hardly differs.
+/// True if the luma of a pixel differs by no more than noise.
 fn shows_the_same(a: &RgbdFrame, b: &RgbdFrame, u: usize, v: usize) -> bool {
     match (a.color.luma_at(u, v), b.color.luma_at(u, v)) {
         (Some(a), Some(b)) => (i32::from(a) - i32::from(b)).abs() <= SAME_LUMA,
@@ -130,7 +137,7 @@ fn shows_the_same(a: &RgbdFrame, b: &RgbdFrame, u: usize, v: usize) -> bool {
     }
 }
 
-/// Both frames are of one camera that stood still between them.
+/// True if both frames are of one camera that stood still between them.
 fn is_same_view(a: &RgbdFrame, b: &RgbdFrame) -> bool {
     let size = |f: &RgbdFrame| (f.color.width(), f.color.height());
     let luma = |f: &RgbdFrame, u: f64, v: f64| {

@@ -1,36 +1,39 @@
-//! Whether a camera stands where it stood: most edges in the picture are where they were, whoever
-//! walks through it and whatever opens.
+//! Test whether a camera has not moved: most intensity edges are where they were, even if a person walks by or a
+//! part is opened.
+//!
+//! In: lightness (0 to 100) of two images of one size.
+//! Out: true or false.
 
 use super::scene::Scene;
 
-/// Distance between the pixels that are compared.
+/// Distance between compared pixels, pixels.
 const GRID_PX: usize = 6;
-/// Pixels to either side between which lightness is differenced.
+/// Distance to either side over which lightness is differenced, pixels.
 const REACH_PX: f64 = 2.0;
-/// Difference of lightness, of 100, from which a pixel lies on an edge: one that moved by a pixel
-/// shows it there.
+/// Smallest difference of lightness, of 100, at which a pixel lies on an edge; a shift of that edge by one pixel is
+/// noticed.
 const EDGE: f64 = 8.0;
-/// Change of lightness at an edge that light and noise explain.
+/// Largest change of lightness, of 100, at an edge that light and noise explain.
 const SAME: f64 = 3.5;
-/// Edge pixels below which a picture tells nothing.
+/// Smallest number of edge pixels; with fewer no camera counts as still.
 const LEAST_EDGES: usize = 40;
-/// Share of the edges that must be unchanged; people and what they move may hide the others.
+/// Smallest share of the edges that must be unchanged; people and what they move may occlude the others.
 const LEAST_SHARE: f64 = 0.6;
 
-/// The edges of a frame.
+/// Edge pixels of an image.
 pub struct EdgeView {
-    /// Pixel and lightness there.
+    /// Column, row and lightness of each edge pixel.
     edges: Vec<(f64, f64, f64)>,
 }
 
 impl EdgeView {
-    /// Of a frame.
+    /// Edges of a frame.
     pub fn of(scene: &Scene) -> Self {
         let size = (scene.frame.color.width(), scene.frame.color.height());
         Self::of_lightness(size, |u, v| scene.lab.lightness(u, v))
     }
 
-    /// Of a picture of some columns and rows, by its lightness (0 to 100) at a column and a row.
+    /// Edges of an image of some columns and rows, by its lightness (0 to 100) at a column and a row.
     pub fn of_lightness(
         (width, height): (usize, usize),
         at: impl Fn(f64, f64) -> Option<f64>,
@@ -46,12 +49,12 @@ impl EdgeView {
         Self { edges: rows.filter_map(|(u, v)| edge(u, v)).collect() }
     }
 
-    /// The camera stands where it stood then, as far as this frame tells.
+    /// True if the camera has not moved since these edges were seen, as far as this frame shows.
     pub fn is_still(&self, scene: &Scene) -> bool {
         self.is_still_in(|u, v| scene.lab.lightness(u, v))
     }
 
-    /// The same by the lightness of a picture of the same size.
+    /// True if the camera has not moved since these edges were seen, by the lightness of an image of equal size.
     pub fn is_still_in(&self, at: impl Fn(f64, f64) -> Option<f64>) -> bool {
         let same = |&&(u, v, lightness): &&(f64, f64, f64)| {
             at(u, v).is_some_and(|now| (now - lightness).abs() < SAME)

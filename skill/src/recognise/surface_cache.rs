@@ -1,5 +1,5 @@
-//! The surface at any pixel of a picture, worked out when it is first asked for: states that are
-//! compared ask for the same pixels again and again.
+//! The surface at any pixel of a frame, computed on first use, because states that are compared query the same
+//! pixels repeatedly.
 
 use linkage_frames::depth::{NormalMap, SurfacePatch};
 use std::sync::OnceLock;
@@ -7,10 +7,10 @@ use std::sync::OnceLock;
 /// Side of a tile, pixels.
 const TILE_PX: usize = 16;
 
-/// Pixels of a tile; `None` where there is no surface.
+/// Cached surfaces of a tile; `None` where there is no surface.
 type Tile = [OnceLock<Option<SurfacePatch>>; TILE_PX * TILE_PX];
 
-/// Surfaces of one picture. Memory is taken for the tiles that are asked about.
+/// Surfaces of one frame. Memory is allocated only for tiles that are queried.
 pub struct Surfaces {
     normals: NormalMap,
     width: usize,
@@ -19,13 +19,13 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Of a picture of this size.
+    /// Empty cache for a frame of this size, pixels.
     pub fn new(normals: NormalMap, width: usize, height: usize) -> Self {
         let count = width.div_ceil(TILE_PX) * height.div_ceil(TILE_PX);
         Self { normals, width, height, tiles: (0..count).map(|_| OnceLock::new()).collect() }
     }
 
-    /// The surface at a pixel.
+    /// Surface at a pixel, camera frame; `None` outside the image or without a surface.
     pub fn at(&self, u: usize, v: usize) -> Option<SurfacePatch> {
         if u >= self.width || v >= self.height {
             return None;

@@ -1,4 +1,4 @@
-//! What tests look for: a board that slides to and fro, in x, before a plate; both face the camera.
+//! Test object: a board that slides along x before a plate; both face the camera.
 
 use super::render_cloud::{Cloud, CloudPoint};
 use nalgebra::{Point3, Vector3};
@@ -9,12 +9,12 @@ pub const BOARD_M: f64 = 1.2;
 pub const PLATE_M: f64 = 1.5;
 
 const STEP_M: f64 = 0.015;
-/// Where the board begins in x, and its size, metres.
+/// Left border of the board in x, and its size, metres.
 const BOARD: (f64, f64) = (0.0, 0.4);
-/// Where the plate begins in x, and its size, metres.
+/// Left border of the plate in x, and its size, metres.
 const PLATE: (f64, f64) = (-0.35, 0.2);
 
-/// Their surface; `lightness` by height, metres.
+/// Surface of board and plate; `lightness` is a function of the height y in metres.
 pub fn slider_surface(lightness: fn(f64) -> f32) -> Cloud {
     let square = |part, (left, size): (f64, f64), z| {
         let count = (size / STEP_M).round() as i32;
@@ -29,12 +29,12 @@ pub fn slider_surface(lightness: fn(f64) -> f32) -> Cloud {
     Cloud::of(square(0, PLATE, PLATE_M).chain(square(1, BOARD, BOARD_M)).collect())
 }
 
-/// The ray through a place one metre before the camera meets the board.
+/// True if the ray through the point (x, y) at depth 1 m meets the board.
 pub fn on_board(x: f64, y: f64) -> bool {
     (0.0..0.4).contains(&(BOARD_M * x)) && (BOARD_M * y).abs() < 0.2
 }
 
-/// That ray would meet the plate if the board were not there.
+/// True if the ray through the point (x, y) at depth 1 m would meet the plate if the board were not there.
 pub fn on_plate(x: f64, y: f64) -> bool {
     (-0.36..-0.14).contains(&(PLATE_M * x)) && (PLATE_M * y).abs() < 0.11
 }

@@ -1,77 +1,79 @@
-//! What a picture says of a state, and how much of it speaks for the state.
+//! Comparison of a state with the image: counts by part, and the scores that follow from them.
 //!
-//! In: counts of surfels and correlations of colour, by part, from [`super::verify`]. Out: scores
-//! of 0 to 1 for appearance, free space, edges and agreement in depth, whose product is the score
-//! of the state; and the fit, in surfels, by which states of one object are compared. The limits
-//! are ours: chosen with `bench --suite recognise`.
+//! In: counts of surfels and correlations of colour, by part, from [`super::verify`].
+//! Out: scores of 0 to 1 for appearance, free space, edges and agreement in depth, whose product is the score of the
+//! state; and the fit, in surfels, by which states of one object are compared.
+//! From: ours; the limits were chosen with `bench --suite recognise`.
 
 use super::edge_test::EdgeCounts;
 use super::kinematics::Articulated;
 use super::patch_colour::{PatchColours, correlation, texture};
 use super::render_cloud::Cloud;
 
-/// Worth, in surfels, of one at its depth whose colour tells nothing.
+/// Weight of a surfel that agrees in depth but has no texture.
 const PLAIN_WORTH: f64 = 0.4;
-/// Worth, in surfels, of one whose colour varies just as learned.
+/// Weight of a surfel that agrees in depth and whose texture correlates fully with the learned one.
 const TEXTURED_WORTH: f64 = 1.6;
-/// Correlation of colour that another surface has as often as the learned one in poor light.
+/// Correlation of colour that another surface reaches as often as the learned one in poor light.
 const CHANCE: f64 = 0.3;
-/// Surfels of a part that must be where a state claims them for the part to be there.
+/// Smallest number of surfels that agree for a part to be where a state puts it.
 const LEAST_STANDING: usize = 25;
-/// Ends of a part that show it where much of it is seen through.
+/// Smallest number of edges that end as learned for a part to be present although much of it is seen through; the
+/// share of edges that end as learned is computed with this many more in all.
 const LEAST_ENDS: usize = 10;
-/// Surfels that one of the base counts for where it is seen through.
+/// Weight of a base surfel that is seen through; 1 if two parts, one of them moving, have the learned colour.
 const SEEN_THROUGH: f64 = 5.0;
-/// The same where states are compared that were found by shape.
+/// Weight of a base surfel that is seen through, when states that were found by shape are compared.
 const BASE_THROUGH_WORTH: f64 = 0.1;
-/// Share of a moving part's surface that is seen through where the part has another shape.
+/// Share of a moving part's surface that is seen through at which the part has another shape: score 0.
 const ANOTHER_SHAPE: f64 = 0.1;
-/// The same where the contour agrees: of a part's surface some places are learned wrongly.
+/// Share of a moving part's surface that is seen through at which it has another shape although its contour agrees:
+/// score 0. Larger, because some places of a surface are learned wrongly.
 const OTHER_SHAPE: f64 = 0.2;
-/// Surfels of a part from which its texture counts against it, and from which it counts in full.
+/// Number of surfels of a part from which its texture counts against it, and from which it counts in full.
 const ENOUGH_SURFACE: (f64, f64) = (100.0, 300.0);
-/// Correlation of a part that is another one, and of one that may be the learned one in poor light.
+/// Correlation of colour of a part that is another one, and of a part that may be the learned one in poor light.
 const UNLIKE: (f64, f64) = (0.0, 0.25);
-/// Surfels of a part that are seen through at its edges, whatever its shape.
+/// Number of surfels of a part that may be seen through at its edges, whatever its shape.
 const AT_EDGES: usize = 5;
 
-/// What the picture says of one part.
+/// Comparison of one part with the image.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PartVerdict {
-    /// Surfels that agree in depth and normal.
+    /// Number of surfels that agree in depth and normal.
     pub agree: usize,
-    /// Surfels that are seen through.
+    /// Number of surfels that are seen through.
     pub through: usize,
-    /// Correlation of colour, -1 to 1; `None` with too little surface to tell.
+    /// Correlation of colour, -1 to 1; `None` with too little surface.
     pub correlation: Option<f64>,
-    /// How much the learned colour varies within patches, 0 to 1: how much a correlation says.
+    /// Amount of texture of the learned colour within patches, 0 to 1: the weight of the correlation.
     pub texture: f64,
-    /// Surfels that agree in depth and normal and are of the learned colour, whatever the light.
+    /// Number of surfels that agree in depth and normal and have the learned colour, up to a change of light.
     pub alike: usize,
-    /// What is beyond its edges.
+    /// What is seen beyond the edges of the part.
     pub edges: EdgeCounts,
 }
 
 impl PartVerdict {
-    /// The part's surface was seen where the state claims it, and it looks like it.
+    /// True if the surface of the part is seen where the state puts it, and its colour varies as learned.
     pub fn is_seen(&self) -> bool {
         self.agree > 4 * self.through && self.agrees_in_all()
     }
 
-    /// The part's surface was seen where the state claims it, whatever it looks like.
+    /// True if the surface of the part is seen where the state puts it, whatever its colour.
     pub fn stands(&self) -> bool {
         self.agree >= LEAST_STANDING && self.agree > 4 * self.through
     }
 
-    /// Share of its surface that is seen through, but for its edges.
+    /// Share of the part's surface that is seen through, without its edges.
     fn free_space_violation(&self) -> f64 {
         let through = self.through.saturating_sub(AT_EDGES) as f64;
         through / (self.agree as f64 + through).max(1.0)
     }
 
-    /// Agreement in depth, in surfels: worth more where the surface also looks right and ends as
-    /// learned. Surface that has texture and looks like another one speaks against the state: any
-    /// plane agrees with any other in depth.
+    /// Agreement of the part in depth, in surfels: each counts more where the colour varies as learned, and less
+    /// than nothing where a texture differs, because any plane agrees with any other in depth. Edges that end as
+    /// learned are added; edges that continue and free space are subtracted.
     pub fn fit(&self) -> f64 {
         let worth = self.correlation.map_or(PLAIN_WORTH, |correlation| {
             let likeness = (correlation.max(0.0) - CHANCE) / (1.0 - CHANCE);
@@ -81,8 +83,8 @@ impl PartVerdict {
         self.agree as f64 * worth + ends - 2.0 * self.through as f64
     }
 
-    /// Agreement in surfels by depth, colour and ends, whatever the texture. Surface of the base that
-    /// is seen through counts little: much of it may be furniture.
+    /// Agreement of the part by depth, colour and edges, in surfels, whatever its texture. Base surface that is seen
+    /// through counts little: much of it may be furniture.
     pub fn fit_of_shape(&self, is_base: bool) -> f64 {
         let ends = self.edges.as_learned as f64 - self.edges.goes_on as f64;
         let through = if is_base { BASE_THROUGH_WORTH } else { 2.0 } * self.through as f64;
@@ -90,7 +92,8 @@ impl PartVerdict {
         PLAIN_WORTH * (self.alike as f64 - unlike) + ends - through
     }
 
-    /// Enough of it stands and ends where the state claims it, whatever else is seen through.
+    /// True if the part stands where the state puts it, or if enough of it has the learned colour and ends as
+    /// learned although much is seen through.
     pub fn holds(&self) -> bool {
         self.stands()
             || self.alike >= LEAST_STANDING
@@ -98,79 +101,80 @@ impl PartVerdict {
                 && self.edges.as_learned > 4 * self.edges.goes_on
     }
 
-    /// Enough of its surface is where the state claims it, and its colour varies as learned.
+    /// True if enough surface of the part is where the state puts it, and its colour varies as learned.
     fn agrees_in_all(&self) -> bool {
         self.agree >= LEAST_STANDING && self.correlates()
     }
 
-    /// Most of what should be seen of it is seen through.
+    /// True if more of the part is seen through than agrees, without its edges.
     pub fn is_missing(&self) -> bool {
         self.through.saturating_sub(AT_EDGES) > self.agree
     }
 
-    /// Its texture is more likely that of another thing.
+    /// True if the texture is more likely that of another object.
     pub fn has_other_texture(&self) -> bool {
         self.texture_mismatch() > 0.5
     }
 
-    /// 0 to 1: how much of it is where it should be and has texture, but another than the learned one.
+    /// How certainly, 0 to 1, the part is in its place and has a texture that is not the learned one.
     fn texture_mismatch(&self) -> f64 {
         let ramp = |x: f64, (from, to): (f64, f64)| ((x - from) / (to - from)).clamp(0.0, 1.0);
         let unlike = self.correlation.map_or(0.0, |c| 1.0 - ramp(c, UNLIKE));
         ramp(self.agree as f64, ENOUGH_SURFACE) * self.texture * unlike
     }
 
-    /// Its colour varies as it should.
+    /// True if the colour of the part varies as learned.
     pub fn correlates(&self) -> bool {
         self.correlation.is_some_and(|c| c > 0.4)
     }
 }
 
-/// What the picture says of a state.
+/// Comparison of a state with the image.
 #[derive(Debug, Clone, Default)]
 pub struct Verdict {
-    /// Visible surfels at pixels with depth, not hidden by something in front.
+    /// Number of visible surfels at pixels with depth, less the occluded ones (of which at most half of all are
+    /// subtracted).
     pub judged: usize,
-    /// Of those, at the right depth.
+    /// Number of surfels at the right depth.
     pub agree: usize,
-    /// Of those, with the right normal.
+    /// Number of surfels at the right depth with the right normal.
     pub agree_normal: usize,
-    /// Surfels in front of what is seen: nothing is there.
+    /// Number of surfels in free space: they are seen through.
     pub through: usize,
-    /// Surfels behind something else.
+    /// Number of surfels behind an occluder.
     pub hidden: usize,
-    /// Correlation of colour, -1 to 1.
+    /// Correlation of colour of all parts, -1 to 1.
     pub correlation: f64,
-    /// By part.
+    /// Comparison of each part.
     pub parts: Vec<PartVerdict>,
 }
 
 impl Verdict {
-    /// Before anything is compared.
+    /// Verdict before any comparison.
     pub fn nothing_yet(parts: usize) -> Self {
         Self { parts: vec![PartVerdict::default(); parts], ..Self::default() }
     }
 
-    /// 0 to 1: appearance times agreement in depth times free space and ends, less for little
-    /// evidence.
+    /// Score of the state, 0 to 1: appearance times free space times edges times agreement, which is smaller with
+    /// little evidence.
     pub fn score(&self, inliers: usize) -> f64 {
         self.appearance_score() * self.free_space() * self.edge_score() * self.agreement(inliers)
     }
 
-    /// How much it looks like the object, 0 to 1. What moved is the object's own: however well
-    /// the rest looks, a door of other paint is another door.
+    /// Score of the appearance, 0 to 1: correlation of colour, lowered by [`Self::own_texture`], because a door of
+    /// another paint is another door, however well the rest correlates.
     pub fn appearance_score(&self) -> f64 {
         self.correlation.max(0.0) * self.own_texture()
     }
 
-    /// 1, or less where a moving part stands where the state puts it but has another texture than the
-    /// learned one; 0 where it is certainly another thing.
+    /// 1, or less if a moving part is where the state puts it but has another texture than the learned one; 0 if it
+    /// is certainly another object.
     pub fn own_texture(&self) -> f64 {
         1.0 - self.parts.iter().skip(1).map(PartVerdict::texture_mismatch).fold(0.0, f64::max)
     }
 
-    /// Less than 1 where the state claims surface that is seen through. Of the base that may be
-    /// furniture; what moved is the object's own, and each part is judged by itself.
+    /// Score of free space, 0 to 1: less than 1 if the state claims surface that is seen through. Missing surface of
+    /// the base may be furniture, and counts as a share of all; each moving part is judged by itself.
     pub fn free_space(&self) -> f64 {
         let of_base = self.parts.first().map_or(0, |p| p.through);
         let worth = if self.is_known() { 1.0 } else { SEEN_THROUGH };
@@ -180,14 +184,14 @@ impl Verdict {
         (1.0 - base - worst / ANOTHER_SHAPE).max(0.0)
     }
 
-    /// Less than 1 where a part goes on beyond the edges of the learned one.
+    /// Score of the edges, 0 to 1, of the worst part: less than 1 if its surface continues beyond the learned edges.
     pub fn edge_score(&self) -> f64 {
         let all = self.parts.iter().enumerate().map(|(i, part)| part.edges.likeness(i == 0));
         all.fold(1.0, f64::min)
     }
 
-    /// Share of the surface that is where the state claims it, less where there is little of it
-    /// or few matches.
+    /// Share of the surface that is where the state puts it, 0 to 1, lowered if there is little surface or there are
+    /// few matches.
     pub fn agreement(&self, inliers: usize) -> f64 {
         let gone = if self.is_known() { self.parts[0].through } else { 0 };
         self.agree as f64 / self.judged.saturating_sub(gone).max(1) as f64
@@ -195,15 +199,14 @@ impl Verdict {
             * (1.0 - (-(inliers as f64) / 3.0).exp())
     }
 
-    /// Share of the surface in its place that is of the learned colour, 0 to 1; of a moving part whose
-    /// texture is another one, 0.
+    /// Share of the surface in its place that has the learned colour, 0 to 1, lowered by [`Self::own_texture`].
     pub fn likeness(&self) -> f64 {
         let alike: usize = self.parts.iter().map(|part| part.alike).sum();
         self.own_texture() * alike as f64 / self.agree_normal.max(1) as f64
     }
 
-    /// [`Self::free_space`] of what was found by shape. `base_known`: the base stands where the state
-    /// claims it, so that what is seen through of it was furniture.
+    /// Score of free space, 0 to 1, of a state found by shape. `base_known`: the base stands where the state puts
+    /// it, so that its surface that is seen through was furniture and does not count.
     pub fn free_space_of_shape(&self, base_known: bool) -> f64 {
         let Some((base, moving)) = self.parts.split_first() else { return 1.0 };
         let worth = if base_known { 0.0 } else { 1.0 };
@@ -212,7 +215,8 @@ impl Verdict {
         (1.0 - of_base - worst / OTHER_SHAPE).max(0.0)
     }
 
-    /// Share of the ends in sight that are as learned: of all parts, or of the worst moving one.
+    /// Share of the edges in sight that end as learned, 0 to 1: of all parts, or of the worst moving part if that is
+    /// less.
     pub fn end_share(&self) -> f64 {
         let share = |as_learned: usize, goes_on: usize| {
             1.0 - goes_on as f64 / (as_learned + goes_on + LEAST_ENDS) as f64
@@ -226,20 +230,22 @@ impl Verdict {
         moving.map(|p| ends(std::slice::from_ref(p))).fold(ends(&self.parts), f64::min)
     }
 
-    /// Share of the surface in sight that is where the state claims it, less where there is little.
+    /// Share of the surface in sight that is where the state puts it, 0 to 1, lowered if there is little of it.
+    /// `base_known`: base surface that is seen through does not count.
     pub fn coverage(&self, base_known: bool) -> f64 {
         let gone = if base_known { self.parts[0].through } else { 0 };
         let share = self.agree as f64 / self.judged.saturating_sub(gone).max(1) as f64;
         share * (1.0 - (-(self.agree_normal as f64) / 200.0).exp())
     }
 
-    /// Share of the surface that nothing else stands before.
+    /// Share of the surface that is not occluded, 0.5 to 1.
     pub fn visible_ratio(&self) -> f64 {
         let forgiven = self.hidden.min(self.judged);
         self.judged as f64 / (self.judged + forgiven).max(1) as f64
     }
 
-    /// Correlations of all and of each part, from what was compared of each patch.
+    /// Sets the correlation of all parts together, and correlation and texture of each part, from the colours of
+    /// each patch.
     pub fn set_correlations(&mut self, cloud: &Cloud, colours: &[PatchColours]) {
         self.correlation = correlation(colours).unwrap_or(0.0);
         let of_parts = || cloud.part_of_patch.iter().zip(colours);
@@ -251,8 +257,8 @@ impl Verdict {
         }
     }
 
-    /// 0 to 1: less where one side of every joint shows next to nothing, unless what moves is seen
-    /// to end as learned. Else a surface is seen, and no more than that it may be this object's.
+    /// Factor of 0.5 to 1: small if at every joint one side shows almost nothing, unless moving parts end as
+    /// learned. A surface alone may be that of another object.
     pub fn articulation_evidence(&self, articulated: &Articulated) -> f64 {
         let both_sides = (0..articulated.joints.len()).map(|joint| {
             let moved = articulated.moved_by(joint);
@@ -267,8 +273,8 @@ impl Verdict {
         1.0 - 0.5 * (-evidence).exp()
     }
 
-    /// Two parts look right, where the joints put them. What moved is the object's own, but of
-    /// the base some may be furniture that stood beside it: the object is there without it.
+    /// True if two parts, at least one of them moving, have the learned colour where the joints put them. Surface of
+    /// the base that is missing may then be furniture that stood beside the object.
     fn is_known(&self) -> bool {
         self.parts.split_first().is_some_and(|(base, rest)| {
             let moving = rest.iter().filter(|part| part.is_seen()).count();
@@ -276,12 +282,12 @@ impl Verdict {
         })
     }
 
-    /// [`PartVerdict::fit`] of all parts, for comparing states that were found by shape.
+    /// Sum of [`PartVerdict::fit_of_shape`] over all parts, for comparing states that were found by shape.
     pub fn fit_of_shape(&self) -> f64 {
         self.parts.iter().enumerate().map(|(i, part)| part.fit_of_shape(i == 0)).sum()
     }
 
-    /// [`PartVerdict::fit`] of all parts, for comparing configurations.
+    /// Sum of [`PartVerdict::fit`] over all parts, for comparing configurations.
     pub fn fit(&self) -> f64 {
         self.parts.iter().map(PartVerdict::fit).sum()
     }
@@ -336,7 +342,7 @@ mod tests {
         };
         assert_eq!(painted(600, Some(0.4), 0.9), 0.8);
         assert!(painted(600, Some(0.0), 0.9) < 0.1);
-        // A plain one says nothing, nor does what is hardly seen.
+        // Plain parts, and parts that are hardly seen, give no evidence.
         assert_eq!(painted(600, Some(0.0), 0.0), 0.8);
         assert_eq!(painted(80, Some(0.0), 0.9), 0.8);
         assert_eq!(painted(600, None, 0.0), 0.8);

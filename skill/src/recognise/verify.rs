@@ -1,7 +1,8 @@
-//! Verification: what of the object's surface should be visible is compared with what is, in
-//! depth, in orientation and in appearance.
+//! Verification: the surface that should be visible in a state is compared with the frame in depth, normal and
+//! colour.
 //!
-//! In: a scene and a state (camera frame, metres). Out: a [`Verdict`].
+//! In: a scene and a state (camera frame, metres and radians).
+//! Out: a [`Verdict`].
 
 use super::edge_test::test_edges;
 use super::kinematics::{Articulated, State};
@@ -11,7 +12,7 @@ use super::scene::Scene;
 use super::verdict::Verdict;
 use crate::math::robust::median;
 
-/// Compares a state with the picture.
+/// Compares a state with the frame.
 pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &State) -> Verdict {
     let mut verdict = Verdict::nothing_yet(articulated.parts);
     let mut colours = vec![PatchColours::default(); cloud.part_of_patch.len()];
@@ -24,19 +25,19 @@ pub fn verify(scene: &Scene, articulated: &Articulated, cloud: &Cloud, state: &S
     for surfel in visible {
         compare(scene, cloud, &surfel, &mut verdict, &mut colours);
     }
-    // What stands before the object takes nothing away from it, up to a point.
+    // Occluded surfels do not count against the state, up to half of all.
     let half = verdict.judged / 2;
     verdict.judged -= verdict.hidden.min(half);
     verdict.set_correlations(cloud, &colours);
     verdict
 }
 
-/// Least cosine between the normals of a surfel and of what is seen there, for them to agree.
+/// Smallest cosine between the normal of a surfel and the seen normal for them to agree.
 const SAME_NORMAL: f64 = 0.87;
-/// Least cosine between them for their colours to be compared.
+/// Smallest cosine between the normal of a surfel and the seen normal for the colours to be compared.
 const COMPARABLE_NORMAL: f64 = 0.7;
 
-/// Counts one surfel: free space, hidden, or in agreement.
+/// Counts one surfel as seen through, occluded or in agreement.
 fn compare(
     scene: &Scene,
     cloud: &Cloud,
@@ -76,20 +77,20 @@ fn compare(
     }
 }
 
-/// Largest difference of colour (a* and b*) and of lightness (L*) of one surface in two lights.
+/// Largest difference of chroma (a* and b*) and of lightness (L*) of one surface in two lights.
 const ALIKE: (f32, f32) = (12.0, 30.0);
 
-/// Two colours may be those of one surface in two lights.
+/// True if two L*a*b* colours may be those of one surface in two lights.
 pub fn is_alike(learned: [f32; 3], seen: [f32; 3]) -> bool {
     let colour = (learned[1] - seen[1]).hypot(learned[2] - seen[2]);
     colour < ALIKE.0 && (learned[0] - seen[0]).abs() < ALIKE.1
 }
 
-/// Largest shift of colour (a* and b*) and of lightness (L*) of all surface by another light.
+/// Largest common shift of chroma (each of a* and b*) and of lightness (L*) by another light.
 const OTHER_LIGHT: (f32, f32) = (12.0, 30.0);
 
-/// Share of the surface in its place that is of the learned colour in one light or another: all of it
-/// may look yellower or darker than learned, but by as much.
+/// Share of the surface in its place, 0 to 1, that has the learned colour after one common shift: all of it may be
+/// yellower or darker than learned, but by the same amount.
 pub fn likeness_in_any_light(
     scene: &Scene,
     articulated: &Articulated,
@@ -119,11 +120,10 @@ pub fn likeness_in_any_light(
     colours.iter().filter(alike).count() as f64 / colours.len().max(1) as f64
 }
 
-/// Distance, metres, by which an edge may be seen beside its place though the state is right:
-/// features give a pose no better.
+/// Largest distance of a seen edge from its place in a right state, metres: poses from features are no more precise.
 const BESIDE_M: f64 = 0.005;
 
-/// Something as far away as a surfel should be is seen right beside it.
+/// True if a reading right beside the pixel of a surfel has the depth of the surfel.
 fn is_beside(scene: &Scene, p: &Placed, tolerance: f64) -> bool {
     let reach = (BESIDE_M * scene.frame.camera.fx / p.point.z).ceil() as isize;
     let (u, v) = p.pixel;
@@ -136,8 +136,8 @@ fn is_beside(scene: &Scene, p: &Placed, tolerance: f64) -> bool {
     steps.iter().any(|&dv| steps.iter().any(|&du| is_there(du, dv)))
 }
 
-/// Compares a state's colours with a picture that has no depth: what stands before the object
-/// counts against it.
+/// Compares the colours of a state with a frame without depth. Occluders are not detected, so they count against the
+/// state.
 pub fn verify_appearance(
     scene: &Scene,
     articulated: &Articulated,

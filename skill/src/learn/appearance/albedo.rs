@@ -1,51 +1,54 @@
-//! Separates the albedo of a surface from its shading. A plain door that turns reflects more or less
-//! light from frame to frame. If the colours were only averaged, a piece of the door that is seen only
-//! in early frames would become brighter than the piece beside it, and the door would look textured.
+//! Separates the albedo of a surface from its shading. A plain door that turns reflects more or less light from frame
+//! to frame. If colours were only averaged, a piece of the door that is seen only in early frames would become
+//! brighter than the piece beside it, and the door would look textured.
 //!
-//! The colour of a piece in a keyframe is its albedo plus the shading of its face in that keyframe;
-//! both are estimated by least squares, alternately. What still differs between the keyframes
-//! (shadows, highlights, pose errors) is noise: a Wiener filter removes from the differences
-//! between neighbouring pieces what this noise explains, so that recognition does not look for it.
+//! The colour of a piece in a keyframe is its albedo plus the shading of its face in that keyframe. What still
+//! differs between the keyframes (shadows, highlights, pose errors) is noise; differences between neighbouring pieces
+//! that it explains are removed, so that recognition does not search for them.
+//!
+//! In: colours of pieces of surface in each keyframe, CIELAB.
+//! Out: the albedo of each piece, CIELAB.
+//! From: alternating least squares; Wiener filter.
 
 use nalgebra::Vector3;
 use std::collections::HashMap;
 
-/// Rounds of the least squares. The steps of a third round are below one unit of lightness.
+/// Rounds of alternating least squares; a third round changes lightness by less than one unit.
 const ROUNDS: usize = 3;
 
 /// Colour of a piece of surface in one keyframe: CIELAB, summed over its pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct SeenColour {
-    /// Number of the keyframe.
+    /// Index of the keyframe.
     pub keyframe: usize,
     sum: Vector3<f64>,
     count: f64,
 }
 
 impl SeenColour {
-    /// The first pixel.
+    /// The colour of a first pixel.
     pub fn new(keyframe: usize, lab: Vector3<f64>) -> Self {
         Self { keyframe, sum: lab, count: 1.0 }
     }
 
-    /// One more pixel.
+    /// Adds one more pixel.
     pub fn add(&mut self, lab: Vector3<f64>) {
         self.sum += lab;
         self.count += 1.0;
     }
 }
 
-/// Part, and main direction of the normal: pieces that share one shading.
+/// Part and main direction of the normal; pieces of one face share one shading.
 pub type Face = (u16, u8);
 
 /// A piece of surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Piece<'c> {
-    /// Its face.
+    /// Face of the piece.
     pub face: Face,
-    /// Pieces of one face and one neighbourhood are compared with each other.
+    /// Cell of the piece; pieces of one face and one cell are compared with each other.
     pub neighbourhood: [i32; 3],
-    /// Its colour in each keyframe that shows it.
+    /// Colour of the piece in each keyframe that shows it.
     pub seen: &'c [SeenColour],
 }
 
@@ -62,7 +65,7 @@ pub fn albedos(pieces: &[Piece]) -> Vec<Vector3<f64>> {
     albedos
 }
 
-/// The shading of a face in a keyframe, CIELAB.
+/// Shading by face and keyframe, CIELAB.
 type Shading = HashMap<(Face, usize), Vector3<f64>>;
 
 fn albedos_and_shading(pieces: &[Piece]) -> (Vec<Vector3<f64>>, Shading) {
@@ -84,7 +87,7 @@ fn albedos_and_shading(pieces: &[Piece]) -> (Vec<Vector3<f64>>, Shading) {
 }
 
 impl Piece<'_> {
-    /// Its colours without the shading, each with its number of pixels.
+    /// Colours of the piece without the shading, each with its number of pixels.
     fn unshaded<'a>(
         &'a self,
         shading: &'a Shading,
@@ -96,7 +99,7 @@ impl Piece<'_> {
     }
 }
 
-/// The albedos that fit best while the shading is held fixed.
+/// The least-squares albedos for a fixed shading.
 fn albedos_under(pieces: &[Piece], shading: &Shading) -> Vec<Vector3<f64>> {
     let albedo = |piece: &Piece| {
         let (sum, count) = piece
@@ -107,8 +110,8 @@ fn albedos_under(pieces: &[Piece], shading: &Shading) -> Vec<Vector3<f64>> {
     pieces.iter().map(albedo).collect()
 }
 
-/// Removes from the albedos of neighbouring pieces the differences that noise between the keyframes
-/// explains.
+/// Removes from the albedos of neighbouring pieces the differences that noise between the keyframes explains (Wiener
+/// filter).
 fn remove_noise(
     pieces: &[Piece],
     members: &[usize],

@@ -1,18 +1,19 @@
-//! The surface that hangs together with what moves by itself: the person who shows the object stands
-//! beside it and may hardly move, but the arm does, and the trunk is connected with it.
+//! Finds the surface that is connected with something that moves by itself: the person who shows the object stands
+//! beside it and may hardly move, but the arm moves, and the trunk is connected with it.
 //!
-//! In: a labelled keyframe, and which of its points are the room's (object frame, metres). Out: the
-//! places of the label grid that are connected with a place which is neither the base's nor a part's.
+//! In: a labelled keyframe, and the planes of the room (object frame, metres).
+//! Out: the places of the label grid that are connected with a place that belongs neither to the base nor to a part.
+//! From: region growing in the depth image.
 
 use super::part_labels::{LabelGrid, PosedFrame, STEP};
 use super::room_planes::{Plane, is_room};
 use std::collections::HashSet;
 
-/// Step of depth between neighbouring places of one surface: metres, and share of the depth.
+/// Largest difference of depth between neighbouring places of one surface: metres, plus a share of the depth.
 const SAME_SURFACE: (f64, f64) = (0.015, 0.006);
 
-/// Places, by column and row of the grid, that are connected with what moves by itself. Floor, table
-/// and wall connect everything that stands on them: they are left out.
+/// Places, by column and row of the grid, that are connected with what moves by itself. Planes of the room are left
+/// out, because floor, table and wall connect everything that stands on them.
 pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &[Plane]) -> HashSet<(usize, usize)> {
     let frame = posed.frame;
     let Some(camera_from_base) = posed.camera_from_part[0] else { return HashSet::new() };
@@ -27,7 +28,7 @@ pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &[Plane]) -> HashSe
         grid.is_foreign(u, v)
     };
     let all = (0..size.1).flat_map(|r| (0..size.0).map(move |c| (c, r)));
-    // A single place may be wrong; of an arm all those beside it are foreign too.
+    // A single foreign place may be an error; on an arm, the neighbours are foreign too.
     let mut front: Vec<(usize, usize)> = all
         .filter(|place| is_foreign(*place) && neighbours(*place, size).all(is_foreign))
         .collect();
@@ -48,7 +49,7 @@ pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &[Plane]) -> HashSe
     reached
 }
 
-/// The places beside one, within the grid.
+/// The four neighbours of a place, within the grid.
 fn neighbours(
     (c, r): (usize, usize),
     (columns, rows): (usize, usize),

@@ -1,25 +1,27 @@
-//! Finds where a frame shows a dynamic object: something that moves and is no part of the learned
-//! object. The person who demonstrates may stand beside the object nearly all the time and sway by a
-//! few centimetres only. Depth alone takes such a person for a static surface; the tracked features on
-//! the clothes show the motion.
+//! Finds where a frame shows a dynamic object: something that moves and is no part of the learned object. A person
+//! who demonstrates may stand beside the object nearly all the time and sway by a few centimetres only. Depth alone
+//! classifies such a person as static surface; the tracked features on the clothes show the motion.
+//!
+//! In: tracks with their parts, and the pose of the camera in each frame.
+//! Out: the dynamic and the resting features of a frame, camera frame, metres.
 
 use crate::learn::demonstration::Demonstration;
 use crate::learn::tracking::{Track, Trajectory};
 use linkage_frames::PinholeCamera;
 use nalgebra::Point3;
 
-/// A feature is dynamic when its pixel is this far from where a point fixed to the base would be
-/// projected, radians: 4 pixels of a Kinect.
+/// Smallest angle between a dynamic feature's pixel and the projection of a point fixed to the base, radians: 4
+/// pixels of a Kinect.
 const MIN_MOTION_RAD: f64 = 0.0076;
-/// Features within this distance of a point decide whether it is dynamic, metres.
+/// Largest distance from a point to the features that decide whether it is dynamic, metres.
 const NEAR_M: f64 = 0.07;
 /// Fewest dynamic features near a dynamic point.
 const MIN_FEATURES: usize = 3;
 
-/// The tracks that belong to no part and do not rest on the base.
+/// Classification of a demonstration's tracks. Dynamic tracks belong to no part and do not rest on the base.
 pub struct DynamicFeatures<'d> {
     demonstration: &'d Demonstration,
-    /// For each track.
+    /// For each track, true if it is dynamic.
     is_dynamic: Vec<bool>,
 }
 
@@ -33,7 +35,7 @@ impl<'d> DynamicFeatures<'d> {
         Self { demonstration, is_dynamic: is_dynamic.collect() }
     }
 
-    /// The features of a frame, which is given by its number in the demonstration.
+    /// The features of a frame, which is given by its number in the demonstration; camera frame, metres.
     pub fn in_frame(&self, frame: usize) -> FrameFeatures {
         let mut features = FrameFeatures::default();
         let tracks = self.demonstration.tracks.tracks.iter();
@@ -60,7 +62,8 @@ pub struct FrameFeatures {
 }
 
 impl FrameFeatures {
-    /// Several features near a point are dynamic, and at least twice as many as those that rest.
+    /// True if several features near a point (camera frame) are dynamic, and at least twice as many as those that
+    /// rest.
     pub fn are_dynamic_near(&self, point: &Point3<f64>) -> bool {
         let near = |features: &[Point3<f64>]| {
             features.iter().filter(|f| (*f - point).norm_squared() < NEAR_M * NEAR_M).count()
@@ -70,8 +73,7 @@ impl FrameFeatures {
     }
 }
 
-/// A track leaves the pixels at which a point that is fixed to the base, where the track was first
-/// seen, would be projected.
+/// True if a track leaves the pixels at which its first 3-D point, fixed to the base, is projected.
 fn moves_on_the_base(track: &Track, camera_from_base: &Trajectory, camera: &PinholeCamera) -> bool {
     let on_base = track
         .lifted()

@@ -1,28 +1,31 @@
-//! The features of the object: they are described in several keyframes, and views of one point are
-//! merged.
+//! Describes the features of the object in several keyframes, and merges the views of one point.
+//!
+//! In: labelled keyframes with the pose of each part.
+//! Out: features of the object and of the room, in the object frame at configuration 0, metres.
+//! From: RootSIFT descriptors, where the paper (section III-A) has SURF.
 
-use super::occupancy::cell;
 use super::part_labels::{LabelGrid, PosedFrame};
 use super::region::Region;
 use crate::features::quantised::{product, quantise, similarity};
 use crate::features::{FeatureDensity, FeatureKind, Keypoints};
+use crate::math::grid::cell;
 use crate::object::appearance::ModelFeature;
 use linkage_frames::depth::NormalMap;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// Views of one point are merged within this distance, metres.
+/// Largest distance between two views of one point, metres.
 const MERGE_M: f64 = 0.015;
 
-/// Part and cell.
+/// Part, and cell of the object frame.
 type PlaceKey = (u16, [i32; 3]);
 
 /// The features that a keyframe shows, in the object frame at configuration 0.
 #[derive(Default)]
 pub struct SeenFeatures {
-    /// On the object.
+    /// Features on the object.
     pub own: Vec<ModelFeature>,
-    /// On what rests around it.
+    /// Features on the static surface around the object.
     pub room: Vec<ModelFeature>,
 }
 
@@ -60,8 +63,9 @@ pub fn seen_features(
     Ok(seen)
 }
 
-/// Views of one point (same part and kind, near, similar size and descriptor) become one feature; those
-/// seen most often are kept first. Each comes with the number of its keyframe.
+/// Merges views of one point (same part and kind, near position, similar size and descriptor) into one feature. At
+/// most half of `per_part` features per part and kind are kept, the most often seen first. Each feature comes with
+/// the index of its keyframe.
 pub fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<ModelFeature> {
     let mut cells: HashMap<PlaceKey, Vec<usize>> = HashMap::new();
     for (i, (f, _)) in features.iter().enumerate() {
@@ -98,6 +102,7 @@ pub fn merged(features: Vec<(ModelFeature, usize)>, per_part: usize) -> Vec<Mode
     result
 }
 
+/// True if two features may be views of one point.
 fn alike(a: &ModelFeature, b: &ModelFeature) -> bool {
     let apart = Vector3::from(a.point) - Vector3::from(b.point);
     let size = (a.size_m / b.size_m).ln().abs();
@@ -110,7 +115,7 @@ mod tests {
     use super::*;
     use crate::features::DESCRIPTOR_LENGTH;
 
-    /// A feature of a part, that looks like no other number's.
+    /// A feature of a part; features of other numbers have other descriptors.
     fn feature(part: u16, x: f32, number: usize) -> ModelFeature {
         let mut descriptor = [0.0; DESCRIPTOR_LENGTH];
         (0..4).for_each(|i| descriptor[4 * number + i] = 0.5);
@@ -155,7 +160,7 @@ mod tests {
     fn the_points_that_are_seen_most_often_are_kept_first() {
         let seen = |x: f32, times: usize, number| vec![feature(0, x, number); times];
         let all = [seen(0.1, 1, 1), seen(0.3, 3, 2), seen(0.5, 2, 3)].concat();
-        // Half of the places are for features of one kind.
+        // At most half of `per_part` features are of one kind.
         assert_eq!(kept(&all, 4), [(0, 0.3), (0, 0.5)]);
         assert_eq!(kept(&all, 2), [(0, 0.3)]);
         assert!(kept(&all, 0).is_empty());

@@ -1,8 +1,12 @@
-//! Builds an object's appearance from its demonstration.
+//! Builds an object's appearance from its demonstration: features, surfels and occlusion edges.
 //!
-//! Each place of the keyframes is labelled with its part ([`part_labels`]); of the static surface that
-//! which belongs to the object is kept ([`region`]). Several keyframes are then described: features
-//! ([`features`]), surface ([`surfels`]) and where the surface ends ([`occlusion_edges`]).
+//! Each place of the keyframes is labelled with its part ([`part_labels`]). Of the static surface, only what belongs
+//! to the object is kept ([`region`]). Several keyframes are then described: features ([`features`]), surface
+//! ([`surfels`]) and where the surface ends ([`occlusion_edges`]).
+//!
+//! In: a demonstration: keyframes, tracks, and the pose of each part in each frame (camera_from_part).
+//! Out: the appearance, in the object frame at configuration 0, metres; colours in CIELAB.
+//! From: the paper's section III-E, which stores feature descriptors; surfels and edges are our additions.
 
 mod albedo;
 mod connected_person;
@@ -35,29 +39,30 @@ use rayon::prelude::*;
 use region::Region;
 use surfels::{SeenSurfel, VoxelGrid, seen_surface, thinned};
 
-/// Side of a voxel in which surface is averaged, metres, for an object one metre away;
-/// farther ones are seen in fewer, noisier pixels.
+/// Side of a voxel in which surface is averaged, metres, for an object up to 1 m away. It grows in proportion to the
+/// distance beyond, because a farther object is seen in fewer, noisier pixels.
 const VOXEL_M: f64 = 0.006;
-/// Keyframes whose depth is asked which part a pixel belongs to.
+/// Most keyframes whose depth determines the part of a pixel.
 const LABEL_FRAMES: usize = 32;
-/// How far beyond its tracked features a part may extend, metres.
+/// How far a part may extend beyond its known points, metres.
 const PART_REACH_M: f64 = 0.12;
-/// Keyframes that are described.
+/// Most keyframes that are described.
 const DESCRIBED_KEYFRAMES: usize = 16;
-/// Features kept per part.
+/// Most features kept per part, at most half of them of one kind.
 const MAX_FEATURES_PER_PART: usize = 2000;
-/// Features of the room that are kept.
+/// Most features of the room that are kept, at most half of them of one kind.
 const MAX_ROOM_FEATURES: usize = 1200;
-/// Surfels kept per part.
+/// Most surfels kept per part.
 const MAX_SURFELS_PER_PART: usize = 1200;
-/// Edges kept per part: a door's are 6 m long, and a place every few centimetres tells their direction.
+/// Most edges kept per part: the outline of a door is 6 m long, and an edge every few centimetres determines its
+/// direction.
 const MAX_EDGES_PER_PART: usize = 1200;
-/// The base's edges are kept within this distance of what moved, metres: farther away rooms differ.
+/// Largest distance of the base's edges from the swept volume, metres; farther away, rooms differ.
 const EDGE_MARGIN_M: f64 = 0.1;
-/// Keyframes described in parallel: more would hold more normal maps in memory.
+/// Keyframes described in parallel; more would hold more normal maps in memory.
 const AT_ONCE: usize = 2;
 
-/// Builds the appearance; empty when the demonstration has no joints.
+/// Builds the appearance; empty if the demonstration has no joints.
 pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     if demonstration.model.joints.is_empty() {
         return Ok(Appearance::default());
@@ -116,8 +121,8 @@ fn posed_frames<'d>(demonstration: &'d Demonstration, wanted: usize) -> Vec<Pose
         .collect()
 }
 
-/// The keyframes that are described, by their index in `posed`, each with the part of each place.
-/// `tracked`: points of each part at configuration 0.
+/// The keyframes that are described, each with its index in `posed` and the part of each place.
+/// `tracked`: points of each part at configuration 0, object frame, metres.
 fn labelled_keyframes(
     demonstration: &Demonstration,
     posed: &[PosedFrame],
@@ -143,7 +148,7 @@ fn labelled_keyframes(
         .collect()
 }
 
-/// A point in the camera frame may lie on a moving part.
+/// True if a point in the camera frame lies near a moving part.
 fn is_near_a_part(posed: &PosedFrame, point: &Point3<f64>, near_part: &NearPart) -> bool {
     let parts = posed.camera_from_part.iter().enumerate().skip(1);
     parts
@@ -151,7 +156,7 @@ fn is_near_a_part(posed: &PosedFrame, point: &Point3<f64>, near_part: &NearPart)
         .any(|(part, at_rest)| near_part(part, &at_rest))
 }
 
-/// What one keyframe shows of the object.
+/// Features and surface that one keyframe shows of the object.
 struct SeenObject {
     features: SeenFeatures,
     surface: Vec<SeenSurfel>,

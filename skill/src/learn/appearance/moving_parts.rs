@@ -1,4 +1,8 @@
-//! Where the moving parts are: their points at rest, and the volume that they sweep.
+//! Computes where the moving parts are: their points at rest, and the volume that they sweep.
+//!
+//! In: a demonstration with the pose of each part (camera_from_part), and keyframes.
+//! Out: points in the object frame at configuration 0, metres; occupied cells of the object frame.
+//! From: radius outlier removal for the points.
 
 use super::occupancy::Occupancy;
 use super::part_labels::{PosedFrame, belongs};
@@ -6,15 +10,17 @@ use crate::learn::demonstration::Demonstration;
 use crate::math::robust::without_isolated;
 use nalgebra::Point3;
 
-/// A point is an outlier unless `STRAY_NEIGHBOURS` others lie this near, metres; of few points, unless one in
-/// `STRAY_SHARE` does: seven features along a mini oven's handle had none with four neighbours.
+/// Radius in which an inlier has at least `STRAY_NEIGHBOURS` other points, metres.
 const STRAY_M: f64 = 0.08;
+/// Fewest other points near an inlier, if there are many points.
 const STRAY_NEIGHBOURS: usize = 4;
+/// Of few points, an inlier has one near neighbour per this many points: with four neighbours, all seven features
+/// along a mini oven's handle were outliers.
 const STRAY_SHARE: usize = 4;
 
-/// Points of a part at configuration 0: of its tracks from their first posed observation, and of its
-/// plane where it is a plain part. The hand that moves the part moves with it, so points that the
-/// keyframes contradict are left out.
+/// Points of a part at configuration 0, object frame: the first posed observation of each track, and the plane of a
+/// plain part. The hand that moves the part moves with it, so track points that the keyframes contradict are left
+/// out.
 pub fn tracked_points(
     demonstration: &Demonstration,
     posed: &[PosedFrame],
@@ -48,7 +54,7 @@ pub fn tracked_points(
     kept
 }
 
-/// Median depth of the moving parts' features and plain surfaces, metres.
+/// Median depth of the moving parts' features and plain surfaces when first seen, metres; 1 if there are none.
 pub fn object_distance(demonstration: &Demonstration) -> f64 {
     let plain = demonstration.camera_from_part.iter().zip(&demonstration.plain_surface);
     let of_plain = plain.filter_map(|(poses, places)| {
@@ -67,7 +73,7 @@ pub fn object_distance(demonstration: &Demonstration) -> f64 {
     crate::math::robust::median(&mut depths).unwrap_or(1.0)
 }
 
-/// All that the moving parts passed through, in the object frame; `tracked`: points of each part at
+/// The volume that the moving parts passed through, in the object frame; `tracked`: points of each part at
 /// configuration 0.
 pub fn swept_volume(demonstration: &Demonstration, tracked: &[Vec<Point3<f64>>]) -> Occupancy {
     let frames = demonstration.frame_utimes.len();

@@ -1,42 +1,36 @@
-//! Where the learned surface is known to end: the demonstration's pictures see through places
-//! just beyond it. What goes on there is another thing, however much it looks like this one.
+//! Finds where the learned surface ends: the demonstration's images see through places just beyond it. A surface that
+//! continues there is another object, however similar it is.
 //!
-//! In: keyframes with the pose of each part, and surface (object frame at configuration 0, metres).
-//! Out: edges. The surface of each is followed from a piece of surface in a direction of its tangent
-//! plane for as long as the pictures show it, so that the edge is known to about half a centimetre.
+//! The surface is followed from each surfel in several directions of its tangent plane for as long as the images show
+//! it, so that the edge is known to about half a centimetre.
+//!
+//! In: keyframes with the pose of each part, and surfels (object frame at configuration 0, metres).
+//! Out: edges, in the same frame, with the configurations at which the place beyond each is seen through.
 
 use super::part_labels::PosedFrame;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::appearance::{Edge, Surfel};
 use crate::object::model::{Joint, ObjectModel};
-use linkage_frames::RgbdFrame;
+use crate::object::surface_end::{STEP_M, is_empty};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// How far beyond a piece of surface the place lies that must be seen through, metres.
+/// Distance from an edge's `surface` to its `beyond`, which must be seen through, metres.
 const BEYOND_M: f64 = 0.04;
-/// Distance from the surface from which all places must be seen through, too, metres: depth is
-/// unreliable at edges.
+/// Distance from an edge's `surface` to a nearer place that must be seen through as well, metres; still nearer, depth
+/// is unreliable.
 const EDGE_MARGIN_M: f64 = 0.03;
-/// The surface is followed by steps of this length, metres.
-const STEP_M: f64 = 0.005;
-/// Steps by which it is followed: pieces of surface farther from their edge are left out.
+/// Most steps by which the surface is followed.
 const STEPS: usize = 6;
-/// Distance of an edge's `surface` from the end of the surface, metres: the last place that shows it is
-/// half a step from the end on average, and [`Edge`] names the one before it, as depth is unreliable
-/// at edges.
-pub const INSET_M: f64 = 1.5 * STEP_M;
 /// Directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
-/// Frames that must see through a place.
+/// Fewest frames that must see through a place.
 const LEAST_THROUGH: usize = 3;
-/// Share of the frames in which something may be at a place beside the base: what moves.
+/// Largest share of the frames in which a place beside the base may be occupied by something that moves.
 const MAX_PASSING: f64 = 0.1;
-/// Least cosine between a surface and the viewing ray of a picture that shows it.
-const LEAST_COSINE: f64 = 0.3;
 
-/// At most `per_part` edges of each part's surface, which comes in random order.
+/// At most `per_part` edges of each part. `surface` comes in random order, so that the edges are spread over it.
 pub fn edges(
     posed: &[PosedFrame],
     surface: &[Surfel],
@@ -59,17 +53,17 @@ pub fn edges(
     edges
 }
 
-/// Pieces of surface looked at before it is asked whether there are edges enough.
+/// Surfels tested in parallel before the number of edges found is checked.
 const AT_ONCE: usize = 500;
 
-/// A keyframe and the configuration of the joint that carries a part.
+/// A keyframe with the configuration of the joint that carries a part.
 struct View<'p> {
     posed: &'p PosedFrame<'p>,
     configuration: f64,
 }
 
 impl<'p> View<'p> {
-    /// `None` where the configuration is not known.
+    /// The view of a keyframe; `None` where the configuration is not known.
     fn of(posed: &'p PosedFrame, joint: Option<&Joint>) -> Option<Self> {
         let time = posed.frame.utime as f64 * 1e-6;
         let configuration = match joint {
@@ -79,26 +73,10 @@ impl<'p> View<'p> {
         Some(Self { posed, configuration })
     }
 
-    /// Whether nothing is at a place of a part; `None` where that is not known.
+    /// True if nothing is at a place of a part (object frame at configuration 0); `None` where that is not known.
     fn sees_through(&self, part: u16, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<bool> {
         let camera_from_part = self.posed.camera_from_part[usize::from(part)].as_ref()?;
         is_empty(self.posed.frame, &(camera_from_part * place), &(camera_from_part * normal))
-    }
-}
-
-/// Whether nothing is at a place where a surface of that normal might be, both in the camera
-/// frame; `None` where something hides the place or it is not seen.
-pub fn is_empty(frame: &RgbdFrame, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<bool> {
-    let cosine = normal.dot(&place.coords).abs() / place.coords.norm();
-    if cosine < LEAST_COSINE {
-        return None;
-    }
-    let pixel = frame.camera.project(place)?;
-    let behind = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?) - place.z;
-    let tolerance = frame.camera.depth_sensor.tolerance(place.z, cosine);
-    match behind > 2.0 * tolerance {
-        true => Some(true),
-        false => (behind.abs() < tolerance).then_some(false),
     }
 }
 
@@ -111,7 +89,7 @@ fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
     let edge = |angle: f64| {
         let towards = u * angle.cos() + v * angle.sin();
         let at = |distance: f64| surface + towards * distance;
-        // Most surface goes on: that is told by the farthest place alone.
+        // Most surface continues; the farthest place alone rejects it quickly.
         free(views, s.part, &at(BEYOND_M + STEPS as f64 * STEP_M), &normal)?;
         let is_surface =
             |step: &usize| is_surface(views, s.part, &at(*step as f64 * STEP_M), &normal);
@@ -131,7 +109,7 @@ fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
     directions.filter_map(edge).collect()
 }
 
-/// Most pictures that show a place show surface there.
+/// True if most images that show a place show surface there.
 fn is_surface(views: &[View], part: u16, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
     let seen = views.iter().filter_map(|v| v.sees_through(part, place, normal));
     let (through, all) =
@@ -139,8 +117,8 @@ fn is_surface(views: &[View], part: u16, place: &Point3<f64>, normal: &Vector3<f
     2 * through < all
 }
 
-/// Configurations between which a place is seen through, and never otherwise; `None` where it is
-/// not. What is beside the base is there or not whatever the configuration.
+/// The longest range of configurations in which every image that shows a place sees through it; `None` if too few
+/// images do. Beside the base the configuration does not matter, and the range is 0 to 0.
 fn free(
     views: &[View],
     part: u16,
@@ -165,6 +143,7 @@ mod tests {
     use super::*;
     use crate::math::rigid::Pose;
     use crate::test_data::{board, seen};
+    use linkage_frames::RgbdFrame;
 
     const HALF_M: f64 = 0.2;
 

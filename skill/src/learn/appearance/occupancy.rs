@@ -1,5 +1,6 @@
 //! A coarse occupancy grid: the set of the occupied cells.
 
+use crate::math::grid::cell;
 use nalgebra::Point3;
 use std::collections::HashSet;
 
@@ -15,7 +16,7 @@ impl Occupancy {
         Self(points.map(|p| cell(&p, COARSE_M)).collect())
     }
 
-    /// All cells within `margin`, metres, of these.
+    /// All cells within `margin`, metres, of an occupied cell.
     pub fn grown(&self, margin: f64) -> Self {
         let reach = (margin / COARSE_M).round() as i32;
         let mut grown = HashSet::new();
@@ -33,13 +34,13 @@ impl Occupancy {
         Self(grown)
     }
 
-    /// The cell of a point is occupied.
+    /// True if the cell of a point is occupied.
     pub fn holds(&self, p: &Point3<f64>) -> bool {
         self.0.contains(&cell(p, COARSE_M))
     }
 
-    /// The cells of `surface` that are connected to these, up to `reach`, metres, away along the
-    /// surface.
+    /// The occupied cells that are also in `surface`, and the cells of `surface` connected to them,
+    /// up to `reach` metres away along the surface.
     pub fn extended_along(&self, surface: &Self, reach: f64) -> Self {
         let mut front: Vec<[i32; 3]> = self.0.intersection(&surface.0).copied().collect();
         let mut reached: HashSet<[i32; 3]> = front.iter().copied().collect();
@@ -53,26 +54,21 @@ impl Occupancy {
         Self(reached)
     }
 
-    /// No cell lies within `distance`, metres, of a point.
+    /// True if no occupied cell lies within `distance`, metres, of a point.
     pub fn is_far_from(&self, p: &Point3<f64>, distance: f64) -> bool {
         let centre = |c: &[i32; 3]| Point3::from(c.map(|x| (f64::from(x) + 0.5) * COARSE_M));
         self.0.iter().all(|c| (centre(c) - p).norm() > distance)
     }
 
-    /// These cells and the other's.
+    /// The union with another grid.
     pub fn with(mut self, other: &Self) -> Self {
         self.0.extend(&other.0);
         self
     }
 }
 
-/// Cells that touch a cell.
+/// A cell and the 26 cells that touch it.
 fn neighbours(c: &[i32; 3]) -> impl Iterator<Item = [i32; 3]> + use<> {
     let [x, y, z] = *c;
     (0..27).map(move |i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1])
-}
-
-/// The cell of a point in a grid whose cells have this side, metres.
-pub fn cell(p: &Point3<f64>, side: f64) -> [i32; 3] {
-    [0, 1, 2].map(|k| (p[k] / side).floor() as i32)
 }

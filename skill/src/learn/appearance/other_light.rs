@@ -1,29 +1,31 @@
-//! Is a place the same surface under other light? The shadow of a drawer and of the hand that pulls it goes over the
-//! floor with the drawer: the floor gets darker, but keeps its hue and its pattern. The border of the shadow does not
-//! move with the drawer either: it is seen where the drawer has other plain floor.
+//! Tests whether two pixels show the same surface under different light. The shadow of a drawer and of the hand that
+//! pulls it moves over the floor with the drawer: the floor gets darker, but keeps its hue and its pattern. At the
+//! border of a shadow, plain floor has more contrast than elsewhere.
 //!
-//! In: two pictures, and the pixel of the place in each. Out: whether one patch is the other, darker or brighter;
-//! whether both have about as much contrast.
+//! In: two colour images, and the pixel of the place in each.
+//! Out: whether one patch is the other one, darker or brighter; whether both have about the same contrast.
 
 use linkage_frames::ColorImage;
 
-/// Pixels of a patch to each side of the place, and from one to the next.
+/// Samples of a patch on each side of its pixel.
 const HALF: i64 = 3;
+/// Distance between the samples of a patch, pixels.
 const STEP_PX: i64 = 2;
-/// Largest factor between the brightness of a surface in light and in shadow.
+/// Largest ratio between the brightness of a surface in light and in shadow.
 const MAX_FACTOR: f64 = 4.0;
-/// Largest factor by which one colour gets darker than another: a shadow gets its light from the walls.
+/// Light reflected from walls changes the hue in a shadow by up to this factor.
 const MAX_HUE_FACTOR: f64 = 1.25;
-/// Largest mean difference of two patches of equal brightness: share of the brightness, and levels of noise. A
-/// pattern that has moved on differs by its contrast.
+/// Largest mean difference of two patches after their brightness is equalised, as a share of it. A pattern that has
+/// moved differs by its contrast.
 const MAX_DIFFERENCE: f64 = 0.07;
+/// Difference that noise explains, in levels of an 8-bit channel.
 const NOISE_LEVELS: f64 = 3.0;
-/// Factor between the contrasts of one place of a part that was put a pixel or two beside it.
+/// Contrast may differ by this factor when the patch is misplaced by one or two pixels.
 const CONTRAST_FACTOR: f64 = 2.0;
-/// Values from which a colour is too dark to tell its hue, or too bright to be told.
+/// Outside these channel values hue is unreliable: under- or overexposed.
 const TELLING_LEVELS: [f64; 2] = [12.0, 245.0];
 
-/// The place at pixel `a` of one picture may be the one at pixel `b` of another, under other light.
+/// True if pixel `a` of one image and pixel `b` of another may show the same place under other light.
 pub fn is_same_under_other_light(
     (one, a): (&ColorImage, [f64; 2]),
     (other, b): (&ColorImage, [f64; 2]),
@@ -34,7 +36,7 @@ pub fn is_same_under_other_light(
     is_shade && one.has_hue_of(&other, factor) && one.has_pattern_of(&other)
 }
 
-/// Pixel `a` of one picture has about as much contrast around it as pixel `b` of another.
+/// True if the contrast around pixel `a` of one image is about that around pixel `b` of another.
 pub fn has_same_contrast(
     (one, a): (&ColorImage, [f64; 2]),
     (other, b): (&ColorImage, [f64; 2]),
@@ -46,7 +48,7 @@ pub fn has_same_contrast(
         < CONTRAST_FACTOR * one_contrast.min(other_contrast) + MAX_DIFFERENCE + noise
 }
 
-/// Colours around a pixel.
+/// Luma and colour of the samples around a pixel.
 struct Patch {
     luma: Vec<f64>,
     /// Mean of red, green and blue.
@@ -54,7 +56,7 @@ struct Patch {
 }
 
 impl Patch {
-    /// `None` where it is not wholly inside the picture.
+    /// The patch around a pixel; `None` if it is not wholly inside the image.
     fn at(image: &ColorImage, pixel: [f64; 2]) -> Option<Self> {
         let [u, v] = pixel.map(|x| x.round() as i64);
         let offsets = || (-HALF..=HALF).map(|i| i * STEP_PX);
@@ -70,18 +72,18 @@ impl Patch {
         Some(Self { luma, colour })
     }
 
-    /// Mean luma; at least one level.
+    /// Mean luma, at least one level.
     fn luma(&self) -> f64 {
         (self.luma.iter().sum::<f64>() / self.luma.len() as f64).max(1.0)
     }
 
-    /// Mean difference from the mean, as a share of it.
+    /// Mean absolute deviation of luma from its mean, as a share of the mean.
     fn contrast(&self) -> f64 {
         let mean = self.luma();
         self.luma.iter().map(|x| (x / mean - 1.0).abs()).sum::<f64>() / self.luma.len() as f64
     }
 
-    /// Each colour is brighter than that of the other by the factor of the luma.
+    /// True if each well exposed channel differs from the other patch's by about the ratio of luma.
     fn has_hue_of(&self, other: &Self, factor: f64) -> bool {
         let [least, most] = TELLING_LEVELS;
         self.colour.iter().zip(&other.colour).all(|(a, b)| {
@@ -91,7 +93,7 @@ impl Patch {
         })
     }
 
-    /// As shares of its brightness, each pixel is as bright as that of the other.
+    /// True if the samples of both patches agree after each is divided by its patch's mean luma.
     fn has_pattern_of(&self, other: &Self) -> bool {
         let (a, b) = (self.luma(), other.luma());
         let differences = self.luma.iter().zip(&other.luma).map(|(x, y)| (x / a - y / b).abs());

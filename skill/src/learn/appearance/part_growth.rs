@@ -1,40 +1,44 @@
-//! Grows what is known of each part along the surface that moves with it. The tracks and planes that
-//! told a joint may cover a strip of a plain door; the rest of the door moves as the strip does. Depth must tell
-//! it: a plain floor looks as if it slid with a drawer, and the shadows on it do.
+//! Grows the known points of each part along the surface that moves with it. The tracks and planes that determined a
+//! joint may cover only a strip of a plain door; the rest of the door moves as the strip does. Only depth may label
+//! the grown surface: a plain floor, or a shadow on it, looks as if it slid with a drawer.
 //!
-//! In: keyframes with the pose of each part, points of each part at configuration 0 (object frame,
-//! metres), and how many of them are tracks. Out: more such points of parts with few tracks.
+//! In: keyframes with the pose of each part, points of each part at configuration 0 (object frame, metres), and the
+//! number of its tracks.
+//! Out: more such points for parts with few tracks.
+//! From: region growing.
 
-use super::occupancy::{Occupancy, cell};
+use super::occupancy::Occupancy;
 use super::part_labels::{PosedFrame, label_point};
+use crate::math::grid::cell;
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::collections::HashSet;
 
-/// Tracks of a part from which they cover it: such a part does not grow.
+/// A part with this many tracks is covered already and is not grown.
 const COVERED: usize = 150;
-/// Keyframes whose pictures are looked at.
+/// Most keyframes in which pixels are tested.
 const FRAMES: usize = 8;
-/// Pixels from one place that is looked at to the next.
+/// Distance between tested pixels, pixels.
 const STEP_PX: usize = 8;
-/// A place may belong to a part of which something is known this near, metres.
+/// A pixel is tested for a part if known points of the part lie within this distance, metres.
 const REACH_M: f64 = 0.1;
-/// Most rounds: each grows a part by up to [`REACH_M`].
+/// Most rounds; each grows a part by up to [`REACH_M`].
 const ROUNDS: usize = 24;
-/// Side of a cell that must hold several places for them to count, metres.
+/// Side of a cell of the outlier filter, metres.
 const CELL_M: f64 = 0.08;
-/// Places of such a cell, in all pictures: fewer are outliers.
+/// Fewest new points in a cell, over all keyframes; fewer are outliers.
 const LEAST_PLACES: usize = 3;
 
-/// A place of a picture that was not told yet.
+/// A pixel without a label.
 struct Place {
     frame: usize,
     pixel: (usize, usize),
-    /// The place in the frame of each part, where its pose is known.
+    /// The point in the frame of each part at configuration 0, if the part's pose is known.
     at_rest: Vec<Option<Point3<f64>>>,
 }
 
-/// The points of each part, and of the surface connected to them that moves as they do.
+/// The known points of each part, and those of the connected surface that moves as the part does. `tracked`: number
+/// of tracks of each part.
 pub fn grown(
     posed: &[PosedFrame],
     mut known: Vec<Vec<Point3<f64>>>,
@@ -76,7 +80,7 @@ pub fn grown(
     known
 }
 
-/// Places of some keyframes.
+/// Pixels with depth, of some keyframes.
 fn places(posed: &[PosedFrame]) -> Vec<Place> {
     let stride = posed.len().div_ceil(FRAMES).max(1);
     let of_frame = |frame: usize| {
@@ -97,7 +101,7 @@ fn places(posed: &[PosedFrame]) -> Vec<Place> {
     (0..posed.len()).step_by(stride).flat_map(of_frame).collect()
 }
 
-/// Points whose cell holds enough of them.
+/// Points whose cell holds enough of them; the others are outliers.
 fn without_strays(points: Vec<Point3<f64>>) -> Vec<Point3<f64>> {
     let mut cells: Vec<[i32; 3]> = points.iter().map(|p| cell(p, CELL_M)).collect();
     cells.sort_unstable();

@@ -1,6 +1,10 @@
-//! Which part does a pixel of a keyframe belong to? Each part's motion is a claim about where
-//! the pixel's point must be in the other keyframes; their depth pictures say which claim
-//! holds. What fits no claim (the person) belongs to nothing.
+//! Determines which part each pixel of a keyframe belongs to.
+//!
+//! Each part's motion is a claim: it predicts where the pixel's point must be in the other keyframes. Their depth
+//! images confirm or contradict the claim. A point that fits no claim (on a person) belongs to nothing.
+//!
+//! In: keyframes with the pose of each part (camera_from_part).
+//! Out: a label for each place on a grid of [`STEP`] pixels.
 
 use super::dynamic_features::FrameFeatures;
 use super::other_light::{has_same_contrast, is_same_under_other_light};
@@ -9,64 +13,65 @@ use linkage_frames::{ColorImage, RgbdFrame};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// A keyframe with the pose of every part: `camera_from_part`, mapping object coordinates at
-/// configuration 0; `None` where a joint's configuration is not known.
+/// A keyframe with the pose of every part: `camera_from_part` maps object coordinates at configuration 0 to the
+/// camera frame; `None` where a joint's configuration is not known.
 pub struct PosedFrame<'f> {
     /// The frame.
     pub frame: &'f RgbdFrame,
-    /// Its number in the demonstration.
+    /// Frame number in the demonstration.
     pub number: usize,
-    /// The pose of each part.
+    /// Pose of each part; part 0 is the base.
     pub camera_from_part: Vec<Option<Pose>>,
 }
 
-/// Pixels between labelled places.
+/// Distance between labelled places, pixels.
 pub const STEP: usize = 4;
-/// Least distance between the claims of two parts in a frame that can tell them apart, metres.
+/// Smallest distance between the places that two claims predict in a frame, metres, for the frame to discriminate
+/// between them.
 const MIN_DIFFERENCE_M: f64 = 0.03;
 
-/// Fewest frames that must show whether a claim holds.
+/// Fewest decisive frames for a claim.
 const MIN_DECISIVE: f64 = 3.0;
-/// Difference of luma that light and noise explain.
+/// Difference of luma up to which two pixels count as equally bright: light and noise explain it.
 const MAX_LUMA_DIFFERENCE: u8 = 18;
-/// Largest share of these frames that may contradict a claim.
+/// Largest share of the decisive frames that may contradict a claim.
 const MAX_CONTRADICTION: f64 = 0.12;
-/// Share of these frames in which depth tells a part, for it to be told by depth.
+/// Smallest share of the decisive frames in which depth alone determines the part, for the label to count as
+/// determined by depth.
 const TOLD_BY_DEPTH: f64 = 0.25;
-/// Turn of a part after which it may look other than in a shadow, radians. A drawer does not turn: what has another
-/// hue where it was is the hand that pulled it.
+/// Turn of a part, radians, above which its colour is not compared, because it reflects other light. A drawer does
+/// not turn: another hue where it was is the hand that pulled it.
 const OTHER_LIGHT_RAD: f64 = 0.15;
-/// Number of frames that see through a place which does not belong to the base. Fewer see through
-/// static surface; a person who stands beside the object for most of the time bends down at some
-/// time.
+/// Number of frames that see through a place from which the place does not belong to the base. Fewer see through
+/// static surface; a person who stands beside the object for most of the time bends down at some time.
 const SEEN_THROUGH_FRAMES: usize = 2;
-/// What is seen through lies this far before what is seen, metres.
+/// Smallest distance from a place that is seen through to the surface behind it, metres.
 const FAR_BEHIND_M: f64 = 0.15;
-/// The pixels at this distance lie behind it as well, pixels.
+/// Distance to the neighbouring pixels that must lie behind the place as well, pixels.
 const AROUND_PX: f64 = 3.0;
 
-/// Part of each place on a grid of [`STEP`] pixels.
+/// Label of each place on a grid of [`STEP`] pixels.
 pub struct LabelGrid {
     columns: usize,
     labels: Vec<Label>,
 }
 
-/// What a place belongs to.
+/// Part that a place belongs to, or why there is none.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Label {
-    /// Not known.
+    /// Undecided: no claim is confirmed clearly.
     Nothing,
-    /// The keyframes contradict all claims: it moves by itself, as the person does.
+    /// The keyframes contradict all claims: the place moves by itself, as the person does.
     Foreign,
-    /// A part; 0: the base.
+    /// A part; 0 is the base.
     Part(u16),
-    /// Its depth agrees with the base, but features near it move: a person stands there or reaches
-    /// past it. Other keyframes tell which of the two.
+    /// The depth agrees with the base, but features near the place move: a person stands there or reaches past it.
+    /// Other keyframes decide between the two.
     Dynamic,
 }
 
 impl LabelGrid {
-    /// The part at a pixel; 0 as well where features near it move.
+    /// The part at a pixel; also 0 where the depth agrees with the base but features near the pixel move.
     pub fn at(&self, u: usize, v: usize) -> Option<u16> {
         match self.label(u, v) {
             Some(Label::Part(part)) => Some(part),
@@ -75,12 +80,12 @@ impl LabelGrid {
         }
     }
 
-    /// The depth of the pixel agrees with the base, but features near it move.
+    /// True if the depth of the pixel agrees with the base but features near it move.
     pub fn is_dynamic(&self, u: usize, v: usize) -> bool {
         self.label(u, v) == Some(Label::Dynamic)
     }
 
-    /// Neither the base nor a part moves as this place does.
+    /// True if neither the base nor a part moves as this place does.
     pub fn is_foreign(&self, u: usize, v: usize) -> bool {
         self.label(u, v) == Some(Label::Foreign)
     }
@@ -90,12 +95,11 @@ impl LabelGrid {
     }
 }
 
-/// True when a place in a part's frame is near enough to the part's tracked features that it
-/// may lie on it.
+/// Function that is true if a point, in a part's frame at configuration 0, is so near to the part's known points that
+/// it may lie on the part.
 pub type NearPart<'n> = dyn Fn(usize, &Point3<f64>) -> bool + Sync + 'n;
 
-/// Labels all places of `frames[index]`, in which a person may be seen; `features` are those of that
-/// frame.
+/// Labels all places of `frames[index]`; `features` are those of that frame, camera frame.
 pub fn label(
     frames: &[PosedFrame],
     index: usize,
@@ -121,8 +125,8 @@ pub fn label(
     LabelGrid { columns, labels }
 }
 
-/// True when the keyframes hold that a place, at `at_rest` in the part's frame and at `in_base`
-/// when it was seen, lies on the part: not on the base, and not on a hand.
+/// True if the keyframes confirm that a point lies on the part, and not on the base or on a hand. `at_rest` is the
+/// point in the part's frame at configuration 0, `in_base` where it was seen in the base frame.
 pub fn belongs(
     frames: &[PosedFrame],
     part: usize,
@@ -133,7 +137,8 @@ pub fn belongs(
     support(frames, None, part, at_rest, &claims).is_some_and(|s| s.share > 0.8)
 }
 
-/// The part of the surface that a keyframe shows at a pixel, and whether depth tells it; `None` where nothing does.
+/// The part of the surface that a keyframe shows at a pixel, and whether depth determined it; `None` if no claim is
+/// confirmed clearly.
 pub fn label_point(
     frames: &[PosedFrame],
     index: usize,
@@ -160,19 +165,19 @@ pub fn label_point(
         supports.iter().map(|&(support, part)| (support.unwrap_or_default(), part)).collect();
     supported.sort_by(|a, b| b.0.share.total_cmp(&a.0.share));
     let (Support { share: best, by_depth }, part) = *supported.first()?;
-    // Two claims that hold equally well decide nothing. Near a part's axis nothing may speak for
-    // the part; that does not make the place the base's.
+    // Two claims that hold equally well decide nothing. Near a part's axis too few frames may be decisive for the
+    // part; that does not make the place part of the base.
     let rival = supported.get(1).map_or(0.0, |s| s.0.share);
     let undecided = part == 0 && supports.iter().any(|s| s.0.is_none());
     let is_told = best > 0.5 && best > rival + 0.2 && !undecided;
     is_told.then_some(Told { part: part as u16, by_depth })
 }
 
-/// Largest share of the decisive frames that may agree with a claim which they contradict.
+/// Share of the decisive frames that agree with a claim, below which the claim is contradicted.
 const CONTRADICTED: f64 = 0.3;
 
-/// The keyframes contradict each claim to a place, that of the base and those of all parts, and it is
-/// near no part, where keyframes are wrong now and then.
+/// True if the keyframes contradict every claim to a place, and the place is near no part, where keyframes are
+/// sometimes wrong.
 fn is_foreign(
     frames: &[PosedFrame],
     index: usize,
@@ -199,27 +204,28 @@ fn is_foreign(
 /// A place that a keyframe shows.
 #[derive(Clone, Copy)]
 struct SeenPlace<'f> {
-    /// The keyframe, and its number among them.
+    /// The keyframe.
     here: &'f PosedFrame<'f>,
+    /// Index of the keyframe.
     index: usize,
     pixel: (usize, usize),
     luma: u8,
 }
 
 impl<'f> SeenPlace<'f> {
-    /// `None` outside the picture.
+    /// The place at a pixel; `None` outside the image.
     fn new(frames: &'f [PosedFrame], index: usize, pixel: (usize, usize)) -> Option<Self> {
         let here = &frames[index];
         let luma = here.frame.color.luma_at(pixel.0, pixel.1)?;
         Some(Self { here, index, pixel, luma })
     }
 
-    /// Another frame shows the same where a part is claimed to be.
+    /// True if another frame shows the place with about the same colour where a part is claimed to be.
     ///
-    /// Where the depth tells that the surface lies at the place of this part alone, light may have changed: a door
-    /// that turns reflects more or less, and the shadow of an arm moves. So it may on the base. What slides over a
-    /// plain surface in its own plane, and is told by its look alone, keeps its contrast too: the border of a shadow
-    /// does not.
+    /// On the base, and where depth contradicts all other claims, the light may have changed: a door that turns
+    /// reflects more or less, and the shadow of an arm moves. Where depth does not discriminate, as for a part that
+    /// slides in its own plane, brightness and contrast must both agree: at the border of a shadow the contrast
+    /// differs.
     fn is_alike_in(
         &self,
         other: &PosedFrame,
@@ -251,16 +257,16 @@ impl<'f> SeenPlace<'f> {
     }
 }
 
-/// What the depth of a frame says of the claims to a place, one of which agrees with it.
+/// What the depth of a frame determines about the claims to a place, one of which agrees with it.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Depth {
-    /// It contradicts all others.
+    /// Depth contradicts all other claims.
     TellsThisPart,
-    /// Another one agrees with it too, or there is no other.
+    /// Depth does not contradict some other claim, or there is no other claim.
     TellsNothing,
 }
 
-/// The pixel of a place, or one beside it, is about as bright.
+/// True if the pixel of a place, or one beside it, is about as bright as `wanted`.
 fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
     const BESIDE: i64 = 2;
     let Some(pixel) = frame.camera.project(place) else { return false };
@@ -274,30 +280,30 @@ fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
     )
 }
 
-/// What a place belongs to.
+/// The part that a place belongs to, and what determined it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Told {
-    /// The part; 0: the base.
+    /// Part number; 0 is the base.
     pub part: u16,
-    /// In many of the keyframes depth tells it; otherwise its look does.
+    /// True if depth determined the part in many keyframes; otherwise its colour did.
     pub by_depth: bool,
 }
 
-/// How far keyframes support a claim.
+/// How well the keyframes support a claim.
 #[derive(Debug, Clone, Copy, Default)]
 struct Support {
     /// Share of the decisive frames that agree.
     share: f64,
-    /// In many of them, depth contradicts all other claims.
+    /// True if depth contradicts all other claims in many of the decisive frames.
     by_depth: bool,
 }
 
-/// How far the decisive frames support a claim; `None` where too few are decisive, 0 where too many
-/// contradict: a surface is hardly ever seen through, but a hand that holds it is, before it comes
-/// and after it has left.
+/// How well the decisive frames support a claim; `None` if too few are decisive, 0 if too many contradict. A surface
+/// is hardly ever seen through, but a hand that holds it is, before it comes and after it has left.
 ///
-/// A frame is decisive where the claims differ; with one claim alone all are. `seen` is where the place was seen:
-/// a surface that slides in its own plane agrees in depth with any claim, but shows another place of its pattern.
+/// A frame is decisive if the places that the claims predict differ in it; with a single claim, all frames are.
+/// `seen` is where the place was seen: a surface that slides in its own plane agrees in depth with any claim, but
+/// shows another place of its pattern.
 fn support(
     frames: &[PosedFrame],
     seen: Option<SeenPlace<'_>>,
@@ -305,8 +311,7 @@ fn support(
     at_rest: &Point3<f64>,
     claims: &[(usize, Point3<f64>)],
 ) -> Option<Support> {
-    let (mut agree, mut against, mut decisive, mut by_depth) = (0.0, 0.0, 0.0, 0.0);
-    let mut clearly_through = 0;
+    let mut tally = Tally::default();
     for (i, other) in frames.iter().enumerate() {
         if seen.is_some_and(|seen| i == seen.index) {
             continue;
@@ -321,15 +326,15 @@ fn support(
         let Some(rivals) = rivals else { continue };
         let through = || usize::from(part == 0 && is_seen_through(other.frame, &claimed));
         if rivals.iter().any(|rival| (rival - claimed).norm() <= MIN_DIFFERENCE_M) {
-            clearly_through += through();
+            tally.clearly_through += through();
             continue;
         }
         let Some(verdict) = Verdict::at(other.frame, &claimed) else { continue };
         match verdict {
             Verdict::SeenThrough => {
-                clearly_through += through();
-                against += 1.0;
-                decisive += 1.0;
+                tally.clearly_through += through();
+                tally.against += 1.0;
+                tally.decisive += 1.0;
             }
             Verdict::There => {
                 let contradicts = |rival: &Point3<f64>| {
@@ -340,28 +345,47 @@ fn support(
                     _ => Depth::TellsNothing,
                 };
                 let is_alike = seen.is_none_or(|s| s.is_alike_in(other, part, &claimed, depth));
-                agree += f64::from(u8::from(is_alike));
-                by_depth += f64::from(u8::from(is_alike && depth == Depth::TellsThisPart));
-                decisive += 1.0;
+                tally.agree += f64::from(u8::from(is_alike));
+                let is_by_depth = is_alike && depth == Depth::TellsThisPart;
+                tally.by_depth += f64::from(u8::from(is_by_depth));
+                tally.decisive += 1.0;
             }
             Verdict::Hidden => {}
         }
     }
-    if clearly_through >= SEEN_THROUGH_FRAMES {
-        return Some(Support::default());
-    }
-    if decisive < MIN_DECISIVE {
-        return None;
-    }
-    let is_contradicted = against > MAX_CONTRADICTION * decisive;
-    Some(Support {
-        share: if is_contradicted { 0.0 } else { agree / decisive },
-        by_depth: by_depth >= TOLD_BY_DEPTH * decisive,
-    })
+    tally.support()
 }
 
-/// A part is turned in one frame against the other, as the base has it, so far that it may reflect
-/// other light.
+/// What the frames say of a claim, in frames.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tally {
+    agree: f64,
+    against: f64,
+    decisive: f64,
+    /// Frames that agree and in which depth contradicts all other claims.
+    by_depth: f64,
+    clearly_through: usize,
+}
+
+impl Tally {
+    fn support(&self) -> Option<Support> {
+        let Self { agree, against, decisive, by_depth, clearly_through } = *self;
+        if clearly_through >= SEEN_THROUGH_FRAMES {
+            return Some(Support::default());
+        }
+        if decisive < MIN_DECISIVE {
+            return None;
+        }
+        let is_contradicted = against > MAX_CONTRADICTION * decisive;
+        Some(Support {
+            share: if is_contradicted { 0.0 } else { agree / decisive },
+            by_depth: by_depth >= TOLD_BY_DEPTH * decisive,
+        })
+    }
+}
+
+/// True if a part's orientation in the base frame differs so much between two frames that the part may reflect other
+/// light.
 fn has_turned(a: &PosedFrame, b: &PosedFrame, part: usize) -> bool {
     let base_from_part = |frame: &PosedFrame| {
         let camera_from_base = frame.camera_from_part[0].as_ref()?;
@@ -372,19 +396,19 @@ fn has_turned(a: &PosedFrame, b: &PosedFrame, part: usize) -> bool {
         .is_some_and(|(a, b)| a.rotation.angle_to(&b.rotation) > OTHER_LIGHT_RAD)
 }
 
-/// What a depth picture says of a place, in the camera frame.
+/// What a depth image shows at a place in the camera frame.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Verdict {
-    /// The surface lies there.
+    /// The surface lies at the place.
     There,
-    /// The surface lies behind it.
+    /// The surface lies behind the place.
     SeenThrough,
-    /// Something stands before it.
+    /// An occluder stands before the place.
     Hidden,
 }
 
 impl Verdict {
-    /// `None` outside of the picture and where there is no depth.
+    /// The verdict of a depth image on a place; `None` outside of the image and where there is no depth.
     fn at(frame: &RgbdFrame, place: &Point3<f64>) -> Option<Self> {
         let pixel = frame.camera.project(place)?;
         let z = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?);
@@ -397,8 +421,7 @@ impl Verdict {
     }
 }
 
-/// All that is seen at a place and around it lies far behind, so that no error at an edge explains
-/// it.
+/// True if all that is seen at a place and around it lies far behind, so that no depth error at an edge explains it.
 fn is_seen_through(frame: &RgbdFrame, place: &Point3<f64>) -> bool {
     let Some(pixel) = frame.camera.project(place) else { return false };
     let beside =

@@ -1,36 +1,38 @@
-//! Decides which of the static surface belongs to the object's base, and not to the room or to a
-//! dynamic object.
+//! Decides which static surface belongs to the object's base, and not to the room or to a dynamic object.
+//!
+//! In: labelled keyframes, and the swept volume of the moving parts (object frame, metres).
+//! Out: cells of the object frame in which features and surface belong to the base.
 
 use super::connected_person::connected;
-use super::occupancy::{COARSE_M, Occupancy, cell};
+use super::occupancy::{COARSE_M, Occupancy};
 use super::part_labels::{LabelGrid, PosedFrame, STEP};
 use super::room_planes::{Plane, is_room, room_planes};
+use crate::math::grid::cell;
 use nalgebra::Point3;
 use std::collections::{HashMap, HashSet};
 
-/// The base's features are kept within this distance of what moved, metres.
+/// Largest distance of the base's features from the swept volume, metres.
 const FEATURE_MARGIN_M: f64 = 0.3;
-/// The base's surface is kept within this distance of what moved, metres.
+/// Largest distance of the base's surface from the swept volume, metres, unless there is little of it.
 const SURFACE_MARGIN_M: f64 = 0.25;
-/// Where that surface is little, the base's surface is kept this much farther along what is connected
-/// to it, metres.
+/// Reach of the base along connected surface, metres, if little surface lies near the swept volume.
 const BASE_REACH_M: f64 = 0.4;
-/// Coarse cells of the base's surface that are enough to recognise the base.
+/// Number of coarse cells of the base's surface that is enough to recognise the base.
 const ENOUGH_SURFACE: usize = 40;
 
 /// Where the object's base is, in the object frame.
 pub struct Region {
-    /// Where features are the base's.
+    /// Cells in which features may belong to the base.
     pub features: Occupancy,
-    /// Where surface is the base's.
+    /// Cells in which surface may belong to the base.
     pub surface: Occupancy,
     room: Vec<Plane>,
     dynamic: Occupancy,
 }
 
 impl Region {
-    /// The surface near the moving parts, without the room's; where that is little, also the surface
-    /// that is connected to it: the foot under a seat.
+    /// The region near the moving parts, without the room's planes. If it holds little static surface, the surface
+    /// connected to it is added: the foot under a seat.
     pub fn new(swept: &Occupancy, posed: &[PosedFrame], labelled: &[(usize, LabelGrid)]) -> Self {
         let room = room_planes(posed.first(), swept);
         let near = swept.grown(SURFACE_MARGIN_M);
@@ -46,25 +48,26 @@ impl Region {
         }
     }
 
-    /// A point at depth `z`, metres, belongs to the base and lies in `region`, which is one of its two.
+    /// True if a point in the object frame, seen at depth `z`, metres, belongs to the base and lies in `region`,
+    /// which is `features` or `surface`.
     pub fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
         region.holds(p) && !self.is_dynamic(p) && !is_room(&self.room, p, z)
     }
 
-    /// More keyframes show a dynamic object at a point than surface that rests.
+    /// True if more keyframes show a dynamic object than static surface in the cell of a point.
     pub fn is_dynamic(&self, p: &Point3<f64>) -> bool {
         self.dynamic.holds(p)
     }
 }
 
-/// Two sets of cells: where several of the labelled keyframes show surface that rests and is not the
-/// room's, and where more keyframes show a dynamic object than show surface that rests.
+/// Two sets of cells, object frame: where at least a quarter of the labelled keyframes show static surface that is
+/// not the room's, and where more keyframes show a dynamic object than static surface.
 fn resting_surface(
     posed: &[PosedFrame],
     labelled: &[(usize, LabelGrid)],
     room: &[Plane],
 ) -> (Occupancy, Occupancy) {
-    // Number of keyframes that show in a cell what rests, and of those that show what is dynamic.
+    // For each cell, the number of keyframes that show static surface, and of those that show a dynamic object.
     let mut shown: HashMap<[i32; 3], [usize; 2]> = HashMap::new();
     for (index, grid) in labelled {
         let frame = posed[*index].frame;

@@ -1,5 +1,9 @@
-//! Planes of the room in which the demonstration took place: floor, table, wall. They lead away from
-//! what moved, and do not belong to the object.
+//! Finds planes of the room in which the demonstration took place: floor, table, wall. They extend far from the
+//! moving parts, and do not belong to the object.
+//!
+//! In: the first keyframe with the camera's pose, and the swept volume of the moving parts (object frame).
+//! Out: planes in the object frame, metres.
+//! From: sequential RANSAC; a hypothesis is one point with its normal.
 
 use super::occupancy::Occupancy;
 use super::part_labels::PosedFrame;
@@ -10,14 +14,14 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-/// Two fifths of a plane of the room lie farther than this from what moved, metres.
+/// Distance from the swept volume beyond which more than two fifths of a room plane's samples lie, metres.
 const ROOM_CLEARANCE_M: f64 = 0.2;
-/// A tenth of a plane of the room lies farther than this from what moved, metres, or the plane leaves
-/// the picture: floor, table and wall are large, a foot under a seat is not.
+/// Distance from the swept volume beyond which more than a tenth of a room plane's samples lie, metres, unless the
+/// plane leaves the image: floor, table and wall are large, a foot under a seat is not.
 const ROOM_REACH_M: f64 = 0.5;
-/// Samples at the picture's border that a plane has which leaves the picture.
+/// Fewest samples at the image border of a plane that leaves the image.
 const MIN_BORDER_SAMPLES: usize = 4;
-/// A pixel that is at most this far from the border lies at it.
+/// Width of the strip along the image border whose samples lie at the border, pixels.
 const BORDER_PX: usize = 16;
 
 /// A plane of the room, in the object frame.
@@ -37,22 +41,22 @@ impl Plane {
     }
 }
 
-/// A point at depth `z`, metres, lies on a plane of the room.
+/// True if a point in the object frame, seen at depth `z`, metres, lies on a plane of the room.
 pub fn is_room(room: &[Plane], p: &Point3<f64>, z: f64) -> bool {
     room.iter().any(|plane| plane.holds(p, z))
 }
 
-/// A piece of surface in the object frame.
+/// A surface sample in the object frame.
 struct Sample {
     point: Point3<f64>,
     normal: Vector3<f64>,
-    /// Its depth when seen.
+    /// Depth at which the sample was measured, metres.
     z: f64,
-    /// It was seen at the picture's border.
+    /// True if the sample lies at the image border.
     at_border: bool,
 }
 
-/// Samples of the surface that a keyframe shows; none where the camera's pose is not known.
+/// Surface samples of a keyframe; none if the camera's pose is not known.
 fn surface_samples(posed: &PosedFrame) -> Vec<Sample> {
     let (frame, Some(camera_from_object)) = (posed.frame, posed.camera_from_part[0]) else {
         return Vec::new();
@@ -77,7 +81,7 @@ fn surface_samples(posed: &PosedFrame) -> Vec<Sample> {
     samples
 }
 
-/// Planes of the first keyframe that lead away from what moved: floor, table, wall.
+/// Planes of the first keyframe that extend far from the swept volume: floor, table, wall.
 pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> {
     let mut left = first.map(surface_samples).unwrap_or_default();
     let sensor = first.map(|posed| posed.frame.camera.depth_sensor).unwrap_or_default();
@@ -101,7 +105,7 @@ pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> 
         if count < 120 {
             break;
         }
-        // One pixel's normal is noisy: the plane is fitted to all that follow it, twice.
+        // The normal of one pixel is noisy, so the plane is fitted to its inliers, twice.
         let plane = refitted(&refitted(&plane, &left), &left);
         let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| plane.carries(s));
         left = off;
@@ -112,7 +116,8 @@ pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> 
     planes
 }
 
-/// A plane goes far away from what moved, or leaves the picture.
+/// True if a plane is the room's: many of its samples are far from the swept volume, and the plane leaves the image
+/// or reaches very far.
 fn leads_away(plane: &[Sample], swept: &Occupancy) -> bool {
     let beyond = |distance: f64| {
         plane.iter().filter(|s| swept.is_far_from(&s.point, distance)).count() as f64
@@ -122,7 +127,7 @@ fn leads_away(plane: &[Sample], swept: &Occupancy) -> bool {
     beyond(ROOM_CLEARANCE_M) > 0.4 && (leaves || beyond(ROOM_REACH_M) > 0.1)
 }
 
-/// The plane that fits best to all samples that lie on this one.
+/// The least-squares plane through all samples that lie on the given plane.
 fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
     let on: Vec<Point3<f64>> =
         samples.iter().filter(|s| plane.carries(s)).map(|s| s.point).collect();

@@ -1,10 +1,13 @@
-//! The surface of the object as surfels: points with a normal and an albedo.
+//! Describes the surface of the object as surfels: points with a normal and an albedo.
+//!
+//! In: labelled keyframes with the pose of each part.
+//! Out: surfels in the object frame at configuration 0, metres; albedo in CIELAB.
 
 use super::albedo::{Piece, SeenColour, albedos};
-use super::occupancy::cell;
 use super::part_labels::{LabelGrid, PosedFrame, STEP};
 use super::region::Region;
 use crate::image::cielab::CielabImage;
+use crate::math::grid::cell;
 use crate::object::appearance::Surfel;
 use linkage_frames::depth::NormalMap;
 use nalgebra::{Point3, Vector3};
@@ -16,10 +19,11 @@ use std::collections::HashMap;
 /// Side of a neighbourhood whose pieces of surface are compared in colour, metres.
 const NEIGHBOURHOOD_M: f64 = 0.1;
 
-/// Part, cell and main direction of the normal: the two sides of a board are kept apart.
+/// Part, cell, and main direction of the normal; the direction keeps the two sides of a board
+/// apart.
 type VoxelKey = (u16, [i32; 3], u8);
 
-/// Surface gathered in one voxel.
+/// Sums over the surface points of one voxel, with the colour in each keyframe.
 #[derive(Default)]
 struct Voxel {
     point: Vector3<f64>,
@@ -28,7 +32,7 @@ struct Voxel {
     colours: Vec<SeenColour>,
 }
 
-/// Surface seen at a pixel, in the object frame at configuration 0.
+/// Surface seen at one pixel, in the object frame at configuration 0.
 pub struct SeenSurfel {
     part: u16,
     point: Point3<f64>,
@@ -66,7 +70,7 @@ pub fn seen_surface(
     Ok(surface)
 }
 
-/// Surface averaged in voxels.
+/// Surface of several keyframes, averaged in voxels.
 pub struct VoxelGrid {
     voxel_m: f64,
     voxels: HashMap<VoxelKey, Voxel>,
@@ -95,8 +99,8 @@ impl VoxelGrid {
         }
     }
 
-    /// A surfel for each voxel that at least two keyframes show, shuffled: the first ones are spread
-    /// over the whole surface.
+    /// One surfel for each voxel that at least two keyframes show with consistent normals. The
+    /// order is random, so that the first surfels are spread over the whole surface.
     pub fn into_surfels(self) -> Vec<Surfel> {
         surfels(self.voxels)
     }

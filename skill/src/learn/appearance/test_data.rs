@@ -11,12 +11,12 @@ use crate::test_data::{board, seen};
 use linkage_frames::RgbdFrame;
 use nalgebra::{Point2, Point3, Vector3};
 
-/// Frames of a demonstration.
+/// Number of frames of a demonstration.
 pub const FRAMES: usize = 16;
 /// Time between two frames, microseconds.
 const FRAME_US: i64 = 100_000;
 
-/// A drawer's front comes by 2 cm a frame.
+/// How far the drawer is pulled in a frame, metres: 2 cm a frame.
 pub fn pulled(frame: usize) -> f64 {
     0.02 * frame as f64
 }
@@ -73,7 +73,7 @@ pub fn front() -> Vec<(Point3<f64>, Option<usize>)> {
     (0..12).map(|i| (at(i), Some(1))).collect()
 }
 
-/// What a frame shows.
+/// The image of a frame.
 pub fn picture(frame: usize) -> RgbdFrame {
     seen(FRAME_US * frame as i64, board(0.2, 1.5 - pulled(frame), 1.5))
 }

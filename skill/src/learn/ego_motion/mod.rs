@@ -1,10 +1,13 @@
-//! The base: the rigid thing that most of the picture shows. Its motion relative to the
-//! camera is found first, so that a moving camera is handled by construction and everything
-//! else is seen in one still frame.
+//! Estimates the motion of the camera relative to the base: the rigid, static scene that most of
+//! the image shows. It is estimated first, so that a moving camera is handled by construction and
+//! all else is seen in one static frame.
 //!
-//! Each track carries a map point, the running mean of where it was in the base frame; each frame
-//! is registered to the map by RANSAC and a reweighted fit. A moving part's and the person's map
-//! points are wrong, but have little weight.
+//! In: the features of each frame that have depth, in the camera frame, metres.
+//! Out: `camera_from_base` for each frame, and all tracks in the base frame, which is the camera
+//! frame of the first frame.
+//! From: registration to a map of points by RANSAC (MSAC score) and reweighted least squares. The
+//! map point of a track is the running mean of its places in the base frame. Map points of moving
+//! parts and of the person are wrong, but have little weight.
 
 mod observation;
 
@@ -24,40 +27,40 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// RANSAC samples per frame.
+/// Number of RANSAC samples per frame.
 const RANSAC_ITERATIONS: usize = 30;
-/// Points of a frame that vote for its pose; of more, some are drawn.
+/// Largest number of points that determine the pose of a frame; of more, some are drawn at random.
 const MAX_POINTS: usize = 900;
-/// Least extent of a moving track's smoothed path, metres. Ours.
+/// Smallest extent of a moving track's smoothed path, metres. Ours.
 pub const MIN_EXTENT_M: f64 = 0.015;
-/// The least extent in standard deviations of its depth. Ours.
+/// Smallest extent of a moving track's smoothed path, in standard deviations of its noise. Ours.
 pub const MIN_EXTENT_SIGMAS: f64 = 4.0;
 
-/// A track as seen from the base.
+/// A track in the base frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrackInBase {
-    /// Which track it is.
+    /// Identity of the track.
     pub id: TrackId,
-    /// First frame of `points`.
+    /// Frame of the first of `points`.
     pub first_frame: usize,
-    /// Place in the base frame, a frame each; `None` without depth.
+    /// Observation in the base frame, one for each frame; `None` without depth.
     pub points: Vec<Option<BaseObservation>>,
-    /// True when its path is longer than noise explains.
+    /// True if the path is longer than noise explains.
     pub moves: bool,
 }
 
 impl TrackInBase {
-    /// The observation of a frame.
+    /// The observation in a frame, if there is one.
     pub fn at(&self, frame: usize) -> Option<&BaseObservation> {
         self.points.get(frame.checked_sub(self.first_frame)?)?.as_ref()
     }
 
-    /// Frame after the last.
+    /// Number of the frame after the last of `points`.
     pub fn end_frame(&self) -> usize {
         self.first_frame + self.points.len()
     }
 
-    /// Observations with their frames.
+    /// Observations, each with its frame.
     #[cfg(feature = "paper")]
     pub fn seen(&self) -> impl Iterator<Item = (usize, &BaseObservation)> {
         let first = self.first_frame;
@@ -65,15 +68,15 @@ impl TrackInBase {
     }
 }
 
-/// The camera's motion and every track seen from the base.
+/// Motion of the camera, and every track in the base frame.
 #[derive(Debug, Clone, Default)]
 pub struct EgoMotion {
-    /// Maps base coordinates into the camera frame of each frame; identity in the first.
+    /// Pose of the base in the camera, for each frame; identity in the first.
     pub camera_from_base: Vec<Pose>,
-    /// As many as the tracks they were made from, in the same order; those that have ended are
-    /// shared with the motion that this one extends.
+    /// Tracks in the base frame, as many as the tracks that they were made from, in the same order;
+    /// those that have ended are shared with the motion that this one extends.
     pub tracks: Vec<Arc<TrackInBase>>,
-    /// Tracks that stay where they are in the base.
+    /// Number of tracks that do not move in the base frame.
     pub static_count: usize,
 }
 
@@ -84,22 +87,22 @@ struct MapPoint {
     disagreed: f64,
 }
 
-/// Registers frames to the base as they come.
+/// Registers frames to the base as they arrive.
 pub struct EgoMotionEstimator {
     rng: ChaCha8Rng,
-    /// The map point of each track, by its number.
+    /// Map point of each track, by the number of the track.
     map: Vec<Option<MapPoint>>,
     camera_from_base: Vec<Pose>,
 }
 
 impl EgoMotionEstimator {
-    /// One that has seen nothing.
+    /// Creates an estimator without frames.
     pub fn new(seed: u64) -> Self {
         Self { rng: ChaCha8Rng::seed_from_u64(seed), map: Vec::new(), camera_from_base: Vec::new() }
     }
 
-    /// Takes the next frame: its lifted features by the numbers of their tracks, in the camera
-    /// frame.
+    /// Registers the next frame. `lifted` holds the features of the frame that have depth: the
+    /// numbers of their tracks, and their places in the camera frame, metres.
     pub fn push(&mut self, lifted: &[(usize, Point3<f64>)], sensor: DepthSensor) {
         let guess = self.camera_from_base.last().copied();
         let register = |g| self.register(lifted, sensor, &g).unwrap_or(g);
@@ -147,7 +150,7 @@ impl EgoMotionEstimator {
         ransac_rigid(&pairs, &options, Some(guess), &mut self.rng).map(|found| found.motion)
     }
 
-    /// Forgets the frames that are not marked, and tracks without a new number.
+    /// Removes the frames that are not marked, and the map points of tracks without a new number.
     pub fn keep_frames(&mut self, marks: &[bool], numbers: &[Option<usize>]) {
         let mut marked = marks.iter();
         self.camera_from_base.retain(|_| *marked.next().unwrap_or(&true));
@@ -155,15 +158,16 @@ impl EgoMotionEstimator {
         self.map.retain(|_| number.next().is_some_and(Option::is_some));
     }
 
-    /// The camera's motion so far.
+    /// Pose of the base in the camera, for each frame so far.
     pub fn camera_from_base(&self) -> &[Pose] {
         &self.camera_from_base
     }
 }
 
 impl EgoMotion {
-    /// The same motion with what was seen since: `set` holds these tracks, or some of them, and later
-    /// ones. Poses that are known already stay.
+    /// Extends the motion by the frames that were seen since. `set` holds the tracks of this
+    /// motion, or some of them, and later ones; `camera_from_base` holds the poses of all frames.
+    /// Observations that are in the base frame already are reused.
     pub fn extended(
         &self,
         set: &TrackSet,
@@ -202,7 +206,7 @@ impl MapPoint {
     }
 }
 
-/// A track in the base frame; its first points may be known already.
+/// The track in the base frame; `known` are its first points, which are in the base frame already.
 fn into_base(
     track: &Track,
     known: &[Option<BaseObservation>],
@@ -226,8 +230,9 @@ fn extent_exceeds_noise(points: &[Option<BaseObservation>]) -> bool {
     path_moves(&path, MIN_EXTENT_M, MIN_EXTENT_SIGMAS)
 }
 
-/// True when a path of (place, sigma) is longer than noise explains. The depth noise at any one
-/// place is partly fixed pattern, so whole paths are smoothed before they are measured.
+/// True if a path of (place, standard deviation) is longer than noise explains: its extent exceeds
+/// `least_m` metres and `sigmas` times the median deviation. The depth noise at any one place is
+/// partly fixed pattern, so whole paths are smoothed before they are measured.
 pub fn path_moves(path: &[(Point3<f64>, f64)], least_m: f64, sigmas: f64) -> bool {
     if path.len() < 5 {
         return false;
@@ -247,7 +252,8 @@ pub fn path_moves(path: &[(Point3<f64>, f64)], least_m: f64, sigmas: f64) -> boo
     extent > least_m.max(sigmas * sigma)
 }
 
-/// Observations (place, sigma) before the first two in a row (nearly) that have left the start.
+/// Number of observations (place, standard deviation) before the first two in succession that lie
+/// away from the start; a single outlier is not counted.
 pub fn rest_length(path: impl Iterator<Item = (Point3<f64>, f64)>) -> usize {
     let mut sum = nalgebra::Vector3::zeros();
     let (mut averaged, mut rested, mut strays) = (0.0, 0, 0);

@@ -1,34 +1,37 @@
-//! Where a point was seen, and how well that is known. A demonstration has millions of these:
-//! they take little room.
+//! An observation of a point, and its uncertainty. A demonstration has millions of observations, so
+//! each takes little memory.
+//!
+//! In: a point in the camera frame, metres, the pose of the camera, and the depth sensor.
+//! Out: the point in the base frame, with its inverse covariance.
 
 use crate::math::rigid::Pose;
 use linkage_frames::depth::{DepthSensor, feature_across_sigma};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Vector3};
 
-/// Share of the coarse noise of a lifted feature that a track's has.
+/// Noise of a tracked feature, as a share of the sensor's `feature_sigma`.
 const TRACKED_SHARE: f64 = 0.7;
-/// Smallest travel of what has moved, metres.
+/// Smallest distance from a place that is motion, metres.
 const MOVED_M: f64 = 0.012;
-/// Smallest travel of what has moved, in standard deviations.
+/// Smallest distance from a place that is motion, in standard deviations.
 const MOVED_SIGMAS: f64 = 3.0;
 
-/// One observation of a track in the frame of the base, or of a part.
+/// One observation of a track, in the base frame or in the frame of a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaseObservation {
     /// Place, metres.
     pub point: Point3<f64>,
-    /// Inverse covariance there.
+    /// Inverse covariance of the place.
     pub precision: Information,
     sigma: f32,
 }
 
 impl BaseObservation {
-    /// An observation with one figure for its noise, metres.
+    /// An observation; `sigma` is one figure for its noise in all directions, metres.
     pub fn new(point: Point3<f64>, precision: Information, sigma: f64) -> Self {
         Self { point, precision, sigma: sigma as f32 }
     }
 
-    /// What a camera sees there, from the base.
+    /// The observation in the base frame of a point that is given in the camera frame.
     pub fn by_camera(
         in_camera: &Point3<f64>,
         camera_from_base: &Pose,
@@ -45,58 +48,61 @@ impl BaseObservation {
         Self::new(base_from_camera * in_camera, precision, sigma)
     }
 
-    /// The same in another frame.
+    /// The observation in another frame.
     pub fn moved(&self, other_from_this: &IsometryMatrix3<f64>) -> Self {
         let precision = self.precision.rotated(other_from_this.rotation.matrix());
         Self { point: other_from_this * self.point, precision, ..*self }
     }
 
-    /// One figure for its noise in all directions, metres.
+    /// Standard deviation of the place in all directions, as one figure, metres.
     pub fn sigma(&self) -> f64 {
         f64::from(self.sigma)
     }
 
-    /// It is farther from a place than noise explains.
+    /// True if the observation is farther from a place than noise explains.
     pub fn is_away_from(&self, place: &Point3<f64>) -> bool {
         (self.point - place).norm() > (MOVED_SIGMAS * self.sigma()).max(MOVED_M)
     }
 
-    /// Squared Mahalanobis distance from a place.
+    /// Squared Mahalanobis distance of a place from the observation.
     pub fn distance_sq(&self, place: &Point3<f64>) -> f64 {
         self.precision.norm_sq(&(place - self.point))
     }
 }
 
-/// Inverse covariance of what a camera saw: tight across the viewing ray, loose along it.
+/// Inverse covariance of a point that a camera saw: one variance along the viewing ray, another
+/// across it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Information {
-    /// Unit direction of the ray.
+    /// Unit direction of the viewing ray.
     pub(crate) ray: Vector3<f32>,
     /// Inverse variance across the ray.
     pub(crate) across: f32,
-    /// Inverse variance along the ray less that across it; negative.
+    /// Inverse variance along the ray less that across it; negative where depth is less precise
+    /// than the place in the image.
     pub(crate) excess: f32,
 }
 
 impl Information {
-    /// The information of a ray with this unit direction and these standard deviations, metres.
+    /// Information of a point on a ray of unit direction `ray`, with standard deviations across the
+    /// ray and along it, metres.
     pub fn new(ray: &Vector3<f64>, across_sigma: f64, ray_sigma: f64) -> Self {
         let (across, along) = (across_sigma.powi(-2), ray_sigma.powi(-2));
         Self { ray: ray.cast(), across: across as f32, excess: (along - across) as f32 }
     }
 
-    /// The same in another frame.
+    /// The information in another frame.
     fn rotated(&self, rotation: &Matrix3<f64>) -> Self {
         Self { ray: (rotation * self.ray.cast::<f64>()).cast(), ..*self }
     }
 
-    /// It times a vector.
+    /// Product of the information matrix and a vector.
     pub fn times(&self, vector: &Vector3<f64>) -> Vector3<f64> {
         let ray = self.ray.cast::<f64>();
         vector * f64::from(self.across) + ray * (f64::from(self.excess) * ray.dot(vector))
     }
 
-    /// Squared Mahalanobis norm.
+    /// Squared Mahalanobis norm of a vector.
     pub fn norm_sq(&self, vector: &Vector3<f64>) -> f64 {
         let along = self.ray.cast::<f64>().dot(vector);
         f64::from(self.across) * vector.norm_squared() + f64::from(self.excess) * along * along

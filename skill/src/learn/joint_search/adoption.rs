@@ -1,5 +1,8 @@
-//! Adoption of the chosen joint: the other segments of time in which it was seen are merged into it,
-//! and it becomes a joint of the search or part of one that is there already.
+//! Adoption of the best candidate: the other segments of time in which its joint was seen are
+//! merged into it, and it becomes a joint of the search or part of one that is there already.
+//!
+//! In: the best candidate, the other candidates, and the tracks that no joint explains.
+//! Out: the search with the joint added, and the candidates that remain. Frames do not change.
 
 use super::decision::{MAX_COST, SEGMENT_VIOLATION_SLACK, is_segment};
 use super::estimate::JointEstimate;
@@ -10,14 +13,14 @@ use super::tracks_in_part_frame::TracksInFrame;
 use super::verification::{evaluate, without_outliers};
 use crate::math::robust::overlap;
 
-/// Share of a candidate's tracks that another one must have to be a segment that adds nothing.
+/// Share of a segment's tracks in the chosen joint from which the segment adds nothing.
 const SAME_TRACKS: f64 = 0.7;
-/// How far the cost of a merged joint may exceed the largest cost.
+/// Allowance above [`MAX_COST`] for the cost of a merged joint.
 const COST_SLACK: f64 = 0.6;
-/// Share of its tracks that an adopted joint explains from which a candidate is dropped.
+/// Share of a candidate's tracks explained by an adopted joint from which the candidate is dropped.
 const EXPLAINED: f64 = 0.3;
 
-/// The chosen joint with those of the candidates that are other segments of it.
+/// Merges the chosen joint with those candidates that are other segments of it.
 pub fn with_its_segments(
     search: &SearchState,
     mut best: JointEstimate,
@@ -45,7 +48,7 @@ pub fn with_its_segments(
     best
 }
 
-/// The joint of two segments, with its evidence, where it explains more than each of them.
+/// Merges two segments; returns the joint with its evidence if it explains more than each of them.
 fn try_merge(
     search: &SearchState,
     view: &TracksInFrame,
@@ -70,8 +73,8 @@ fn try_merge(
     is_better.then_some(whole)
 }
 
-/// Adopts a joint: tracks that it explains are not searched any more. Returns its number and the
-/// candidates that are left, which are not explained by it and do not hang on it.
+/// Adopts a joint and removes the tracks that it explains from `unexplained`. Returns the remaining
+/// candidates: those that the joint does not explain and that are not attached to its part.
 pub fn adopt(
     search: &mut SearchState,
     joint: JointEstimate,
@@ -85,12 +88,13 @@ pub fn adopt(
     candidates
 }
 
-/// A candidate has most of its tracks apart from those that a joint explains.
+/// True if less than `EXPLAINED` of a candidate's tracks are among the `explained` ones.
 pub fn is_apart(candidate: &JointEstimate, explained: &[usize]) -> bool {
     overlap(&candidate.members, explained) < EXPLAINED
 }
 
-/// Adds a joint, or makes it part of one that is there already. Returns its number.
+/// Adds a joint to the search, or merges it with one that is there already. Returns the joint's
+/// number.
 pub fn add_joint(search: &mut SearchState, joint: JointEstimate, unexplained: &[usize]) -> usize {
     let matching: Vec<(usize, LineMatch)> = (0..search.joints.len())
         .filter(|_| search.config().merge)
@@ -107,7 +111,7 @@ pub fn add_joint(search: &mut SearchState, joint: JointEstimate, unexplained: &[
         search.renew_views(i);
         return i;
     }
-    // What cannot be merged with a joint on the same line is not a joint beside it.
+    // There is only one joint on a line: one that cannot be merged with it is dropped.
     if let Some((i, _)) = matching.iter().find(|(_, line_match)| *line_match == LineMatch::Same) {
         return *i;
     }
@@ -192,7 +196,7 @@ mod tests {
             assert_eq!(add_joint(search, joint.clone(), &all), 0);
             assert_eq!(add_joint(search, joint.clone(), &all), 0);
             assert_eq!(search.joints.len(), 1);
-            // Another line is another joint.
+            // A different line is a different joint.
             let mut across = joint;
             across.dof.axis = nalgebra::Vector3::x();
             assert_eq!(add_joint(search, across, &all), 1);

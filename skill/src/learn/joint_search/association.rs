@@ -1,8 +1,9 @@
-//! Data association over the whole recording: which tracks follow a joint, and which configuration
-//! they give it in each frame.
+//! Data association over the whole recording: which tracks follow a joint, and which configuration they
+//! give it in each frame. Each round gathers the tracks that follow the joint, refines it on some of
+//! them, and lets them vote for the configuration of every frame.
 //!
-//! Rounds of gathering the tracks that follow the joint, bundle adjustment on some of them, and voting
-//! for the configuration of every frame; out come members, gain and cost.
+//! In: a joint and candidate tracks in the frame of its parent, metres.
+//! Out: the joint with its line, configurations (radians or metres), members, gain, cost and range.
 
 use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, locate_points, refine};
 use super::configuration_vote::{Voters, vote};
@@ -13,31 +14,32 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Tracks that bundle adjustment uses.
+/// Largest number of tracks in a bundle adjustment.
 pub const ADJUSTED_TRACKS: usize = 150;
-/// Frames that bundle adjustment uses: neighbours say the same.
+/// Largest number of frames in a bundle adjustment, besides the anchor; neighbouring frames are
+/// redundant.
 pub const ADJUSTED_FRAMES: usize = 60;
-/// Gain that each frame's configuration costs, so that a joint must explain more than its own
-/// parameters.
+/// Gain subtracted for each known frame, so that a joint must explain more than its own parameters.
 pub const FRAME_PENALTY: f64 = 1.5;
-/// Tracks that vote for a frame's configuration.
+/// Largest number of tracks that vote for a frame's configuration.
 const VOTERS: usize = 100;
-/// Share of a track's observations that a joint must explain to be asked about it in the next round.
+/// Share of a track's observations that must be inliers for the track to stay a candidate in the next
+/// round.
 const HOPELESS_SHARE: f64 = 0.3;
 
-/// A track that follows a joint.
+/// A track that follows a joint, with its costs.
 pub struct Follower {
-    /// Its row in the view.
+    /// Row of the track in the view.
     pub track: usize,
-    /// Its cost if it stood still.
+    /// Cost of the track if it stood still.
     still: f64,
-    /// Its cost under the joint.
+    /// Cost of the track under the joint.
     cost: f64,
     observations: usize,
 }
 
-/// Gathers members, refines the joint on them and recomputes every frame's configuration, `rounds`
-/// times; then sums up members, gain, cost and range.
+/// Gathers members, refines the joint on them and estimates every frame's configuration, `rounds`
+/// times; then computes members, gain, cost and range.
 pub fn associate(
     view: &TracksInFrame,
     joint: &mut JointEstimate,
@@ -77,8 +79,9 @@ pub fn associate(
     joint.summarise();
 }
 
-/// Tracks that follow the joint: seen often enough, mostly inliers, better explained than by standing
-/// still, and moved by more than a centimetre. Candidates that hardly ever do are dropped.
+/// Tracks that follow the joint: at least five observations, over 70 % of them inliers, clearly better
+/// explained than by rest, and moved by more than 1.2 cm. Candidates with few inliers are removed from
+/// the list.
 pub fn gather(
     view: &TracksInFrame,
     joint: &mut JointEstimate,
@@ -102,7 +105,8 @@ pub fn gather(
     judged.into_iter().filter_map(|(_, follower)| follower).collect()
 }
 
-/// `None` where standing still explains the track nearly as well, or where it hardly moves.
+/// The track as a follower of the joint; `None` where rest explains it nearly as well, or where it
+/// hardly moves.
 fn follower(
     view: &TracksInFrame,
     joint: &JointEstimate,
@@ -115,7 +119,7 @@ fn follower(
     follows.then_some(Follower { track, still, cost: cost.sum, observations: cost.observations })
 }
 
-/// The configuration of every frame by the vote of at most about `voters` members.
+/// Estimates the configuration of every frame by the vote of at most `voters` members.
 pub fn estimate_configurations(
     view: &TracksInFrame,
     joint: &mut JointEstimate,
@@ -138,7 +142,8 @@ pub fn estimate_configurations(
     }
 }
 
-/// The configuration of a frame that enough of the members that are seen in it vote for.
+/// Configuration of a frame, if enough of the members that are seen in it vote for it. Two members are
+/// too few for a vote; the present configuration is kept.
 fn configuration(
     view: &TracksInFrame,
     joint: &JointEstimate,
@@ -160,13 +165,13 @@ fn configuration(
     enough.then_some(outcome.q)
 }
 
-/// At most about `most` of them, evenly spread.
+/// At most `most` elements of a list, evenly spread.
 pub fn evenly_spread(all: Vec<usize>, most: usize) -> Vec<usize> {
     let stride = all.len().div_ceil(most).max(1);
     all.into_iter().step_by(stride).collect()
 }
 
-/// At most so many of the known frames, evenly spread, and the anchor.
+/// At most `most` of the known frames, evenly spread, and the anchor if it is known.
 pub fn thinned(known: &[bool], anchor: usize, most: usize) -> Vec<bool> {
     let stride = known.iter().filter(|k| **k).count().div_ceil(most).max(1);
     let mut before = 0;

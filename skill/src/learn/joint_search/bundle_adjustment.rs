@@ -1,8 +1,11 @@
-//! Articulated bundle adjustment: Gauss-Newton on axis, origin, the configuration of every frame and
-//! the points on the part, which are eliminated by Schur complement. A screw's pitch stays.
+//! Articulated bundle adjustment: refines axis, origin, the configurations of the known frames and the
+//! points on the part. The points are eliminated by Schur complement; the pitch of a screw is fixed.
 //!
-//! Lines and points are in the frame of the joint's parent; residuals are weighted by the inverse
-//! covariances of the observations and a redescending weight.
+//! In: a joint, and tracks in the frame of its parent (metres) with the covariance of each observation.
+//! Out: the refined joint; the covariance of (axis, origin), 6 x 6, in that frame (unit vector,
+//! metres).
+//! From: Gauss-Newton with Levenberg-Marquardt damping on Mahalanobis residuals with Tukey's biweight;
+//! sandwich covariance of Liang & Zeger 1986.
 
 use super::estimate::JointEstimate;
 use super::screw_joint::{ScrewJoint, ScrewMotion};
@@ -16,21 +19,21 @@ use rayon::prelude::*;
 
 /// Squared Mahalanobis distance from which an observation is an outlier.
 pub const OUTLIER_CUT: f64 = 16.0;
-/// Steps of bundle adjustment when a joint has been propagated to all frames.
+/// Number of bundle adjustment steps once a joint has been propagated to all frames.
 pub const FINISH_STEPS: usize = 5;
-/// Parameters of a line: two of its direction, two of its place.
+/// Number of parameters of a line: two of its direction, two of its place.
 const LINE: usize = 4;
 
-/// Redescending weight of a squared distance: 1 at none, 0 from the cut on.
+/// Tukey's biweight for a squared distance: 1 at distance 0, and 0 from `cut` on.
 pub fn weight(distance_sq: f64, cut: f64) -> f64 {
     if distance_sq < cut { (1.0 - distance_sq / cut).powi(2) } else { 0.0 }
 }
 
-/// Observations of a track that give a first guess of where its point is.
+/// Largest number of observations of a track from which its point is first estimated.
 const SKETCH: usize = 24;
 
-/// Places the points of tracks on the part, given joint and configurations: robust means of where each
-/// observation says the point is, from the component-wise median of some of them.
+/// Estimates the points of tracks on the part, given the joint and its configurations: the
+/// component-wise median of some observations carried back to configuration 0, then robust means.
 pub fn locate_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
     place(joint, tracks, |joint, t| {
@@ -46,7 +49,7 @@ pub fn locate_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[
     });
 }
 
-/// Places the points again from where they are, which is nearly right.
+/// Updates the points on the part by one robust mean from their present places, which are nearly right.
 fn follow_points(joint: &mut JointEstimate, view: &TracksInFrame, tracks: &[usize], cut: f64) {
     let motions = joint.motions();
     place(joint, tracks, |joint, t| {
@@ -68,7 +71,8 @@ fn place(
     }
 }
 
-/// Mean of where observations in frames say a point is, each weighed by how near it is to `point`.
+/// Robust mean of observations that are carried back to configuration 0, each weighted by its distance
+/// from `point`.
 fn settled<'s>(
     motions: &[ScrewMotion],
     observations: impl Iterator<Item = (usize, &'s BaseObservation)>,
@@ -86,31 +90,31 @@ fn settled<'s>(
     if total > 1e-6 { Point3::from(sum / total) } else { point }
 }
 
-/// One track's contributions to the normal equations of line and configurations, its own point
-/// eliminated: its share of the configurations' block is `own` on the diagonal less
-/// `couplings' * inverse * couplings`.
+/// Normal equations of one track over line and configurations, with its point eliminated. The track
+/// adds to the block of the configurations `own` on the diagonal less `couplings' * inverse *
+/// couplings`.
 struct Reduced {
-    /// Hessian over (axis, origin).
+    /// Hessian over the line's parameters.
     hessian: SMatrix<f64, LINE, LINE>,
     gradient: SVector<f64, LINE>,
-    /// The frames in which the track is no outlier, with their configurations.
+    /// Terms of the frames in which the track is an inlier.
     frames: Vec<FrameTerms>,
     inverse: Matrix3<f64>,
 }
 
-/// What one observation adds for the configuration of its frame.
+/// Terms of one observation that depend on the configuration of its frame.
 struct FrameTerms {
     frame: usize,
-    /// (axis, origin) against the configuration.
+    /// Hessian block of the line and the configuration.
     cross: SVector<f64, LINE>,
-    /// The configuration against itself.
+    /// Hessian entry of the configuration.
     own: f64,
-    /// The track's point against the configuration.
+    /// Hessian block of the track's point and the configuration.
     coupling: Vector3<f64>,
     gradient: f64,
 }
 
-/// A joint's turn at one configuration.
+/// Rotation of a joint's part at one configuration.
 struct Turn {
     sin: f64,
     cos: f64,
@@ -134,7 +138,7 @@ fn turns(joint: &JointEstimate) -> Vec<Turn> {
 }
 
 /// Derivative of a moved point by the line: two columns for its direction along `sides`, two for its
-/// place. `arm` is the point of the part as seen from the line's origin.
+/// place. `arm` is the vector from the line's origin to the point on the part.
 fn line_jacobian(
     dof: &ScrewJoint,
     sides: [Vector3<f64>; 2],
@@ -158,22 +162,22 @@ fn line_jacobian(
     jacobian
 }
 
-/// Normal equations of one track over line, its point and the configurations of its frames.
+/// Normal equations of one track over the line, the track's point and the configurations of its frames.
 struct TrackEquations {
     hessian: SMatrix<f64, LINE, LINE>,
     gradient: SVector<f64, LINE>,
     point_hessian: Matrix3<f64>,
     point_gradient: Vector3<f64>,
-    /// The point against the line.
+    /// Hessian block of the point and the line.
     line: SMatrix<f64, 3, LINE>,
     frames: Vec<FrameTerms>,
 }
 
-/// Derivatives of a moved point.
+/// Derivatives of a moved point by the parameters that all tracks share.
 struct Derivatives {
-    /// By the line.
+    /// Derivative by the line's parameters.
     jacobian: SMatrix<f64, 3, LINE>,
-    /// By the configuration.
+    /// Derivative by the configuration.
     velocity: Vector3<f64>,
 }
 
@@ -215,7 +219,8 @@ impl TrackEquations {
         equations
     }
 
-    /// Adds an observation: the derivatives of the moved point, and its weighted residual (`pull`).
+    /// Adds an observation: the derivatives of the moved point, and the weighted residual `pull`
+    /// (predicted less observed).
     fn add(
         &mut self,
         frame: usize,
@@ -240,7 +245,8 @@ impl TrackEquations {
         });
     }
 
-    /// Eliminates the point by Schur complement; `None` for a track of fewer than two observations.
+    /// Eliminates the point by Schur complement; `None` for a track of fewer than two inlier
+    /// observations.
     fn reduced(mut self) -> Option<Reduced> {
         if self.frames.len() < 2 {
             return None;
@@ -272,15 +278,16 @@ fn reduce(
     TrackEquations::of(joint, turns, view, track, cut).reduced()
 }
 
-/// Normal equations over (axis, origin, configurations of the known frames); residuals are predicted less
-/// seen.
+/// Normal equations over the line and the configurations of the known frames; residuals are predicted
+/// less observed.
 struct System {
     equations: NormalEquations<Dyn>,
-    /// By frame: row of its configuration; meaningful for known frames.
+    /// By frame: row of the frame's configuration; valid for known frames.
     rows: Vec<usize>,
 }
 
-/// Tracks that are summed in one piece: sums do not depend on how work is shared out.
+/// Number of tracks that are summed in one piece. It is fixed, so that sums do not depend on how the
+/// work is divided among threads.
 const PIECE: usize = 24;
 
 impl System {
@@ -340,7 +347,7 @@ impl System {
         }
     }
 
-    /// The configuration at the anchor stays: q has no zero of its own.
+    /// Holds the configuration at the anchor fixed, because the zero of q is free.
     fn pin(&mut self, joint: &JointEstimate) {
         if joint.known[joint.anchor] {
             let row = self.rows[joint.anchor];
@@ -349,7 +356,7 @@ impl System {
     }
 }
 
-/// One damped step; `None` when the system cannot be solved.
+/// One damped step; `None` if the system cannot be solved or a configuration diverges.
 fn step(
     joint: &JointEstimate,
     view: &TracksInFrame,
@@ -385,11 +392,12 @@ fn step(
     Some(next)
 }
 
-/// Share of the cost before a step from which the step has changed nothing that counts.
+/// Share of the cost that must remain after a step for the refinement to stop, because the step changed
+/// next to nothing.
 const SETTLED: f64 = 0.999;
 
-/// Refines a joint on the given tracks by at most `steps` steps, the first half with a wide cut. The
-/// points of these tracks on the part follow.
+/// Refines a joint on the given tracks by at most `steps` steps, the first half of them with a wide
+/// outlier cut. The points of these tracks are updated too.
 pub fn refine(
     joint: &mut JointEstimate,
     view: &TracksInFrame,
@@ -441,11 +449,11 @@ pub fn refine(
 }
 
 /// Covariance of (axis, origin) in the frame of the joint's parent; configurations and points are
-/// marginalised.
+/// marginalised. Zero where it cannot be computed.
 ///
-/// A track's errors are one draw, however long it lives: a feature that slides along an edge
-/// is off in all of its frames. So the spread is taken between tracks (the sandwich estimator
-/// of Liang & Zeger 1986, one cluster a track), not from the noise of observations.
+/// The errors of one track are correlated over its whole life: a feature that slides along an edge is
+/// off in all of its frames. So the spread between tracks is taken (the sandwich estimator of Liang &
+/// Zeger 1986, one cluster per track), not the noise of observations.
 pub fn covariance(
     joint: &JointEstimate,
     view: &TracksInFrame,
@@ -528,7 +536,7 @@ mod tests {
         assert!(offset < 0.003, "{offset}");
         assert!((joint.q[29] - joint.q[0] - q[29]).abs() < 0.01);
         assert_eq!(joint.uncovered_ratio(&view), 0.0);
-        // What goes on where the joint explains nothing is a hand.
+        // Tracks that go on where the configuration is unknown are not covered.
         joint.known[15..].fill(false);
         assert_eq!(joint.uncovered_ratio(&view), 0.5);
         joint.known.fill(true);

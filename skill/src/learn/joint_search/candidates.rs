@@ -1,8 +1,8 @@
-//! Candidate search: motion hypotheses in the frames of the base and of parts that move, each grown
-//! over time and verified.
+//! Candidate search: motion hypotheses in the frames of the base and of moving parts, each grown over
+//! time and verified.
 //!
-//! In come the candidates that are known already and the tracks that no joint explains; out come all
-//! candidates, accepted or not.
+//! In: the candidates that are known already and the tracks that no joint explains.
+//! Out: all candidates in the frames of their parents, accepted or not.
 
 use super::config::JointSearchConfig;
 use super::correlation::{ALLOWED_CORRELATION, MAX_CORRELATION, moves_during};
@@ -18,34 +18,35 @@ use crate::math::robust::overlap;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Hypotheses that are grown when a background search scans all windows again.
+/// Largest number of hypotheses that are grown when a background search scans all windows again.
 const RESCANNED_IN_BACKGROUND: usize = 4;
-/// The same at the end, which somebody waits for.
+/// Hypotheses grown by the rescan after the last frame; fewer, because a user waits.
 const RESCANNED_AT_END: usize = 2;
-/// Least rank of a hypothesis that is grown, as a share of the strongest hypothesis's rank.
+/// Smallest rank of a hypothesis that is grown, as a share of the strongest hypothesis's rank.
 const MIN_RANK_SHARE: f64 = 0.02;
-/// Hypotheses that are grown side by side.
+/// Number of hypotheses that are grown in parallel.
 const BATCH: usize = 2;
-/// Largest error of an accepted joint that explains a hypothesis, as a share of the motion.
+/// Largest error of an accepted joint that explains a hypothesis, as a share of the displacement.
 const ACCEPTED_SHARE: f64 = 0.5;
-/// The same of a candidate that is not accepted.
+/// Largest error of a candidate that is not accepted and explains a hypothesis, as a share of the
+/// displacement.
 const REJECTED_SHARE: f64 = 0.25;
 /// Share of tracks in common from which two candidates are the same.
 const SAME: f64 = 0.9;
 
-/// The motion hypotheses in the frame of a part.
+/// Motion hypotheses in the frame of one part.
 struct FrameCandidates {
-    /// `None`: of the base.
+    /// Number of the part's joint; `None` for the base.
     parent: Option<usize>,
     view: Arc<TracksInFrame>,
-    /// Tracks that move in it.
+    /// Tracks that move in the frame of the part.
     moving: Vec<usize>,
-    /// The strongest first.
+    /// Motion hypotheses, the strongest first.
     hypotheses: Vec<Hypothesis>,
 }
 
-/// Candidates in the frames of the base and of all parts: those that are `known` and what else can be
-/// grown.
+/// Candidates in the frames of the base and of all parts: those that are `known`, and those that are
+/// newly grown.
 pub fn grow_candidates(
     search: &mut SearchState,
     known: Vec<JointEstimate>,
@@ -60,8 +61,8 @@ pub fn grow_candidates(
     in_frames(search, parents.map(|p| (p, of(p))).collect(), unexplained, round)
 }
 
-/// Candidates in the base frame: those that are `known`, and the hypotheses of all windows of time,
-/// those of the earlier search too.
+/// Candidates in the base frame: those that are `known`, and those grown from the hypotheses of all
+/// windows of time, including the frames of the earlier search.
 pub fn rescan(
     search: &mut SearchState,
     known: Vec<JointEstimate>,
@@ -103,7 +104,7 @@ fn in_frames(
     candidates
 }
 
-/// `None` where too little moves.
+/// Motion hypotheses in the frame of a part; `None` where too few tracks move.
 fn hypotheses_in_frame(
     search: &SearchState,
     parent: Option<usize>,
@@ -126,7 +127,8 @@ fn hypotheses_in_frame(
     Some(FrameCandidates { parent, view, moving, hypotheses })
 }
 
-/// What is `known` and what the hypotheses grow to, and those of them that are not accepted.
+/// Grows and verifies the hypotheses in the frame of one part. Returns the candidates, with those that
+/// are `known`, and the rejected hypotheses of the base.
 fn candidates_in_frame(
     search: &SearchState,
     frame: &FrameCandidates,
@@ -168,7 +170,7 @@ fn candidates_in_frame(
     }
 }
 
-/// Most hypotheses that are grown in one frame.
+/// Largest number of hypotheses that are grown in the frame of one part.
 fn most_grown(search: &SearchState, config: &JointSearchConfig) -> usize {
     match (search.rescans && search.earlier.frames > 0, search.is_the_end()) {
         (false, _) => config.max_hypotheses,
@@ -177,7 +179,7 @@ fn most_grown(search: &SearchState, config: &JointSearchConfig) -> usize {
     }
 }
 
-/// What a hypothesis grows to; `None` where nothing follows it.
+/// Grows a hypothesis to a candidate and verifies it; `None` where too few tracks follow it.
 fn grown_and_verified(
     search: &SearchState,
     h: &Hypothesis,
@@ -197,9 +199,10 @@ fn grown_and_verified(
     Some(verify(search, view, joint, moving, "grown"))
 }
 
-/// A hypothesis in the frame of a part says something of that frame. While the part rests, what moves
-/// on it and what moves on its parent are the same; and what stands still beside the part mirrors its
-/// joint.
+/// True if a hypothesis in the frame of `part` also moves in the frame of that part's parent, and the
+/// part itself moves while the tracks are seen. While the part rests, both frames show the same
+/// motions; and whatever stands still beside the moving part mirrors its joint. Always true for the
+/// base.
 fn says_something(
     search: &SearchState,
     h: &Hypothesis,
@@ -211,7 +214,7 @@ fn says_something(
     })
 }
 
-/// Neither an adopted joint nor a candidate is already what a hypothesis would grow to.
+/// True if neither an adopted joint nor a candidate is what the hypothesis would grow to.
 fn is_new(
     search: &SearchState,
     h: &Hypothesis,
@@ -224,7 +227,7 @@ fn is_new(
         return false;
     }
     !grown.iter().any(|g| {
-        // What a hypothesis shares with an accepted joint would draw it there again.
+        // Tracks shared with an accepted joint would lead the hypothesis to that joint again.
         let sound = accepts(g, search.config()) || g.evidence.parent_correlation > MAX_CORRELATION;
         let shared = overlap(&h.tracks, &g.members);
         shared > COVERED && (sound || is_found_again(g, grown))
@@ -234,7 +237,8 @@ fn is_new(
     })
 }
 
-/// Another hypothesis grew to the same already: a person who walks by is seen to move in every window.
+/// True if another hypothesis grew to the same tracks already, as for a person who walks by and moves
+/// in every window.
 fn is_found_again(joint: &JointEstimate, grown: &[JointEstimate]) -> bool {
     grown.iter().any(|o| !std::ptr::eq(o, joint) && same_tracks(o, joint))
 }

@@ -1,5 +1,9 @@
-//! The configuration of a joint in one frame by vote: tracks propose configurations, each proposal is
-//! supported by the tracks that it explains, and the one of most support is refined by least squares.
+//! Estimates the configuration of a joint in one frame by vote: tracks propose configurations, each
+//! proposal is supported by the tracks that agree with it, and the best one is refined.
+//!
+//! In: observed tracks in the frame of the joint's parent and their points on the part, metres.
+//! Out: the configuration, radians or metres, and the number of tracks that agree with it.
+//! From: MSAC with samples of one track, then iteratively reweighted least squares.
 
 use super::bundle_adjustment::weight;
 use super::estimate::JointEstimate;
@@ -10,33 +14,34 @@ use nalgebra::Point3;
 
 /// Tracks that vote, with their weights.
 pub struct Voters<'v> {
-    /// The tracks as seen from the joint's parent.
+    /// Tracks in the frame of the joint's parent.
     pub view: &'v TracksInFrame,
-    /// Rows of those that vote.
+    /// Rows of the tracks that vote.
     pub tracks: &'v [usize],
-    /// The weight of each.
+    /// Weight of each track that votes.
     pub weights: &'v [f64],
 }
 
 /// A configuration and its support.
 #[derive(Debug, Clone, Copy)]
 pub struct Outcome {
-    /// The configuration.
+    /// Configuration, radians or metres.
     pub q: f64,
-    /// Tracks within the cut.
+    /// Number of tracks within the cut before the last refinement of `q`.
     pub agreeing: usize,
 }
 
-/// A track's point on the part, where it is seen, and its weight.
+/// Point of a track on the part, its observation in the frame, and the weight of its vote.
 type Ballot<'v> = (&'v Point3<f64>, &'v BaseObservation, f64);
 
-/// Share of all support from which a guess needs no other proposals.
+/// Share of the total weight from which the guess is taken without other proposals.
 const SETTLED: f64 = 0.6;
-/// Proposals that are tried, at the most.
+/// Approximate number of tracks that propose a configuration. Every (n / this)-th of n tracks proposes,
+/// so that there are always fewer than twice as many proposals.
 const MAX_PROPOSALS: usize = 60;
 
-/// The configuration of `frame` that has most support; `guess` is tried first. A track within the
-/// squared Mahalanobis distance `cut` agrees.
+/// Configuration of `frame` that has most support; `guess` is tried first. A track agrees if its
+/// squared Mahalanobis distance is below `cut`.
 pub fn vote(
     joint: &JointEstimate,
     voters: &Voters,
@@ -70,7 +75,7 @@ pub fn vote(
     Outcome { q: refined(joint, &voters, q, cut), agreeing }
 }
 
-/// A few steps of reweighted least squares from a configuration.
+/// Refines a configuration by three steps of reweighted least squares.
 fn refined(joint: &JointEstimate, voters: &[Ballot], mut q: f64, cut: f64) -> f64 {
     for _ in 0..3 {
         let (mut numerator, mut denominator) = (0.0, 0.0);
@@ -91,18 +96,19 @@ fn refined(joint: &JointEstimate, voters: &[Ballot], mut q: f64, cut: f64) -> f6
     q
 }
 
-/// Voters whose sums are taken side by side.
+/// Number of voters that are computed side by side (SIMD).
 const LANES: usize = 8;
-/// One figure of each.
+/// One quantity of all voters of a block.
 type Lane = [f64; LANES];
 
-/// A few tracks in one frame, figure by figure. An empty lane has no place and agrees with nothing.
+/// A block of voters in one frame, stored by quantity. An empty lane has NaN as its observed point
+/// and agrees with nothing.
 struct SimdBlock {
-    /// Part points.
+    /// Points on the part.
     point: [Lane; 3],
-    /// Where they are seen.
+    /// Observed points, in the frame of the joint's parent.
     place: [Lane; 3],
-    /// Unit rays that they are seen along.
+    /// Unit directions of the rays along which the points are observed.
     ray: [Lane; 3],
     /// Inverse variances across the rays.
     across: Lane,
@@ -135,7 +141,7 @@ impl SimdBlock {
         block
     }
 
-    /// Where a joint's motion puts the points.
+    /// Points on the part after a joint's motion.
     #[inline(always)]
     fn moved(&self, motion: &ScrewMotion) -> [Lane; 3] {
         let [x, y, z] = motion.rotation.data.0;
@@ -151,7 +157,7 @@ impl SimdBlock {
     }
 }
 
-/// Weight of the voters that agree with a joint's motion, and how many they are.
+/// Support of a joint's motion (MSAC score, weighted), and the number of voters that agree with it.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn support(blocks: &[SimdBlock], motion: &ScrewMotion, cut: f64) -> (f64, usize) {
     let (mut score, mut agreeing) = (0.0, 0);

@@ -1,5 +1,9 @@
-//! How the configuration of one joint depends on another's. A hand follows what it holds, and in the
-//! frame of a moving part what stands still makes a perfect mirror of the part's own joint.
+//! Dependence of one joint's configuration on another's. A hand follows what it holds; and in the
+//! frame of a moving part, whatever stands still seems to move by the inverse of the part's own
+//! joint.
+//!
+//! In: the configurations of two joints by frame, radians or metres. Out: a share, up to 1.
+//! From: coefficient of determination (R squared) of a linear or quadratic fit.
 
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -9,15 +13,16 @@ use std::ops::RangeInclusive;
 
 /// Largest share of a child's configuration that may be a function of its parent's.
 pub const MAX_CORRELATION: f64 = 0.85;
-/// What the correlation with a parent may be. Below, the parent rests whenever the child is known.
+/// Allowed correlation with a parent. A negative value means that the parent rests in all frames in
+/// which the child is known.
 pub const ALLOWED_CORRELATION: RangeInclusive<f64> = 0.0..=MAX_CORRELATION;
-/// Known frames between which the changes of two configurations are compared.
+/// Number of known frames over which the changes of two configurations are compared.
 const LAG: usize = 5;
-/// Change of a child's configuration that noise may cause.
+/// Change of a child's configuration that noise may cause, radians or metres.
 const CHILD_NOISE: f64 = 0.01;
 
-/// Share of a child's configuration, 0 to 1, that is a function of its parent's; 1 where they are
-/// hardly known together, and -1 where the parent rests.
+/// Share of a child's configuration, 0 to 1, that is a function of its parent's; 1 where fewer than
+/// five frames are common, and -1 where the parent rests in them.
 pub fn correlation_with_parent(joint: &JointEstimate, parent: &JointEstimate) -> f64 {
     let common: Vec<usize> =
         joint.known_frames().into_iter().filter(|&f| parent.known[f]).collect();
@@ -33,8 +38,9 @@ pub fn correlation_with_parent(joint: &JointEstimate, parent: &JointEstimate) ->
     overall.max(correlation_of_changes(joint, parent, &common))
 }
 
-/// The same share of the changes while the parent moves. A part that hangs on it goes along and rests
-/// in its frame; one that hangs on the base moves back as fast as the parent moves forth.
+/// Share of the changes of a child's configuration, 0 to 1, that follow from its parent's changes
+/// while the parent moves. It is small for a part that the parent carries, which rests in the
+/// parent's frame; a part of the base moves back there as fast as the parent moves forward.
 fn correlation_of_changes(joint: &JointEstimate, parent: &JointEstimate, common: &[usize]) -> f64 {
     let (mut pp, mut cc, mut pc) = (0.0, 0.0, 0.0);
     for pair in common.windows(LAG + 1) {
@@ -51,8 +57,8 @@ fn correlation_of_changes(joint: &JointEstimate, parent: &JointEstimate, common:
     if pp <= 0.0 { 0.0 } else { pc * pc / (pp * cc) }
 }
 
-/// Share of a joint's configuration that is a smooth function of another's; 0 unless nearly all that
-/// it does happens while the other is known.
+/// Share of a joint's configuration, up to 1, that is a quadratic function of another's; 0 if fewer
+/// than 80 % of the joint's known frames, or fewer than ten, are known for the other.
 pub fn share_following(joint: &JointEstimate, other: &JointEstimate) -> f64 {
     let known = joint.known_frames();
     let common: Vec<usize> = known.iter().copied().filter(|&f| other.known[f]).collect();
@@ -66,12 +72,13 @@ pub fn share_following(joint: &JointEstimate, other: &JointEstimate) -> f64 {
     1.0 - (design * fitted - &q).norm_squared() / spread.max(f64::EPSILON)
 }
 
-/// Spread of a configuration, radians or metres, up to which a part rests.
+/// Largest spread of a configuration at which a part counts as at rest, radians or metres.
 fn resting_spread(joint: &JointEstimate) -> f64 {
     if joint.dof.hinge { 0.04 } else { 0.02 }
 }
 
-/// A part moves while some of the tracks live; `view` is the view from it.
+/// True if a part moves over the frames in which some of the `tracks` are seen; `view` holds the
+/// tracks in the frame of the part.
 pub fn moves_during(part: &JointEstimate, view: &TracksInFrame, tracks: &[usize]) -> bool {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for (f, _) in tracks.iter().flat_map(|&t| view.life(t)) {
@@ -81,7 +88,8 @@ pub fn moves_during(part: &JointEstimate, view: &TracksInFrame, tracks: &[usize]
     high - low > resting_spread(part)
 }
 
-/// By frame: a part is away from where it mostly is while a joint's configuration is known.
+/// By frame: true if a part is away from its median configuration over the frames in which `joint`
+/// is known.
 pub fn frames_away(part: &JointEstimate, joint: &JointEstimate) -> Vec<bool> {
     let mut beside: Vec<f64> = joint.known_frames().iter().map(|&f| part.filled[f]).collect();
     let usual = median(&mut beside).unwrap_or(0.0);

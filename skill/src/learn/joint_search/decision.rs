@@ -1,9 +1,13 @@
-//! Is a candidate a joint of an object? Its support by tracks and the [`Evidence`] of its last
-//! verification are compared with limits; the first limit that is broken is the reason to reject it.
+//! Decides whether a candidate is a joint of an object: its support by tracks and the [`Evidence`] of its last
+//! verification are compared with limits.
 //!
-//! The largest cost of an observation depends on what else speaks for the joint: parts that hang on
-//! it raise its cost while they move. A hand is not there from beginning to end, and along an arm the
-//! pictures hardly discriminate where it is.
+//! In: a candidate with its evidence; metres, radians, shares from 0 to 1.
+//! Out: accepted, or a [`Rejection`], which names the first limit that is broken.
+//! From: measurements, given at each limit that has one.
+//!
+//! The largest cost of an observation depends on the other evidence, because parts that are carried by a joint
+//! raise its cost while they move. A hand raises it too, but it is not there from beginning to end, and depth
+//! hardly discriminates shifts along an arm.
 
 use super::config::JointSearchConfig;
 use super::correlation::{ALLOWED_CORRELATION, MAX_CORRELATION};
@@ -12,176 +16,180 @@ use super::evidence::Evidence;
 use super::free_space_check::SILENT;
 use crate::learn::attachment::MAX_UNATTACHED;
 
-/// Fewest tracks of a joint.
+/// Smallest number of tracks of a joint.
 const MIN_TRACKS: usize = 5;
-/// Fewest frames in which the configuration of a joint is known.
+/// Smallest number of frames in which the configuration of a joint is known.
 const MIN_FRAMES: usize = 15;
-/// Fewest frames in which it is in either half of its range. Where a passer-by covers a thing at rest, that
-/// seems to run with him for a frame or three.
+/// Smallest number of frames in either half of a joint's range. Where a passer-by occludes a thing at rest,
+/// features of it seem to move with the person for one to three frames.
 const MIN_FRAMES_OF_HALF: usize = 4;
-/// Fewest frames of a segment of time in which a joint was seen.
+/// Smallest number of known frames of a segment, which is an interval of time in which a joint was seen.
 const MIN_SEGMENT_FRAMES: usize = 10;
-/// Largest cost of an observation, as a mean over a joint's tracks. Measured: hands cost 2.5 to 3.9,
-/// real joints 0.9 to 2.9.
+/// Largest cost of an observation, as a mean over a joint's tracks (squared standard deviations). Measured:
+/// hands cost 2.5 to 3.9, real joints 0.9 to 2.9.
 pub const MAX_COST: f64 = 2.2;
-/// Least gain of a joint: how much better it explains its tracks than standing still does.
+/// Smallest gain of a joint: how much better it explains its tracks than rest does.
 const MIN_GAIN: f64 = 300.0;
-/// A segment needs the least gain of a joint divided by this.
+/// Divisor of [`MIN_GAIN`] that gives the smallest gain of a segment.
 const SEGMENT_GAIN_DIVISOR: f64 = 3.0;
 
-/// Allowed above [`MAX_COST`] for a joint that is known nearly always and that nothing speaks against.
+/// Allowance above [`MAX_COST`] for a solid joint that is known in nearly all frames and that depth images, or
+/// rest before and after its motion, confirm.
 const ALLOWANCE_ALWAYS: f64 = 1.8;
-/// Allowed above [`MAX_COST`] for a solid joint that is known most of the time and that rests when it is first or
-/// last known: a person who stands beside the part never does.
+/// Allowance above [`MAX_COST`] for a solid joint that is known in most frames and rests when it is first or
+/// last known. A person who stands beside the part never rests.
 const ALLOWANCE_MOSTLY: f64 = 1.0;
-/// Allowed above [`MAX_COST`] for a joint that is found in all pictures and that rests when it is first or last
-/// known. An arm that opens a lid hangs beside the person at both ends of a recording, where pictures find it
-/// too; but what is known of its joint begins and ends while it moves.
+/// Allowance above [`MAX_COST`] for a joint that depth images show everywhere and that rests when it is first
+/// or last known. Depth images show an arm that opens a lid too, because it hangs beside the person at both
+/// ends of a recording; but the arm's joint is known only while it moves.
 const ALLOWANCE_FOUND: f64 = 0.6;
-/// Share of the frames from which a joint is known nearly always.
+/// Share of the frames from which a joint counts as known in nearly all frames.
 const ALWAYS: f64 = 0.9;
-/// Share of the frames from which a joint is known most of the time.
+/// Share of the frames from which a joint counts as known in most frames.
 const MOSTLY: f64 = 0.6;
-/// Fewest tracks of a solid joint.
+/// Smallest number of tracks of a solid joint.
 const SOLID_TRACKS: usize = 50;
 /// Largest share of a solid joint's points that are seen through.
 const SOLID_VIOLATION: f64 = 0.12;
-/// Factor on the largest cost of a segment up to which pictures are asked about a candidate.
+/// Factor on the largest cost of a segment; a candidate that costs more is not verified by depth images.
 pub const HOPELESS_COST: f64 = 1.2;
 
-/// Share of points, half the range aside, from which pictures discriminate for sure.
+/// Discriminability from which depth images reliably discriminate the configuration.
 const WELL_DISCRIMINATED: f64 = 0.6;
-/// Factor on the least gain of a joint that the pictures alone would show.
+/// Factor on [`MIN_GAIN`] for a joint that depth images show everywhere and reliably discriminate.
 const SHOWN_GAIN: f64 = 0.4;
-/// Factor on the least gain of a slide of which pictures say nothing. Corners that somebody's outline
-/// makes with a wall seem to slide along it.
+/// Factor on [`MIN_GAIN`] for a slide that depth images do not discriminate. Corners between a person's outline
+/// and a wall seem to slide along the wall.
 const SILENT_SLIDE_GAIN: f64 = 40.0;
-/// Factor on the least gain of a hinge of which pictures say nothing. On 80 recordings the hinges of which they say
-/// nothing were none: a few features on a person who sways, with 1.2 to 2.4 times the least gain.
+/// Factor on [`MIN_GAIN`] for a hinge that depth images do not discriminate. On 80 recordings all such hinges
+/// were false: a few features on a person who sways, with 1.2 to 2.4 times the smallest gain.
 const SILENT_HINGE_GAIN: f64 = 3.0;
-/// Share of its points in all pictures that may be missing from a joint that gets an allowance on its
-/// cost although pictures do not discriminate for sure. The same share tells two parents apart.
+/// Largest share of a joint's points, over all frames, that may be missing if the joint gets an allowance on
+/// its cost although depth images do not reliably discriminate it. The share is also the limit for the
+/// comparison of two parents.
 const MAX_MISSING: f64 = 0.05;
 
-/// Least travel of a slide, metres.
+/// Smallest travel of a slide, metres.
 const MIN_SLIDE_M: f64 = 0.06;
-/// Least travel of a slide that rests before and after it moves, metres. A person's trunk sways by as
-/// much, but never rests.
+/// Smallest travel of a slide that rests before and after it moves, metres. A person's trunk sways by as much,
+/// but never rests.
 const SMALL_SLIDE_M: f64 = 0.03;
-/// Fewest frames for which a part rests before and after it moves.
+/// Smallest number of frames for which a part must rest before or after it moves.
 const REST_FRAMES: usize = 10;
-/// One in so many of the frames in which a joint is known, for which a part rests that is known in few frames: a roll
-/// that was put onto its holder while 20 frames were taken rested in 7 of them.
+/// Divisor of the number of known frames: a part that is known in few frames must rest for this share of them
+/// only. A roll that was put onto its holder while 20 frames were taken rested in 7 of them.
 const REST_OF_KNOWN: usize = 4;
-/// Largest way of a slide that rests, metres.
+/// Largest travel of a slide that counts as rest, metres.
 const REST_M: f64 = 0.008;
-/// Largest turn of a hinge that rests, radians.
+/// Largest turn of a hinge that counts as rest, radians.
 const REST_RAD: f64 = 0.02;
-/// Largest share of such a part's points that are seen through.
+/// Largest share of the points seen through for a joint that stands between rests.
 const REST_VIOLATION: f64 = 0.05;
-/// Least share of such a part's points that would be seen through half the range aside. It is small,
-/// for half of a short way is hardly discriminated.
+/// Smallest discriminability of a joint that stands between rests. The limit is low because half of a short
+/// travel is hardly discriminated.
 const REST_DISCRIMINABILITY: f64 = 0.2;
-/// Least turn of a hinge, radians.
+/// Smallest turn of a hinge, radians.
 const MIN_TURN_RAD: f64 = 0.12;
-/// A hinge that turns by less than this and whose tracks cost more than [`MAX_COST`] must rest before and after it
-/// moves, radians. Two trunks that swayed turned by 0.14 and 0.19 rad at a cost of 3.5 and 3.0; the hinges of things that
-/// were found at such a cost on 60 recordings turned by 0.6 rad and more.
+/// Turn below which a hinge whose tracks cost more than [`MAX_COST`] must rest before and after it moves,
+/// radians. Two trunks that swayed turned by 0.14 and 0.19 rad at a cost of 3.5 and 3.0; the hinges of things
+/// that were found at such a cost on 60 recordings turned by 0.6 rad and more.
 const SMALL_TURN_RAD: f64 = 0.25;
-/// Least way that most points of a hinge's part make, metres.
+/// Smallest arc of a hinge's part, metres: its turn times the 75th percentile of its tracks' distances from the
+/// axis.
 const MIN_ARC_M: f64 = 0.03;
 
-/// How far a segment may exceed the largest share of points that are seen through.
+/// Allowance for a segment above the largest share of points that are seen through.
 pub const SEGMENT_VIOLATION_SLACK: f64 = 0.03;
-/// How far a segment may exceed the largest share of points that are missing.
+/// Allowance for a segment above the largest share of points that are missing.
 const SEGMENT_UNOBSERVED_SLACK: f64 = 0.05;
 
-/// Why a candidate is no joint.
+/// Reason why a candidate is not accepted as a joint.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Rejection {
-    /// Too few tracks.
+    /// Too few tracks follow the candidate.
     #[error("{found} tracks follow it; at least {MIN_TRACKS} are needed")]
     TooFewTracks {
-        /// Tracks that follow it.
+        /// Number of tracks that follow the candidate.
         found: usize,
     },
-    /// Known in too few frames.
+    /// The configuration is known in too few frames.
     #[error("its configuration is known in {found} frames; at least {MIN_FRAMES} are needed")]
     TooFewFrames {
-        /// Frames with a configuration.
+        /// Number of frames with a known configuration.
         found: usize,
     },
-    /// It is away from its rest, or at it, for a moment only.
+    /// The candidate is in one half of its range for a moment only.
     #[error(
         "half of its range was seen in {found} frames; at least {MIN_FRAMES_OF_HALF} are needed"
     )]
     Moment {
-        /// Frames in the half that was seen less.
+        /// Number of frames in the half that was seen less.
         found: usize,
     },
-    /// It explains little that standing still does not explain.
+    /// The candidate explains its tracks hardly better than rest does.
     #[error(
         "it explains its tracks by {gain:.0} better than rest does; at least {needed:.0} is needed"
     )]
     LowGain {
-        /// Its gain.
+        /// Gain of the candidate.
         gain: f64,
-        /// The gain that is needed.
+        /// Smallest gain that is accepted.
         needed: f64,
     },
-    /// Its tracks depart from it.
+    /// The tracks deviate too much from the joint's motion.
     #[error("its tracks cost {cost:.2} an observation; at most {allowed:.2} is allowed")]
     HighCost {
         /// Mean cost of an observation.
         cost: f64,
-        /// The largest one.
+        /// Largest mean cost that is accepted.
         allowed: f64,
     },
-    /// Its parent rests, so that it may as well hang on the base.
+    /// The parent rests in all frames in which the candidate is known, so that the base may as well be the
+    /// parent.
     #[error("its parent rests whenever it is seen")]
     ParentRests,
-    /// Its configuration is a function of its parent's.
+    /// The configuration is mostly a function of the parent's configuration.
     #[error(
         "{:.0} % of its motion follows from its parent's; at most {:.0} % is allowed",
         100.0 * share,
         100.0 * MAX_CORRELATION
     )]
     FollowsParent {
-        /// Share of its configuration.
+        /// Share of the configuration that follows from the parent's, 0 to 1.
         share: f64,
     },
-    /// A slide that hardly moves.
+    /// A slide whose travel is too short.
     #[error("it slides by {travel_m:.3} m; at least {needed_m} m is needed")]
     ShortSlide {
-        /// Its range, metres.
+        /// Length of the range, metres.
         travel_m: f64,
-        /// The least range of such a slide, metres.
+        /// Smallest travel that is accepted for this slide, metres.
         needed_m: f64,
     },
-    /// A hinge that hardly turns.
+    /// A hinge whose turn, or whose part's arc, is too short.
     #[error(
-        "it turns by {turn_rad:.2} rad, and most of its points by {arc_m:.3} m; \
+        "it turns by {turn_rad:.2} rad, and three quarters of its points by {arc_m:.3} m at most; \
          at least {MIN_TURN_RAD} rad and {MIN_ARC_M} m are needed"
     )]
     ShortTurn {
-        /// Its range, radians.
+        /// Length of the range, radians.
         turn_rad: f64,
-        /// Way of three quarters of its points at most, metres.
+        /// Arc that three quarters of the tracks' points do not exceed, metres.
         arc_m: f64,
     },
-    /// Pictures show something behind it.
+    /// Depth images show something behind too many of the candidate's points.
     #[error(
         "it was seen through at {:.0} % of its points; at most {:.0} % are allowed",
         100.0 * share,
         100.0 * allowed
     )]
     SeenThrough {
-        /// Share of its points.
+        /// Share of the points that are seen through, 0 to 1.
         share: f64,
-        /// The largest share.
+        /// Largest share that is accepted, 0 to 1.
         allowed: f64,
     },
-    /// Pictures do not show it while its configuration is unknown.
+    /// Depth images do not show the part in frames of unknown configuration.
     #[error(
         "{:.0} % of its points were missing while its configuration was unknown; \
          at most {:.0} % are allowed",
@@ -189,12 +197,12 @@ pub enum Rejection {
         100.0 * allowed
     )]
     Unobserved {
-        /// Share of its points.
+        /// Share of the points that are missing, 0 to 1.
         share: f64,
-        /// The largest share.
+        /// Largest share that is accepted, 0 to 1.
         allowed: f64,
     },
-    /// Its tracks go on where it does not explain them.
+    /// Too many observations of the tracks are in frames of unknown configuration.
     #[error(
         "{:.0} % of its tracks' observations are in frames that it does not explain; \
          at most {:.0} % are allowed",
@@ -202,12 +210,12 @@ pub enum Rejection {
         100.0 * allowed
     )]
     Uncovered {
-        /// Share of the observations.
+        /// Share of the tracks' observations, 0 to 1.
         share: f64,
-        /// The largest share.
+        /// Largest share that is accepted, 0 to 1.
         allowed: f64,
     },
-    /// It turns about a line that nothing is seen to hold.
+    /// No visible surface holds the line of the hinge.
     #[error(
         "{:.0} % of the line that it turns about is in the air or outside the pictures, as it is of a \
          person who leans; at most {:.0} % are allowed",
@@ -215,33 +223,36 @@ pub enum Rejection {
         100.0 * MAX_UNATTACHED
     )]
     Unattached {
-        /// Share of the line beside the part.
+        /// Share of the line beside the part that is in the air or outside the images, 0 to 1.
         share: f64,
     },
-    /// Another candidate explains the same tracks in more frames, with another parent.
-    #[error("a candidate with another parent explains the same tracks in more frames")]
+    /// An accepted candidate explains the same tracks and is preferred: one is a joint of the base and the
+    /// other of a part. A joint of the base needs 0.8 times the frames, a joint of a part 1.25 times.
+    #[error("a candidate with another parent explains the same tracks and is preferred")]
     ExplainedWithAnotherParent,
-    /// It does what an accepted joint does.
+    /// The configuration is a function of an adopted joint's configuration, and the candidate is not shown
+    /// everywhere by depth images or has little gain.
     #[error(
         "{:.0} % of its motion follows from an accepted joint; at most {:.0} % is allowed",
         100.0 * share,
         100.0 * allowed
     )]
     FollowsAcceptedJoint {
-        /// Share of its configuration.
+        /// Share of the configuration that follows from the adopted joint's, 0 to 1.
         share: f64,
-        /// The largest share.
+        /// Largest share that is accepted, 0 to 1.
         allowed: f64,
     },
-    /// Next to nothing beside an accepted joint about the same line.
+    /// The candidate turns about the line of an adopted joint and has little of that joint's gain.
     #[error("it turns about the line of an accepted joint and has little of that joint's gain")]
     OnLineOfAcceptedJoint,
-    /// A hand that rests on a part.
+    /// Depth images show the candidate on the part of an adopted joint wherever that part goes, as they show a
+    /// hand that rests on the part.
     #[error("pictures show it on the part of an accepted joint wherever that part goes")]
     OnPartOfAcceptedJoint,
 }
 
-/// All limits are kept, or the first that is broken.
+/// Compares a candidate with all limits; the error names the first limit that is broken.
 pub fn decide(
     joint: &JointEstimate,
     evidence: &Evidence,
@@ -288,12 +299,12 @@ pub fn decide(
     table.into_iter().find(|(is_kept, _)| !is_kept).map_or(Ok(()), |(_, rejection)| Err(rejection))
 }
 
-/// A joint keeps all limits.
+/// True if a joint with the evidence of its last verification keeps all limits.
 pub fn accepts(joint: &JointEstimate, config: &JointSearchConfig) -> bool {
     decide(joint, &joint.evidence, config).is_ok()
 }
 
-/// A candidate is good enough to be a segment of a joint that is accepted.
+/// True if a candidate is good enough to be merged into an accepted joint as a segment.
 pub fn is_segment(joint: &JointEstimate, config: &JointSearchConfig) -> bool {
     let evidence = &joint.evidence;
     joint.members.len() >= MIN_TRACKS
@@ -305,7 +316,7 @@ pub fn is_segment(joint: &JointEstimate, config: &JointSearchConfig) -> bool {
         && evidence.parent_correlation < MAX_CORRELATION
 }
 
-/// The depth pictures could still make a joint of a candidate, or a segment of one.
+/// True if depth images could still confirm a candidate as a joint or as a segment of one.
 pub fn is_worth_verifying(joint: &JointEstimate, parent_correlation: f64) -> bool {
     joint.members.len() >= MIN_TRACKS
         && joint.gain > MIN_GAIN / SEGMENT_GAIN_DIVISOR
@@ -313,12 +324,13 @@ pub fn is_worth_verifying(joint: &JointEstimate, parent_correlation: f64) -> boo
         && parent_correlation <= MAX_CORRELATION
 }
 
-/// Cost of an observation from which a candidate is not even a segment of a joint.
+/// Mean cost of an observation from which a candidate is not even a segment of a joint.
 pub fn max_segment_cost() -> f64 {
     MAX_COST + ALLOWANCE_ALWAYS
 }
 
-/// Largest cost of an observation of a joint.
+/// Largest mean cost of an observation that is accepted for a joint: [`MAX_COST`] and an allowance that depends
+/// on its evidence.
 fn max_cost(joint: &JointEstimate, evidence: &Evidence) -> f64 {
     let coverage = joint.coverage();
     let solid =
@@ -340,8 +352,8 @@ fn max_cost(joint: &JointEstimate, evidence: &Evidence) -> f64 {
     MAX_COST + allowance
 }
 
-/// Least gain of a joint: less where the pictures alone would show it, more where they discriminate
-/// nothing, most for a slide of which they discriminate nothing.
+/// Smallest gain that is accepted for a joint: less where depth images alone would show it, more where they do
+/// not discriminate it, most for a slide that they do not discriminate.
 pub fn min_gain(joint: &JointEstimate, evidence: &Evidence) -> f64 {
     let least = MIN_GAIN;
     match evidence.discriminability {
@@ -352,19 +364,20 @@ pub fn min_gain(joint: &JointEstimate, evidence: &Evidence) -> f64 {
     }
 }
 
-/// Of two parents of one part, pictures miss more of it where `other` puts it.
+/// True if depth images miss clearly less of a part with `joint` than with `other`, which is the same part with
+/// another parent.
 pub fn is_missed_less(joint: &JointEstimate, other: &JointEstimate) -> bool {
     let missed = |joint: &JointEstimate| missing_share(joint, &joint.evidence);
     missed(other) > MAX_MISSING && 3.0 * missed(joint) < 2.0 * missed(other)
 }
 
-/// Share of its points, in all pictures, that are not found.
+/// Share of a joint's points, over all frames, that depth images do not show, 0 to 1.
 fn missing_share(joint: &JointEstimate, evidence: &Evidence) -> f64 {
     evidence.unobserved_ratio * (1.0 - joint.coverage())
 }
 
-/// A joint is known nearly always, rests before and after it moves, and pictures bear it out. A
-/// person's trunk sways all the time, and a hand comes and leaves.
+/// True if a joint is known in nearly all frames, rests before and after it moves, and depth images confirm it.
+/// A person's trunk sways all the time, and a hand comes and leaves.
 fn stands_between_rests(joint: &JointEstimate, evidence: &Evidence) -> bool {
     let [before, after] = rests(joint);
     joint.coverage() >= ALWAYS
@@ -373,27 +386,27 @@ fn stands_between_rests(joint: &JointEstimate, evidence: &Evidence) -> bool {
         && evidence.discriminability >= REST_DISCRIMINABILITY
 }
 
-/// A joint rests in the first frames in which it is known, or in the last ones.
+/// True if a joint rests for [`REST_FRAMES`] when it is first or last known.
 fn rests_at_an_end(joint: &JointEstimate) -> bool {
     let [before, after] = rests(joint);
     before.max(after) >= REST_FRAMES
 }
 
-/// A joint rests in the first frames in which it is known, or in the last ones: for [`REST_FRAMES`], or for a share of
-/// the frames in which it is known, where these are few.
+/// True if a joint rests when it is first or last known: for [`REST_FRAMES`], or for one in [`REST_OF_KNOWN`]
+/// of its known frames if that is less.
 fn rests_for_a_while(joint: &JointEstimate) -> bool {
     let [before, after] = rests(joint);
     before.max(after) >= REST_FRAMES.min(joint.known_frames().len() / REST_OF_KNOWN)
 }
 
-/// In how many frames a joint rests from the first one in which it is known, and from the last one back.
+/// Number of known frames in which a joint rests, from the first known frame on and from the last one back.
 fn rests(joint: &JointEstimate) -> [usize; 2] {
     let q: Vec<f64> = joint.known_frames().into_iter().map(|f| joint.q[f]).collect();
     let way = if joint.dof.hinge { REST_RAD } else { REST_M };
     [resting(q.iter(), way), resting(q.iter().rev(), way)]
 }
 
-/// In how many frames the joint is in that half of its range which is seen less.
+/// Number of known frames in that half of a joint's range which is seen less.
 fn frames_of_less_seen_half(joint: &JointEstimate) -> usize {
     let middle = 0.5 * (joint.range[0] + joint.range[1]);
     let known = joint.known_frames();
@@ -401,8 +414,8 @@ fn frames_of_less_seen_half(joint: &JointEstimate) -> usize {
     upper.min(known.len() - upper)
 }
 
-/// Over how many configurations from the first on a joint stays within a way. The first may be at either end of
-/// that: with a moving camera a thing that rests seems to drift by millimetres.
+/// Number of configurations, from the first on, that stay within a span of `way` (radians or metres). The first
+/// may be at either end of the span, because with a moving camera a part at rest seems to drift by millimetres.
 fn resting<'q>(configurations: impl Iterator<Item = &'q f64>, way: f64) -> usize {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     configurations
@@ -413,7 +426,7 @@ fn resting<'q>(configurations: impl Iterator<Item = &'q f64>, way: f64) -> usize
         .count()
 }
 
-/// Whether a joint moves enough, and the rejection where it does not.
+/// True if a joint moves enough, with the rejection that applies if it does not.
 fn travel(joint: &JointEstimate, evidence: &Evidence) -> (bool, Rejection) {
     let span = joint.span();
     if !joint.dof.hinge {

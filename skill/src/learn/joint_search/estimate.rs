@@ -1,7 +1,7 @@
-//! A joint while it is searched: its line, its configuration by frame, the tracks that follow it, and
-//! what the last verification found.
+//! State of one joint during the search: its line, its configuration by frame, the tracks that
+//! follow it, and the result of the last verification.
 //!
-//! Lines and points are in the frame of the joint's parent (the base frame where it has none);
+//! Lines and points are in the frame of the joint's parent (the base frame if it has none), metres;
 //! configurations are in radians for hinges and in metres for slides.
 
 use super::evidence::Evidence;
@@ -10,39 +10,41 @@ use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::{Pose, matrix_pose};
 use nalgebra::{IsometryMatrix3, Point3};
 
-/// A joint, its configuration over time, and the tracks that follow it.
+/// A joint with its configuration over time and the tracks that follow it.
 #[derive(Debug, Clone)]
 pub struct JointEstimate {
-    /// The joint, in its parent's frame.
+    /// Type and line of the joint, in its parent's frame.
     pub dof: ScrewJoint,
-    /// Configuration by frame; meaningful where `known`.
+    /// Configuration by frame, radians or metres; valid only where `known`.
     pub q: Vec<f64>,
-    /// Frames with a configuration.
+    /// By frame: true if the configuration was estimated.
     pub known: Vec<bool>,
-    /// Configuration by frame, interpolated between known ones.
+    /// Configuration by frame, interpolated linearly between known frames and constant beyond them.
     pub filled: Vec<f64>,
-    /// Part point of each track of the view, at configuration 0.
+    /// Point on the part for each track of the view, at configuration 0, in the parent's frame,
+    /// metres.
     pub points: Vec<Point3<f64>>,
-    /// Tracks of the motion hypothesis that it grew from.
+    /// Tracks of the motion hypothesis from which the joint was grown.
     pub seed: Vec<usize>,
-    /// Tracks that follow it.
+    /// Tracks that follow the joint, by row in the view.
     pub members: Vec<usize>,
-    /// The frame whose configuration is pinned: q has no zero of its own.
+    /// Frame whose configuration bundle adjustment holds fixed, because the zero of q is free.
     pub anchor: usize,
-    /// How much better it explains its tracks than standing still does.
+    /// Cost of the members at rest less their cost under the joint, scaled, less a penalty for each
+    /// known frame (see `association`). No unit.
     pub gain: f64,
-    /// Cost of an observation, as a mean over its tracks.
+    /// Mean truncated squared Mahalanobis distance of the members' observations.
     pub cost: f64,
-    /// Least and greatest configuration, outliers left out.
+    /// 1st and 99th percentile of the known configurations, radians or metres.
     pub range: [f64; 2],
     /// Index of the parent joint; `None` for the base.
     pub parent: Option<usize>,
-    /// What the last verification found.
+    /// Result of the last verification.
     pub evidence: Evidence,
 }
 
 impl JointEstimate {
-    /// A joint that nothing follows yet.
+    /// A joint without tracks and without known configurations.
     pub fn new(dof: ScrewJoint, view: &TracksInFrame, anchor: usize) -> Self {
         Self {
             dof,
@@ -66,12 +68,12 @@ impl JointEstimate {
         (0..self.known.len()).filter(|&f| self.known[f]).collect()
     }
 
-    /// Length of the range.
+    /// Length of the range, radians or metres.
     pub fn span(&self) -> f64 {
         self.range[1] - self.range[0]
     }
 
-    /// Fills `filled` by interpolation and `range` by the 1st and 99th percentile.
+    /// Fills `filled` by linear interpolation, and `range` by the 1st and 99th percentile.
     pub fn summarise(&mut self) {
         let frames = self.known_frames();
         if frames.is_empty() {
@@ -98,13 +100,13 @@ impl JointEstimate {
         self.range = [sorted[stray], sorted[last - stray]];
     }
 
-    /// What the joint does in each frame; meaningful where `known`.
+    /// Motion of the part in each frame; valid only where `known`.
     pub fn motions(&self) -> Vec<ScrewMotion> {
         self.q.iter().map(|&q| self.dof.at(q)).collect()
     }
 
-    /// Truncated cost, observations and inliers of a track that follows the joint; `motions` are
-    /// [`Self::motions`].
+    /// Truncated cost, observations and inliers of a track under the joint. `motions` are
+    /// [`Self::motions`]; an inlier has a squared Mahalanobis distance below `cut`.
     pub fn cost_of(
         &self,
         motions: &[ScrewMotion],
@@ -122,7 +124,7 @@ impl JointEstimate {
         cost
     }
 
-    /// Share of its members' observations in frames in which its configuration is unknown.
+    /// Share of the members' observations, 0 to 1, in frames of unknown configuration.
     pub fn uncovered_ratio(&self, view: &TracksInFrame) -> f64 {
         let (mut all, mut uncovered) = (0_usize, 0_usize);
         for (f, _) in self.members.iter().flat_map(|&t| view.life(t)) {
@@ -132,12 +134,13 @@ impl JointEstimate {
         uncovered as f64 / all.max(1) as f64
     }
 
-    /// Share of the frames in which its configuration is known.
+    /// Share of the frames, 0 to 1, in which the configuration is known.
     pub fn coverage(&self) -> f64 {
         self.known_frames().len() as f64 / self.known.len() as f64
     }
 
-    /// The tracks of the view that it is in, as seen from its part.
+    /// The tracks of `view`, which is in the parent's frame, transformed into the frame of the
+    /// joint's part.
     pub fn tracks_in_part_frame(&self, view: &TracksInFrame) -> TracksInFrame {
         let geometry = self.dof.geometry();
         let motion = |&q: &f64| matrix_pose(&geometry.motion(-q));
@@ -145,7 +148,7 @@ impl JointEstimate {
         view.carried(&part_from_view, &self.known)
     }
 
-    /// Length that a track's point travels over the frames in which it is seen.
+    /// Length of the path between the extreme configurations at which a track is seen, metres.
     pub fn travel(&self, view: &TracksInFrame, track: usize) -> f64 {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for (f, _) in view.life(track).filter(|(f, _)| self.known[*f]) {
@@ -156,18 +159,19 @@ impl JointEstimate {
     }
 }
 
-/// How well a joint explains a track.
+/// How well a joint explains one track.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TrackCost {
     /// Sum of truncated squared Mahalanobis distances.
     pub sum: f64,
-    /// Observations.
+    /// Number of observations in frames of known configuration.
     pub observations: usize,
-    /// Those within the cut.
+    /// Number of observations within the cut.
     pub inliers: usize,
 }
 
-/// Motion of a joint's part in the base frame, from configuration 0 of all joints to a frame.
+/// Motion of a joint's part in the base frame: from configuration 0 of all joints to their
+/// configurations at `frame`.
 pub fn base_from_part(joints: &[JointEstimate], index: usize, frame: usize) -> Pose {
     let joint = &joints[index];
     let own = joint.dof.geometry().motion(joint.filled[frame]);

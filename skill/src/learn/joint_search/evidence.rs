@@ -1,34 +1,38 @@
-//! What depth pictures, tracks and the parent part say for or against a joint.
+//! Evidence for and against a joint, from depth images, tracks and the parent part.
 
-/// The result of one verification of a joint. It is replaced as a whole, never changed in parts.
+/// Result of one verification of a joint. A joint's evidence is replaced as a whole, never changed
+/// in parts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evidence {
-    /// Share of the joint's points, 0 to 1, that depth pictures see through: something behind them is
-    /// seen. Where the configuration is not known, the one that fits the picture best is taken.
+    /// Share of the joint's observed points, 0 to 1, that depth images see through, because they
+    /// show something behind the point. Where the configuration is unknown, the one that fits the
+    /// image best is taken.
     pub free_space_violation: f64,
-    /// Share of its points that would be seen through if the part stood half its range aside. Points
-    /// on a wall agree with the pictures wherever they are: then the pictures discriminate nothing.
+    /// Share of the joint's observed points, 0 to 1, that would be seen through if the part stood
+    /// half its range aside. Near 0, depth does not discriminate the configuration: points on a
+    /// wall agree with the images wherever they are put.
     pub discriminability: f64,
-    /// Share of its points that are not found in pictures in which its configuration is unknown.
+    /// Share of the joint's points, 0 to 1, that depth images do not show in frames of unknown
+    /// configuration.
     pub unobserved_ratio: f64,
-    /// Share of a hinge's line beside its part that pictures show to be in the air, or do not show at
-    /// all; 0 for a slide.
+    /// Share of a hinge's line beside its part, 0 to 1, that is in the air or outside the images; 0
+    /// for a slide.
     pub unattached_ratio: f64,
-    /// Share of the variance of its configuration that its parent's configuration explains; negative
-    /// where the parent rests whenever the joint is known.
+    /// Share of the variance of the configuration, 0 to 1, that the parent's configuration
+    /// explains; negative where the parent rests in all frames in which the joint is known.
     pub parent_correlation: f64,
-    /// Share of its tracks' observations in frames in which its configuration is unknown. What moves
-    /// on where the joint does not explain it is a hand.
+    /// Share of the tracks' observations, 0 to 1, in frames of unknown configuration. It is high
+    /// for a hand, which moves on where the joint does not explain it.
     pub uncovered_ratio: f64,
-    /// By frame: its configuration at keyframes, from depth alone where tracks do not give it; NaN in
-    /// other frames.
+    /// By frame: configuration at keyframes, radians or metres, from depth alone where tracks do
+    /// not give it; NaN in other frames.
     pub configuration_from_depth: Vec<f64>,
-    /// Frames in which the depth pictures contradict it.
+    /// Frames in which the depth images contradict the joint.
     pub contradicted_frames: Vec<usize>,
 }
 
 impl Evidence {
-    /// Nothing is known yet, of a recording of so many frames.
+    /// Evidence of a joint that was not verified yet, for a recording of `frames` frames.
     pub fn none(frames: usize) -> Self {
         Self {
             free_space_violation: 0.0,
@@ -42,15 +46,16 @@ impl Evidence {
         }
     }
 
-    /// Pictures show nearly all of the part where the joint puts it, and would not show it elsewhere.
+    /// True if depth images show nearly all of the part where the joint puts it and would not show
+    /// it elsewhere.
     pub fn is_found_everywhere(&self) -> bool {
         self.free_space_violation <= 0.1
             && self.unobserved_ratio <= 0.3
             && self.discriminability >= 0.3
     }
 
-    /// The joint covers all that its tracks do and is never seen through. Round things look the same
-    /// wherever they are turned to, so that pictures discriminate nothing.
+    /// True if the joint covers nearly all observations of its tracks and is hardly ever seen
+    /// through or missing. Discriminability is not needed: round parts look alike at every angle.
     pub fn is_there_throughout(&self) -> bool {
         self.free_space_violation <= 0.05
             && self.unobserved_ratio <= 0.05

@@ -1,6 +1,9 @@
-//! The depth pictures are asked about a joint: a part is where its joint puts it, or the joint is
-//! wrong. Points of the part that a picture sees through contradict the joint; points that are found
-//! where another configuration would put them say nothing.
+//! Free-space check of a joint: depth images must show the part where the joint puts it. Points
+//! that an image sees through contradict the joint; points that would also be found at another
+//! configuration do not discriminate it.
+//!
+//! In: a joint with points in the frame of its parent (metres), its parents, and the keyframes.
+//! Out: [`FreeSpaceEvidence`]: shares from 0 to 1, configurations in radians or metres.
 
 use super::estimate::{JointEstimate, base_from_part};
 use crate::learn::attachment::unattached_ratio;
@@ -11,52 +14,57 @@ use linkage_frames::RgbdFrame;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// Share of points, half the range aside, below which pictures say nothing of where they are.
+/// Discriminability below which depth images do not discriminate a configuration.
 pub const SILENT: f64 = 0.1;
-/// Members that are looked for in the pictures, at the most.
+/// Largest number of members whose points are tested in the depth images.
 const MAX_POINTS: usize = 120;
-/// Configurations that are tried where none is known.
+/// Number of configurations that are tried within the known range, and on each side beyond it, in
+/// frames of unknown configuration.
 const SCAN: usize = 33;
-/// How far beyond the range known so far a hinge may have gone, radians.
+/// Largest turn of a hinge beyond the known range that is tried, radians.
 const BEYOND_TURN: f64 = 1.6;
-/// How far beyond the range known so far a slide may have gone, metres.
+/// Largest travel of a slide beyond the known range that is tried, metres.
 const BEYOND_SLIDE: f64 = 0.4;
 
-/// The keyframes of a recording, for questions about joints.
+/// Free-space check of joints against the keyframes of a recording.
 #[derive(Clone, Copy)]
 pub struct FreeSpaceCheck<'r> {
-    /// Keyframes and camera motion.
+    /// Recording with the keyframes and the camera motion.
     pub recording: &'r Recording,
 }
 
-/// What all pictures together say of a joint's points.
+/// Result of the free-space check over all keyframes.
 pub struct FreeSpaceEvidence {
-    /// Share of the points that are seen through.
+    /// Share of the observed points that are seen through, 0 to 1.
     pub violation: f64,
-    /// Share of them that would be seen through half the range aside.
+    /// Share of the observed points that would be seen through half the range aside, 0 to 1.
     pub discriminability: f64,
-    /// Share of them that is not found in frames of unknown configuration.
+    /// Share of the points that are not found in frames of unknown configuration, 0 to 1.
     pub unobserved_ratio: f64,
-    /// Share of a hinge's line that is attached to nothing that pictures show; 0 for a slide.
+    /// Share of a hinge's line that no visible surface holds, 0 to 1; 0 for a slide.
     pub unattached_ratio: f64,
-    /// Keyframes with the configuration there, from depth where tracks do not give it.
+    /// Frame number and configuration of each keyframe, radians or metres; from depth where tracks
+    /// do not give it.
     pub configurations: Vec<(usize, f64)>,
-    /// Frames in which the joint is contradicted.
+    /// Frames in which depth images contradict the joint.
     pub contradicted_frames: Vec<usize>,
 }
 
-/// What one picture says of a joint's points.
+/// Result of the free-space check in one keyframe.
 struct FrameEvidence {
     frame: usize,
-    /// The configuration, or the one at which most is found where it is not known.
+    /// Configuration from the tracks; where they give none, the one at which the surplus of points
+    /// found over points seen through is largest. Radians or metres.
     q: f64,
     found: FreeSpaceCounts,
-    /// What is found half the range aside; `None` where the configuration is not known.
+    /// Counts half the range aside, on the side where more is seen through; `None` where the tracks
+    /// give no configuration.
     aside: Option<FreeSpaceCounts>,
 }
 
 impl FreeSpaceCheck<'_> {
-    /// What the keyframes say of a joint; `None` where nothing follows it. `joints` holds its parents.
+    /// Checks a joint against all keyframes; `None` if no track follows the joint. `joints` holds
+    /// its parents.
     pub fn evidence(
         &self,
         joint: &JointEstimate,
@@ -79,7 +87,7 @@ impl FreeSpaceCheck<'_> {
         Some(evidence)
     }
 
-    /// What each picture says of a joint's points.
+    /// Checks a joint's points against each keyframe.
     fn by_frame(
         &self,
         joint: &JointEstimate,
@@ -119,9 +127,9 @@ impl FreeSpaceCheck<'_> {
         pictures.par_iter().map(in_frame).collect()
     }
 
-    /// Members that are no outliers. An outlier track is contradicted by the pictures by itself where
-    /// most of the joint stands: a hand moves with what it holds, but comes and leaves. All members
-    /// stay where most of them would be outliers.
+    /// Members that depth images do not contradict. An outlier is a track whose point is often seen
+    /// through while the rest of the part is found: a hand moves with what it holds, but comes and
+    /// leaves. All members are kept where at least half of them would be outliers.
     pub fn inlier_members(&self, joint: &JointEstimate, joints: &[JointEstimate]) -> Vec<usize> {
         let pictures: Vec<(Pose, &RgbdFrame)> = self
             .recording
@@ -144,9 +152,9 @@ impl FreeSpaceCheck<'_> {
         if 2 * kept.len() > joint.members.len() { kept } else { joint.members.clone() }
     }
 
-    /// The pictures show a joint's points where another joint, number `index`, would put them: a hand
-    /// that rests on a part is no part. Where pictures discriminate nothing they do not say that
-    /// either.
+    /// True if depth images show a joint's points where the part of joint number `index` would
+    /// carry them too: a hand that rests on a part is no part itself. False where depth images do
+    /// not discriminate the joint.
     pub fn is_on(&self, joint: &JointEstimate, index: usize, joints: &[JointEstimate]) -> bool {
         if joint.evidence.discriminability < SILENT {
             return false;
@@ -184,7 +192,8 @@ impl FreeSpaceCheck<'_> {
     }
 }
 
-/// What pictures say of a joint of `points` points in a recording of `frames` frames.
+/// Sums the results of all keyframes for a joint of `points` points in a recording of `frames`
+/// frames.
 fn summed_up(pictures: &[FrameEvidence], points: usize, frames: usize) -> FreeSpaceEvidence {
     let (mut there, mut aside) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
     let (mut unknown, mut found_in_unknown) = (0, 0);
@@ -214,14 +223,15 @@ fn summed_up(pictures: &[FrameEvidence], points: usize, frames: usize) -> FreeSp
     }
 }
 
-/// Configurations in and about the range known so far.
+/// Configurations within and near the known range.
 fn near_scan(joint: &JointEstimate) -> Vec<f64> {
     let pad = (0.5 * joint.span()).max(if joint.dof.hinge { 0.2 } else { 0.05 });
     let (low, high) = (joint.range[0] - pad, joint.range[1] + pad);
     (0..SCAN).map(|i| low + (high - low) * i as f64 / (SCAN - 1) as f64).collect()
 }
 
-/// Configurations beyond the range: while a part is not tracked it may have gone anywhere.
+/// Configurations beyond the known range, on both sides: a part that is not tracked may have moved
+/// anywhere.
 fn far_scan(joint: &JointEstimate) -> Vec<f64> {
     let beyond = if joint.dof.hinge { BEYOND_TURN } else { BEYOND_SLIDE };
     let step = beyond / SCAN as f64;
@@ -274,7 +284,7 @@ mod tests {
         (Recording { tracks: TrackSet::default(), ego_motion, keyframes }, drawer)
     }
 
-    /// Whether what goes along with a drawer is on its part, where pictures discriminate so much.
+    /// True if a second joint that moves exactly as the drawer is found to be on the drawer's part.
     fn is_on_the_drawer(discriminability: f64) -> bool {
         let (recording, drawer) = opened_drawer();
         let evidence = Evidence { discriminability, ..drawer.evidence.clone() };
@@ -299,7 +309,7 @@ mod tests {
         let found = check.evidence(&drawer, &[]).unwrap();
         assert_eq!((found.violation, found.contradicted_frames.len()), (0.0, 0));
         assert!(found.discriminability > 0.4, "{}", found.discriminability);
-        // It is claimed to come half a metre nearer than it does.
+        // The joint puts the front half a metre nearer than it is.
         let mut wrong = drawer;
         wrong.q.iter_mut().for_each(|q| *q -= 0.5);
         let found = check.evidence(&wrong, &[]).unwrap();

@@ -1,6 +1,10 @@
-//! Growth of a joint over time: from the window in which its motion was seen to all of the recording.
-//! The joint's tracks give its configuration frame by frame; the configuration shows which other
-//! tracks follow it.
+//! Growth of a joint over time, from the window in which its motion was seen to all of the
+//! recording. The joint's tracks give its configuration frame by frame; the configuration
+//! determines which other tracks follow it.
+//!
+//! In: a motion hypothesis, or a joint of an earlier search, and candidate tracks in the frame of a
+//! part, metres.
+//! Out: the grown joint in that frame, not yet verified.
 
 use super::association::{ADJUSTED_TRACKS, associate, evenly_spread, gather};
 use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, refine};
@@ -13,25 +17,27 @@ use super::propagation::propagate;
 use super::tracks_in_part_frame::TracksInFrame;
 use super::window_fit::window_fits;
 
-/// Mean cost of an observation above which a window's fit is not worth growing.
+/// Largest mean cost of an observation at which a window's fit is grown.
 const MAX_WINDOW_COST: f64 = 5.0;
-/// Tracks that carry a joint through the recording, besides those of its hypothesis.
+/// Largest number of tracks with which a joint is propagated, besides those of its hypothesis.
 const ANCHOR_TRACKS: usize = 200;
-/// Share of its tracks' observations that a joint does not cover from which it will not be accepted.
+/// A candidate that leaves more than this share of its tracks' observations unexplained is not
+/// refined any further, because it would be rejected.
 pub const HOPELESSLY_UNCOVERED: f64 = 0.5;
-/// Rounds of association when a joint has been propagated.
+/// Number of association rounds after a joint has been propagated.
 const GROWTH_ROUNDS: usize = 3;
-/// The same where the joint was certain already.
+/// Number of association rounds for a joint whose type was certain in the earlier search.
 const RENEWAL_ROUNDS: usize = 1;
-/// Factor on the cut within which tracks are asked whether they advance as they turn.
+/// The outlier cut is widened by this factor when the pitch of a screw is estimated.
 const FAR: f64 = 16.0;
-/// Times that they are asked; the axis is refined in between.
+/// Number of times that the pitch is estimated; after each the axis is refined.
 const PITCH_ROUNDS: usize = 3;
-/// Factor on the gain of a slide that a hinge must reach: a large circle imitates any line.
+/// Factor by which the gain of a hinge must exceed that of a slide, because a large circle imitates
+/// any line.
 const HINGE_ADVANTAGE: f64 = 1.03;
 
-/// The better of slide and hinge grown from a hypothesis. One that `is_hopeless` is not refined in the
-/// end.
+/// Grows a slide and a hinge from a hypothesis and returns the better one. A candidate that
+/// `is_hopeless` after its propagation is not refined.
 pub fn grow_hypothesis(
     view: &TracksInFrame,
     hypothesis: &Hypothesis,
@@ -69,8 +75,9 @@ pub fn grow_hypothesis(
     best.map(|joint| with_pitch(view, joint, candidates, config))
 }
 
-/// Carries a joint of an earlier search from the frames in which it is known to all frames.
-/// `was_certain`: those frames gave its line so well that a few more hardly move it.
+/// Propagates a joint of an earlier search from its known frames to all frames. If its type
+/// `was_certain`, one round of association suffices, because a few more frames hardly change its
+/// line.
 pub fn regrow(
     view: &TracksInFrame,
     joint: JointEstimate,
@@ -84,7 +91,8 @@ pub fn regrow(
     with_pitch(view, joint, candidates, config)
 }
 
-/// Tracks that carry a joint through the recording: those of its hypothesis, and enough of the others.
+/// Tracks with which a joint is propagated: those of its hypothesis, and an even selection of the
+/// others.
 fn anchor_tracks(of_hypothesis: &[usize], candidates: &[usize]) -> Vec<usize> {
     let mut some = evenly_spread(candidates.to_vec(), ANCHOR_TRACKS);
     some.extend(of_hypothesis);
@@ -93,15 +101,16 @@ fn anchor_tracks(of_hypothesis: &[usize], candidates: &[usize]) -> Vec<usize> {
     some
 }
 
-/// More tracks cannot make a joint of it.
+/// True if the candidate fits so poorly that more tracks would not make it acceptable.
 fn fits_poorly(view: &TracksInFrame, grown: &JointEstimate) -> bool {
     grown.members.len() >= 4
         && (grown.cost > HOPELESS_COST * max_segment_cost()
             || grown.uncovered_ratio(view) > HOPELESSLY_UNCOVERED)
 }
 
-/// A joint that advances as it turns, grown on as the screw that it is: as a hinge it loses the tracks
-/// that have advanced.
+/// Grows a joint that advances as it turns again as a screw, because as a hinge it loses the tracks
+/// that advance. The joint is returned unchanged if it does not advance or gains nothing as a
+/// screw.
 fn with_pitch(
     view: &TracksInFrame,
     grown: JointEstimate,
@@ -111,7 +120,7 @@ fn with_pitch(
     if !config.screws || !helical_pitch::turns_enough(&grown) {
         return grown;
     }
-    // What a hinge keeps has hardly advanced: those that it lost are asked, too.
+    // A pure hinge keeps only tracks with little advance, so the tracks it rejected are used too.
     let mut screw = grown.clone();
     let followers = gather(view, &mut screw, &mut candidates.to_vec(), FAR * OUTLIER_CUT);
     let followers: Vec<usize> = followers.into_iter().map(|m| m.track).collect();

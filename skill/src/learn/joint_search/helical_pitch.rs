@@ -1,6 +1,10 @@
-//! Does a hinge advance as it turns? Each track gives a pitch, and the median of all is taken. If it
-//! were fitted together with the axis, the pitch would follow tracks that slip along edges, which a
-//! tilted axis explains as well.
+//! Determines whether a hinge advances as it turns (a screw). Each track gives a pitch, and the
+//! median is taken. The pitch is not fitted together with the axis: it would follow tracks that
+//! slip along edges, which a tilted axis explains as well.
+//!
+//! In: a hinge and its tracks in the frame of its parent, metres and radians.
+//! Out: the pitch, metres per radian, or none for a hinge.
+//! From: median of regression slopes, with a significance limit that was measured.
 
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -12,31 +16,32 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Least turn that shows a pitch, radians.
+/// Smallest turn from which a pitch is estimated, radians.
 const MIN_TURN: f64 = 0.5;
-/// Least advance over what is seen of a joint, metres: what advances less is a hinge.
+/// Smallest advance over the range of a joint, metres; a joint that advances less is a hinge.
 const MIN_ADVANCE_M: f64 = 0.01;
-/// Standard errors by which the advance must differ from none. Measured: true hinges are within 3,
-/// screws beyond 12.
+/// Smallest ratio of the pitch to its standard error. Measured: true hinges are within 3, screws
+/// beyond 12.
 const MIN_SIGNIFICANCE: f64 = 8.0;
-/// Pairs of frames, far apart in configuration, whose motion shows the axis.
+/// Number of pairs of frames, far apart in configuration, from whose motions the axis is estimated.
 const PAIRS: usize = 8;
-/// Fewest tracks that give a pitch.
+/// Smallest number of tracks for a pitch, or for the rotation between two frames.
 const MIN_TRACKS: usize = 10;
-/// Fewest observations of a track that gives a pitch.
+/// Smallest number of observations of a track that gives a pitch.
 const MIN_OBSERVATIONS: usize = 15;
-/// Least spread of the configurations at which the track is seen, radians.
+/// Smallest standard deviation of the configurations of a track that gives a pitch, radians.
 const MIN_SPREAD: f64 = 0.15;
-/// Largest spread of its distances from the axis, metres.
+/// Largest difference between the distances from the axis of a track that gives a pitch, metres.
 const MAX_DRIFT_M: f64 = 0.03;
 
-/// It turned far enough to show whether it advances.
+/// True if the joint is a hinge and turned by at least `MIN_TURN`, so that a pitch can be
+/// estimated.
 pub fn turns_enough(joint: &JointEstimate) -> bool {
     joint.dof.hinge && joint.span() >= MIN_TURN
 }
 
-/// The direction that a joint's tracks turn about, whatever they advance: the axis of a fitted hinge
-/// leans so as to explain the advance, too.
+/// Axis about which a joint's tracks rotate, whatever their advance, from rigid motions between
+/// frames. The axis of a fitted hinge is unsuitable, because it tilts to explain the advance.
 pub fn turning_axis(
     joint: &JointEstimate,
     view: &TracksInFrame,
@@ -56,7 +61,7 @@ pub fn turning_axis(
     turns.iter().sum::<Vector3<f64>>().try_normalize(MIN_TURN)
 }
 
-/// Axis times angle of the rigid motion of tracks between two frames.
+/// Rotation vector (axis times angle, radians) of the rigid motion of tracks between two frames.
 fn turn_between(
     view: &TracksInFrame,
     tracks: &[usize],
@@ -70,7 +75,7 @@ fn turn_between(
     (motion.inliers.len() >= MIN_TRACKS).then(|| motion.motion.rotation.scaled_axis())
 }
 
-/// What a joint advances, metres a radian; `None`: it is a hinge.
+/// Pitch of a joint, metres per radian; `None` if the joint is a hinge.
 pub fn pitch_of(joint: &JointEstimate, view: &TracksInFrame, tracks: &[usize]) -> Option<f64> {
     let mut pitches: Vec<f64> =
         tracks.par_iter().filter_map(|&t| advance_of(joint, view, t)).collect();
@@ -79,13 +84,15 @@ pub fn pitch_of(joint: &JointEstimate, view: &TracksInFrame, tracks: &[usize]) -
     }
     let pitch = median(&mut pitches)?;
     let mut off: Vec<f64> = pitches.iter().map(|p| (p - pitch).abs()).collect();
-    // Standard error of a median, the deviation from that of the median of a normal distribution.
+    // Standard error of the median; the standard deviation is 1.483 times the median absolute
+    // deviation.
     let error = 1.253 * 1.483 * median(&mut off)? / (pitches.len() as f64).sqrt();
     let advances = (pitch * joint.span()).abs() >= MIN_ADVANCE_M;
     (advances && pitch.abs() >= MIN_SIGNIFICANCE * error).then_some(pitch)
 }
 
-/// Slope of a track's place along the axis over the configuration, metres a radian.
+/// Pitch of one track, metres per radian: slope of its place along the axis over the configuration.
+/// `None` where the track is too short or does not keep its distance from the axis.
 fn advance_of(joint: &JointEstimate, view: &TracksInFrame, track: usize) -> Option<f64> {
     let dof = &joint.dof;
     let (mut near, mut far) = (f64::INFINITY, 0.0_f64);

@@ -1,6 +1,9 @@
-//! One joint that was seen in two segments of time, for instance when it opened and when it closed:
-//! its surfaces turned away, or an arm came between. The segments share the line; their
-//! configurations are tied together by common frames or by the depth pictures.
+//! Merges two segments of one joint, which was seen in two intervals of time, for instance when it
+//! opened and when it closed, because its surfaces turned away or an arm occluded them. The
+//! segments share the line; their configurations are aligned by common frames or by depth images.
+//!
+//! In: two joints in the frame of one parent, and candidate tracks. Out: one joint in that frame;
+//! metres, radians.
 
 use super::association::associate;
 use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, refine};
@@ -10,24 +13,24 @@ use crate::math::rigid::{distance_to_line, line_angle, nearest_on_line};
 use crate::math::robust::{median, overlap};
 use nalgebra::Point3;
 
-/// Largest angle between the axes of one joint, radians.
+/// Largest angle between the axes of two segments of one joint, radians.
 const MAX_ANGLE: f64 = 0.175;
-/// Largest distance between its lines, metres.
+/// Largest distance between the lines of two segments of one hinge, metres.
 const MAX_DISTANCE: f64 = 0.05;
-/// Frames that two segments must share for their configurations to be compared.
+/// Smallest number of common frames from which the configurations of two segments are compared.
 const COMMON_FRAMES: usize = 8;
-/// Frames that a segment must add.
+/// Smallest number of frames that a segment must add.
 const LEAST_MORE: usize = 5;
-/// Tracks of each segment that the merged joint is refined on.
+/// Largest number of tracks of each segment on which the merged joint is refined.
 const TRACKS_EACH: usize = 75;
 
-/// How near two joints' lines are to be those of one joint.
+/// Closeness of the lines of two segments.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LineMatch {
-    /// They are the same line, within the error to which the line of a joint is usually known.
+    /// The lines agree within the error to which the line of a joint is usually known.
     Same,
-    /// Short segments or grazing views may have moved the lines apart: the joints are one if one line
-    /// explains what both do.
+    /// The lines may be one, displaced by short segments or grazing views: the segments are one
+    /// joint if one line explains both.
     Possible,
 }
 
@@ -39,7 +42,7 @@ impl LineMatch {
         }
     }
 
-    /// Share of the lesser gain that the merged joint must add to the greater.
+    /// Share of the smaller gain that the merged joint must add to the larger gain.
     pub fn required_gain(self) -> f64 {
         match self {
             Self::Same => 0.0,
@@ -48,20 +51,21 @@ impl LineMatch {
     }
 }
 
-/// How two joints match: same type, near lines, and configurations that change alike over common
-/// frames; `None` where they do not.
+/// Closeness of two joints' lines, if these have the same type, near lines, and configurations that
+/// change alike over common frames; else `None`.
 pub fn line_match(a: &JointEstimate, b: &JointEstimate) -> Option<LineMatch> {
     [LineMatch::Same, LineMatch::Possible].into_iter().find(|k| lines_match(a, b, k.slack()))
 }
 
-/// The other joint is known in frames in which this one is not. Elsewhere this joint would have
-/// gathered the other's tracks itself.
+/// True if `other` is known in at least `LEAST_MORE` frames in which `joint` is not. In the
+/// common frames `joint` would have gathered the tracks of `other` itself.
 pub fn adds_frames(joint: &JointEstimate, other: &JointEstimate) -> bool {
     let beyond = joint.known.iter().zip(&other.known).filter(|(here, there)| !**here && **there);
     beyond.count() >= LEAST_MORE
 }
 
-/// The joints are of the same type and on near lines.
+/// True if two joints are of the same type and on near lines; for slides only the directions are
+/// compared. `slack` is a factor on the limits.
 pub fn shares_line(a: &JointEstimate, b: &JointEstimate, slack: f64) -> bool {
     if a.dof.hinge != b.dof.hinge || line_angle(&a.dof.axis, &b.dof.axis) > slack * MAX_ANGLE {
         return false;
@@ -82,8 +86,8 @@ fn lines_match(a: &JointEstimate, b: &JointEstimate, slack: f64) -> bool {
     }
     let differences = differences(a, b);
     if differences.len() < COMMON_FRAMES {
-        // Any two slides beside one another share their line. They must share tracks, too, and more
-        // of them than those of the arm that moves both.
+        // Any two parallel slides match. They must also share tracks, and more of them than those
+        // of the arm that moves both.
         let shared = overlap(&a.members, &b.members).max(overlap(&b.members, &a.members));
         return a.dof.hinge || shared > 0.3;
     }
@@ -98,13 +102,14 @@ fn sign(a: &JointEstimate, b: &JointEstimate) -> f64 {
     if a.dof.axis.dot(&b.dof.axis) > 0.0 { 1.0 } else { -1.0 }
 }
 
-/// Configuration of `a` less that of `b`, whose sign follows the axis, over common frames.
+/// Configuration of `a` less that of `b` in common frames; the sign of `b` is reversed if its axis
+/// points the other way.
 fn differences(a: &JointEstimate, b: &JointEstimate) -> Vec<f64> {
     let s = sign(a, b);
     (0..a.q.len()).filter(|&f| a.known[f] && b.known[f]).map(|f| a.q[f] - s * b.q[f]).collect()
 }
 
-/// The joint of both segments; `None` where too few tracks follow it.
+/// Merges both segments into one joint; `None` where fewer than five tracks follow it.
 pub fn merged(
     view: &TracksInFrame,
     a: &JointEstimate,

@@ -1,13 +1,14 @@
-//! Our method: joints of one degree of freedom with a shared configuration q(t), fitted directly to the
-//! tracks. A rigid motion in a short window of time suggests a joint; it grows over the recording and
-//! gathers its tracks. Poses, tree and covariance follow from it.
+//! The default method: joints of one degree of freedom are fitted directly to the tracks, with one
+//! configuration q(t) for all of them. A rigid motion in a short window of time is a hypothesis; a
+//! joint is grown from it over the recording and gathers its tracks. Poses, tree and covariance
+//! follow from the joints.
 //!
-//! Unlike the paper's order (cluster first, poses next, models last) nothing is decided before a joint
-//! has shown that it explains its tracks. The depth pictures verify each joint: a hand moves with what
-//! it holds, but comes and leaves.
-//!
-//! In comes a [`Recording`] with tracks in the base frame; out come joints in the object frame, which
-//! is the base frame at the first frame.
+//! In: a [`Recording`]: tracks in the base frame, metres, and keyframes with depth.
+//! Out: joints in the object frame, which is the base frame at the first frame; metres, radians.
+//! From: ours. The paper clusters tracks first (III-B), then estimates poses (III-C) and models
+//! (III-D). Here a joint is accepted only if it explains its tracks and the depth images of the
+//! keyframes do not contradict it: a hand moves with what it holds, but is there for part of the
+//! recording only.
 
 mod adoption;
 mod association;
@@ -51,10 +52,12 @@ use std::sync::atomic::AtomicBool;
 use tracks_in_part_frame::TracksInFrame;
 pub use warm_start::WarmStart;
 
-/// Most rounds of choosing a joint and searching the tracks that it does not explain.
+/// Largest number of rounds; each adopts one joint and searches the tracks that no joint explains.
 const ROUNDS: usize = 4;
 
-/// Finds the joints of a demonstration, whose first frames were searched `earlier`.
+/// Finds the joints of a complete demonstration, starting from the result of an `earlier` search
+/// over its first frames. If no joint is found so, the search is repeated without the earlier
+/// joints.
 pub fn learn(
     recording: &Recording,
     earlier: &WarmStart,
@@ -74,8 +77,9 @@ pub fn learn(
     LearnedJoints { joints, rejections: search.rejections, ..LearnedJoints::default() }
 }
 
-/// Searches the first frames of a demonstration, so that the rest is found sooner. Returns its joints,
-/// too, if it `reports_joints`. A `cancelled` search ends soon and finds nothing.
+/// Searches the frames recorded so far, so that the search after the last frame is shorter. Returns
+/// the warm start of the next search and, if `reports_joints`, the joints. A search that is
+/// `cancelled` stops early and returns an empty warm start.
 pub fn search_ahead(
     recording: &Recording,
     earlier: &WarmStart,
@@ -93,7 +97,8 @@ pub fn search_ahead(
     (search.to_warm_start(), reports_joints.then(joints))
 }
 
-/// Adopts joints, the best one in each round, until none is left.
+/// Adopts the best candidate of each round until none is accepted, then attaches joints of the base
+/// to the moving parts that carry them.
 fn find_joints(search: &mut SearchState) {
     let mut unexplained: Vec<usize> = (0..search.base_view.len()).collect();
     // Candidates of one round need not be grown again in the next.

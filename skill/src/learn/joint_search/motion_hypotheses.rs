@@ -1,7 +1,9 @@
-//! Motion hypotheses: rigid motions over short windows of time that tracks near one another share.
-//! Each may be a part that a joint moves, or a hand.
+//! Motion hypotheses: rigid motions over short windows of time that neighbouring tracks share. Each
+//! may be a part that a joint moves, or a hand.
 //!
-//! In come the tracks in the frame of a part; out come hypotheses, the strongest first.
+//! In: the tracks in the frame of a part, metres. Out: hypotheses in that frame, the strongest
+//! first.
+//! From: sequential RANSAC with local samples.
 
 use super::config::JointSearchConfig;
 use super::estimate::JointEstimate;
@@ -16,23 +18,23 @@ use rayon::prelude::*;
 /// A rigid motion of some tracks between two frames.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
-    /// First frame.
+    /// First frame of the window.
     pub from: usize,
-    /// Last frame.
+    /// Last frame of the window.
     pub to: usize,
-    /// Takes points at `from` to points at `to`.
+    /// Rigid motion that takes points at frame `from` to points at frame `to`, metres.
     pub motion: Pose,
-    /// Tracks that follow it.
+    /// Tracks that follow the motion.
     pub tracks: Vec<usize>,
-    /// Strength: tracks times displacement in standard deviations, times the squared share of them
-    /// that rests before or after. Parts of objects rest, hands do not.
+    /// Strength: number of tracks times their displacement in standard deviations, times the
+    /// squared share of them that rest before or after. Parts of objects rest, hands do not.
     pub rank: f64,
 }
 
 impl Hypothesis {
-    /// A joint moves most of its tracks as they were seen to move in its window: the error is at most
-    /// `max_share` of their way. Being members of the joint does not suffice: a poor joint takes in
-    /// whatever is near.
+    /// True if a joint moves most of the tracks as they were observed to move in the window: the
+    /// error is at most `max_share` of the displacement. Membership in the joint does not suffice,
+    /// because a poor joint gathers whatever is near.
     pub fn is_explained_by(
         &self,
         joint: &JointEstimate,
@@ -54,7 +56,8 @@ impl Hypothesis {
             })
     }
 
-    /// Most of its tracks stand still in a view, from the first frame of its window to the last.
+    /// True if most of the tracks stand still in `view` from the first to the last frame of the
+    /// window.
     pub fn is_still_in(&self, view: &TracksInFrame) -> bool {
         self.most_tracks(|t| {
             let (Some(a), Some(b)) = (view.at(t, self.from), view.at(t, self.to)) else {
@@ -70,13 +73,13 @@ impl Hypothesis {
     }
 }
 
-/// Share of a hypothesis's tracks from which another one says the same.
+/// Share of a hypothesis's tracks in another hypothesis from which it adds nothing.
 pub const COVERED: f64 = 0.6;
-/// Standard deviations within which two places are one.
+/// Number of standard deviations within which two places are taken as the same.
 const SAME_PLACE_SIGMAS: f64 = 3.0;
-/// Windows, in frames.
+/// Lengths of the windows, frames.
 const WINDOWS: [usize; 3] = [6, 12, 24];
-/// Motions looked for in one window.
+/// Largest number of motions that are searched in one window.
 const MODES: usize = 3;
 
 /// All hypotheses of windows that end in frame `since` or later, the strongest first.
@@ -105,7 +108,7 @@ pub fn hypotheses(
     found
 }
 
-/// The rigid motions of most tracks between two frames, one after the other.
+/// Rigid motions between two frames, found one after the other in the tracks that are left.
 fn in_window(
     view: &TracksInFrame,
     candidates: &[usize],

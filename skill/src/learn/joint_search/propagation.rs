@@ -1,6 +1,10 @@
-//! A joint is propagated from the frames in which its configuration is known to all others, forwards
-//! and backwards: the tracks vote for the configuration of the next frame, tracks that are seen for
-//! the first time get their point on the part, and every few frames the joint is refined.
+//! Propagates a joint from the frames of known configuration to all others, forwards and backwards:
+//! the tracks vote for the configuration of the next frame, tracks that are seen for the first time
+//! get their point on the part, and every few frames the joint is refined.
+//!
+//! In: a joint that is known in some frames, and candidate tracks in the frame of its parent,
+//! metres.
+//! Out: the joint in that frame, known in more frames; radians or metres.
 
 use super::bundle_adjustment::{OUTLIER_CUT, locate_points, refine};
 use super::configuration_vote::{Voters, vote};
@@ -11,19 +15,19 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-/// Frames without a configuration after which propagation ends.
+/// Largest number of consecutive frames without a configuration; after more, propagation stops.
 pub const MAX_LOST: usize = 12;
-/// Least number of frames between two refinements.
+/// Smallest number of frames between two refinements.
 const REFINE_EVERY: usize = 8;
-/// Frames between two refinements are at least the known frames divided by this: the more is known,
-/// the less a few frames add.
+/// Divisor of the number of known frames that gives the smallest number of frames between two
+/// refinements: the more frames are known, the less a few more add.
 const REFINE_SHARE: usize = 6;
-/// Steps of bundle adjustment in a refinement.
+/// Number of bundle adjustment steps in a refinement.
 const GROWTH_STEPS: usize = 2;
-/// Tracks that a refinement uses.
+/// Largest number of tracks in a refinement.
 const REFINE_TRACKS: usize = 80;
 
-/// A joint on its way through the recording.
+/// State of a joint that is propagated through the recording.
 struct Propagation<'p> {
     view: &'p TracksInFrame,
     candidates: &'p [usize],
@@ -32,7 +36,7 @@ struct Propagation<'p> {
     rng: ChaCha8Rng,
 }
 
-/// Propagates a joint to all frames that the `candidates` lead to.
+/// Propagates a joint to all frames that it can reach by the tracks `candidates`.
 pub fn propagate(
     view: &TracksInFrame,
     joint: JointEstimate,
@@ -92,7 +96,8 @@ impl Propagation<'_> {
         scores.admit_new_tracks(view, joint, candidates, frame, q);
     }
 
-    /// The configuration of a frame that enough tracks vote for, near a guess; counts who was right.
+    /// Configuration of a frame near `guess`, if enough tracks vote for it; each track is then
+    /// counted as an inlier or an outlier.
     fn configuration(&mut self, frame: usize, guess: f64) -> Option<f64> {
         let Self { view, joint, scores, .. } = self;
         let seen = |t: &usize| scores.located[*t] && view.at(*t, frame).is_some();
@@ -120,7 +125,8 @@ impl Propagation<'_> {
         Some(q)
     }
 
-    /// Refines the joint on trusted tracks, and places the points of all that are seen in a frame.
+    /// Refines the joint on trusted tracks, and updates the points of all located tracks that are
+    /// seen in `frame`.
     fn refine(&mut self, frame: usize) {
         let Self { view, candidates, joint, scores, rng } = self;
         let located: Vec<usize> =
@@ -141,7 +147,8 @@ impl Propagation<'_> {
     }
 }
 
-/// Enough of the trusted tracks agree with a configuration, or, where few are trusted, enough of all.
+/// True if enough of the trusted tracks agree with a configuration or, where few are trusted,
+/// enough of all tracks.
 fn is_convincing(trusted: &[bool], weights: &[f64], agrees: &[bool]) -> bool {
     let trusted_count = trusted.iter().filter(|t| **t).count();
     let trusted_agreeing = trusted.iter().zip(agrees).filter(|(t, a)| **t && **a).count();

@@ -1,5 +1,8 @@
-//! The last refinement of the joints that were found: on more tracks and more frames than while they
-//! grew, parents first.
+//! Final refinement of the adopted joints, on more tracks and frames than during growth, parents
+//! first.
+//!
+//! In: adopted joints in the frames of their parents. Out: the refined joints in the same frames;
+//! metres and radians.
 
 use super::association::{estimate_configurations, evenly_spread, thinned};
 use super::bundle_adjustment::{FINISH_STEPS, OUTLIER_CUT, locate_points, refine};
@@ -8,9 +11,9 @@ use super::search_state::SearchState;
 use super::tracks_in_part_frame::TracksInFrame;
 use rayon::prelude::*;
 
-/// Tracks that the last refinement uses, and that vote for configurations.
+/// Largest number of tracks that the final refinement uses and that vote for a configuration.
 const TRACKS: usize = 300;
-/// Frames that it uses.
+/// Largest number of frames that the final refinement uses, besides the anchor.
 const FRAMES: usize = 120;
 
 /// Refines all joints, one generation of the tree after the other.

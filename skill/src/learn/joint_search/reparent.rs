@@ -1,5 +1,9 @@
-//! Which part does a joint hang on? A part that goes along with another one hangs on it, even where it
-//! was found while the other rested, when it looked like a part that hangs on the base.
+//! Determines which joints of the base are carried by a moving part, and attaches them to it. A
+//! part that was found while its carrier rested looks like a part of the base, but it is lost when
+//! the carrier moves.
+//!
+//! In: adopted joints in the frames of their parents.
+//! Out: the same joints; those attached have a new parent and are in the frame of its part.
 
 use super::association::associate;
 use super::correlation::frames_away;
@@ -9,12 +13,13 @@ use super::evidence::Evidence;
 use super::search_state::SearchState;
 use super::verification::verify;
 
-/// Frames for which a part must be lost on the base while another moves.
+/// Smallest number of frames in which a joint of the base must be lost while another part is away
+/// from its rest.
 const LEAST_LOST: usize = 10;
-/// Rounds of association with the new parent.
+/// Number of association rounds with the new parent.
 const ROUNDS: usize = 2;
 
-/// Attaches joints of the base to the moving parts that their own parts go along with.
+/// Attaches joints of the base to the moving parts that carry their parts.
 pub fn reparent(search: &mut SearchState) {
     let mut i = 0;
     while i < search.joints.len() {
@@ -25,7 +30,8 @@ pub fn reparent(search: &mut SearchState) {
     }
 }
 
-/// A joint of the base as one of the part that it goes along with; `None` where there is none.
+/// The joint of the base with a new parent, in the frame of the part that carries it; `None` if no
+/// part does. Of several parts the one that leaves most frames known is taken.
 fn attached_to_another(search: &SearchState, joint: usize) -> Option<JointEstimate> {
     let is_child = |j: &JointEstimate| j.parent == Some(joint);
     if search.joints[joint].parent.is_some() || search.joints.iter().any(is_child) {
@@ -37,7 +43,8 @@ fn attached_to_another(search: &SearchState, joint: usize) -> Option<JointEstima
         .max_by_key(|attached| attached.known_frames().len())
 }
 
-/// A joint of the base as one of the part of another; `None` where it does not go along with that.
+/// The joint of the base with `parent` as its parent, in the frame of that part; `None` if the part
+/// does not carry it.
 fn attached(search: &SearchState, joint: usize, parent: usize) -> Option<JointEstimate> {
     let alone = &search.joints[joint];
     if !is_lost_beside(search, alone, parent) {
@@ -54,11 +61,12 @@ fn attached(search: &SearchState, joint: usize, parent: usize) -> Option<JointEs
     associate(&view, &mut attached, &candidates, ROUNDS);
     attached = verify(search, &view, attached, &candidates, "attached");
     let found_by_tracks = 3 * lost(&attached, &away) < 2 * lost(alone, &away);
-    // Tracks seldom live through a turn; the pictures show where the part went.
+    // Tracks are often lost during a turn, but the depth images show where the part went.
     let found_in_pictures =
         attached.evidence.is_found_everywhere() && is_missed_less(&attached, alone);
     if found_in_pictures {
-        // They show it where the tracks say that its parent only rests.
+        // Depth confirms the part although the parent rests in all tracked frames, so a negative
+        // correlation is set to 0.
         let parent_correlation = attached.evidence.parent_correlation.max(0.0);
         attached.evidence = Evidence { parent_correlation, ..attached.evidence };
     }
@@ -66,8 +74,8 @@ fn attached(search: &SearchState, joint: usize, parent: usize) -> Option<JointEs
     (goes_along && accepts(&attached, search.config())).then_some(attached)
 }
 
-/// A joint of the base in the frame of another's part, as it is while that part is where it mostly is;
-/// `None` where it is known only while that part is `away`.
+/// A joint of the base in the frame of another's part, with that part at its rest. Frames in which
+/// that part is `away` become unknown; `None` if the joint is known only in these.
 fn in_frame_of(
     search: &SearchState,
     alone: &JointEstimate,
@@ -89,14 +97,15 @@ fn in_frame_of(
     Some(attached)
 }
 
-/// A joint is lost for most of the time that another's part moves: its own part may hang on that.
+/// True if a joint is unknown in at least half of the frames in which another joint's part is away
+/// from its rest: that part may carry the joint's own part.
 pub fn is_lost_beside(search: &SearchState, alone: &JointEstimate, other: usize) -> bool {
     let away = frames_away(&search.joints[other], alone);
     let lost = lost(alone, &away);
     lost >= LEAST_LOST && 2 * lost >= away.iter().filter(|a| **a).count()
 }
 
-/// Puts a joint in place of number `previous_id`, after its new parent.
+/// Replaces joint number `previous_id` by its attached version, which comes after its new parent.
 fn replace(search: &mut SearchState, previous_id: usize, attached: JointEstimate) {
     search.joints.remove(previous_id);
     search.joints.push(attached);
@@ -106,7 +115,7 @@ fn replace(search: &mut SearchState, previous_id: usize, attached: JointEstimate
     search.renew_views(0);
 }
 
-/// Of these frames, those in which a joint's configuration is not known.
+/// Number of the marked `frames` in which a joint's configuration is unknown.
 fn lost(joint: &JointEstimate, frames: &[bool]) -> usize {
     frames.iter().zip(&joint.known).filter(|(among, known)| **among && !**known).count()
 }
@@ -167,13 +176,13 @@ mod tests {
     /// What becomes of the back while the seat turns.
     #[derive(Clone, Copy, PartialEq)]
     enum Back {
-        /// It goes along, and its tracks live.
+        /// The back goes along, and its tracks survive.
         GoesAlong,
-        /// It goes along; its tracks die, and the pictures show it.
+        /// The back goes along; its tracks are lost, and depth images show it.
         IsSeenToGoAlong,
-        /// It stays; its tracks die, and the pictures show it.
+        /// The back stays; its tracks are lost, and depth images show it.
         IsSeenToStay,
-        /// It stays, and its tracks live.
+        /// The back stays, and its tracks survive.
         Stays,
     }
 
@@ -209,7 +218,8 @@ mod tests {
         })
     }
 
-    /// Who carries the back, found on the base while the seat rested.
+    /// Number of the joint whose part carries the back, which was found on the base while the seat
+    /// rested.
     fn carrier_of_back(case: Back) -> Option<usize> {
         let seat = ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
         let back = ScrewJoint::hinge(Vector3::x(), Point3::new(0.0, -0.2, 1.5));

@@ -1,6 +1,9 @@
-//! Reuse of the joints that a search over fewer frames found: they are carried on to the present
-//! frame. Those that are beyond doubt are adopted; the others compete with what else can be grown,
-//! and so do those that are lost while what was adopted moves.
+//! Reuse of joints that a search over fewer frames found. They are carried on to the present frame;
+//! those of certain type that still fit are adopted. The others compete with newly grown
+//! candidates, and so do joints that are lost while the part of an adopted joint moves.
+//!
+//! In: the joints of the earlier search. Out: adopted joints in the search, and the others as
+//! candidates; all in the frames of their parents.
 
 use super::adoption::{add_joint, is_apart};
 use super::decision::{accepts, is_segment};
@@ -13,8 +16,8 @@ use super::tracks_in_part_frame::TracksInFrame;
 use super::verification::verify;
 use rayon::prelude::*;
 
-/// Adopts the earlier search's joints that are beyond doubt, in the base frame and in the frames of
-/// the parts that are adopted, and returns the others.
+/// Adopts the joints of the earlier search that are certain, in the base frame and in the frames of
+/// the parts of adopted joints. Returns the others as candidates.
 pub fn reuse_joints(search: &mut SearchState, unexplained: &mut Vec<usize>) -> Vec<JointEstimate> {
     let mut doubtful: Vec<JointEstimate> = Vec::new();
     let mut parents = vec![None];
@@ -55,8 +58,9 @@ pub fn reuse_joints(search: &mut SearchState, unexplained: &mut Vec<usize>) -> V
     doubtful
 }
 
-/// The earlier search's joints in the frame of a part, carried on to the present, and whether their
-/// types were certain; `None` where the earlier search did not know the part or too little moves.
+/// Joints of the earlier search in the frame of a part, carried on to the present, each with true
+/// if its type was certain. `None` where the earlier search did not know the part or too few tracks
+/// move.
 fn carried_on(
     search: &SearchState,
     parent: Option<usize>,
@@ -87,8 +91,9 @@ fn regrown(
     verify(search, view, joint, moving, "reused")
 }
 
-/// A joint of the earlier search does in the frames since what it did before. While more frames come
-/// it may do so less well: what moves on its part is only just beginning to.
+/// True if a joint of the earlier search is known in nearly all new frames and is still accepted.
+/// While frames still arrive, the limits of a segment suffice: what moves on the joint's part
+/// raises its cost and may only be beginning to move.
 fn goes_on(search: &SearchState, joint: &JointEstimate) -> bool {
     let config = search.config();
     let new = &joint.known[search.earlier.frames..];

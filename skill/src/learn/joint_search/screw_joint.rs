@@ -1,23 +1,26 @@
-//! A joint of one degree of freedom, moving points.
+//! A slide, a hinge or a screw, and its action on points. Lines and points are in the frame of the
+//! joint's parent, metres; configurations are in radians (hinge, screw) or metres (slide).
+//!
+//! From: screw motion with Rodrigues' rotation formula.
 
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{Matrix3, Point3, Rotation3, Unit, UnitVector3, Vector3};
 use std::f64::consts::TAU;
 
-/// A slide, a hinge or a screw.
+/// A joint of one degree of freedom: a slide, a hinge or a screw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScrewJoint {
-    /// True for what turns.
+    /// True for a hinge and a screw, false for a slide.
     pub hinge: bool,
-    /// Unit direction.
+    /// Unit direction of the line.
     pub axis: Vector3<f64>,
-    /// A point on the hinge.
+    /// A point on the line, metres; the motion of a slide does not depend on it.
     pub origin: Point3<f64>,
-    /// What a screw advances, metres a radian; `None` where nothing advances as it turns.
+    /// Advance of a screw along its axis, metres per radian; `None` for a hinge and a slide.
     pub pitch: Option<f64>,
 }
 
-/// What a joint does to points at one configuration.
+/// Rigid motion of a joint's part at one configuration.
 #[derive(Debug, Clone, Copy)]
 pub struct ScrewMotion {
     pub(super) rotation: Matrix3<f64>,
@@ -25,40 +28,41 @@ pub struct ScrewMotion {
 }
 
 impl ScrewMotion {
-    /// Where a point of the part is.
+    /// Place of a point of the part after the motion.
     pub fn transform(&self, p: &Point3<f64>) -> Point3<f64> {
         Point3::from(self.rotation * p.coords + self.shift)
     }
 
-    /// The point of the part that is there.
+    /// Point of the part that the motion takes to `p`.
     pub fn inverse_transform(&self, p: &Point3<f64>) -> Point3<f64> {
         Point3::from(self.rotation.tr_mul(&(p.coords - self.shift)))
     }
 }
 
 impl ScrewJoint {
-    /// A slide.
+    /// A slide along `axis`, a unit vector.
     pub fn slide(axis: Vector3<f64>, origin: Point3<f64>) -> Self {
         Self { hinge: false, axis, origin, pitch: None }
     }
 
-    /// A hinge.
+    /// A hinge about the line through `origin` along `axis`, a unit vector.
     pub fn hinge(axis: Vector3<f64>, origin: Point3<f64>) -> Self {
         Self { hinge: true, axis, origin, pitch: None }
     }
 
-    /// How far a turn by `q` takes the part along the axis.
+    /// Translation of the part along the axis for a turn by `q` radians, metres; zero without a
+    /// pitch.
     pub fn advance(&self, q: f64) -> Vector3<f64> {
         self.axis * (self.pitch.unwrap_or(0.0) * q)
     }
 
-    /// Rodrigues' rotation of a vector about the axis.
+    /// Rodrigues' rotation of a vector about the axis by `q` radians.
     pub fn turn(&self, q: f64, v: &Vector3<f64>) -> Vector3<f64> {
         let (sin, cos) = q.sin_cos();
         v * cos + self.axis.cross(v) * sin + self.axis * (self.axis.dot(v) * (1.0 - cos))
     }
 
-    /// Where a point of the part is at configuration `q`.
+    /// Place of the part's point `p` at configuration `q`.
     pub fn move_point(&self, q: f64, p: &Point3<f64>) -> Point3<f64> {
         if !self.hinge {
             return p + self.axis * q;
@@ -66,7 +70,7 @@ impl ScrewJoint {
         self.origin + self.turn(q, &(p - self.origin)) + self.advance(q)
     }
 
-    /// [`Self::move_point`] for many points at one configuration.
+    /// Motion of the part at configuration `q`: [`Self::move_point`] for many points.
     pub fn at(&self, q: f64) -> ScrewMotion {
         if !self.hinge {
             return ScrewMotion { rotation: Matrix3::identity(), shift: self.axis * q };
@@ -77,8 +81,8 @@ impl ScrewJoint {
         ScrewMotion { rotation, shift }
     }
 
-    /// The configuration that takes `part_point` closest to `seen`; of a screw that which turns
-    /// it there.
+    /// Configuration that takes `part_point` closest to `seen`. For a screw only the rotation is
+    /// used, not the advance.
     pub fn configuration(&self, part_point: &Point3<f64>, seen: &Point3<f64>) -> f64 {
         if !self.hinge {
             return self.axis.dot(&(seen - part_point));
@@ -90,7 +94,7 @@ impl ScrewJoint {
         sin.atan2(cos)
     }
 
-    /// Velocity of a moved point with the configuration.
+    /// Derivative of a moved point with respect to the configuration.
     pub fn velocity(&self, moved: &Point3<f64>) -> Vector3<f64> {
         if !self.hinge {
             return self.axis;
@@ -98,7 +102,7 @@ impl ScrewJoint {
         self.axis.cross(&(moved - self.origin)) + self.advance(1.0)
     }
 
-    /// Distance of a point from the hinge; 1 for slides, whose configuration is a length.
+    /// Distance of a point from the axis, metres; 1 for slides, whose configuration is a length.
     pub fn lever(&self, p: &Point3<f64>) -> f64 {
         if self.hinge {
             crate::math::rigid::distance_to_line(&self.origin, &self.axis, p)
@@ -107,7 +111,7 @@ impl ScrewJoint {
         }
     }
 
-    /// As the geometry of a model's joint.
+    /// The joint as the geometry of an object model, with a screw's pitch in metres per turn.
     pub fn geometry(&self) -> JointGeometry {
         let axis = UnitVector3::new_normalize(self.axis);
         match (self.hinge, self.pitch) {

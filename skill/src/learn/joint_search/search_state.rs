@@ -1,6 +1,6 @@
-//! What a search of one recording knows: its input, the joints that it has found so far, and the
-//! tracks as seen from the part of each. The steps of the search read it; those that add or move
-//! joints change it.
+//! State of the search of one recording: its input, the joints found so far, and the tracks in the
+//! frame of each joint's part. Most steps of the search only read it; those that add or move joints
+//! change it.
 
 use super::bundle_adjustment::{OUTLIER_CUT, locate_points};
 use super::config::{JointSearchConfig, SearchSettings};
@@ -16,44 +16,44 @@ use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Fewest moving tracks in which joints are sought.
+/// Smallest number of moving tracks in which joints are searched.
 pub const MIN_MOVING: usize = 4;
 /// A background search scans all windows again when the number of its frames is a multiple of this.
 const RESCAN_EVERY: usize = 60;
 
-/// A search of one recording.
+/// State of the search of one recording.
 pub struct SearchState<'s> {
-    /// What is searched.
+    /// Recording that is searched.
     pub recording: &'s Recording,
-    /// What the search is configured with.
+    /// Settings of the search.
     pub settings: SearchSettings<'s>,
-    /// What a search over fewer frames found.
+    /// Result of a search over fewer frames.
     pub earlier: &'s WarmStart,
     cancelled: Option<&'s AtomicBool>,
-    /// The moving tracks in the base frame.
+    /// Moving tracks in the base frame.
     pub base_view: Arc<TracksInFrame>,
-    /// The moving tracks in the frame of each joint's part.
+    /// Moving tracks in the frame of each joint's part, by joint.
     part_views: Vec<Arc<TracksInFrame>>,
-    /// Joints that were adopted, parents first.
+    /// Adopted joints, parents first.
     pub joints: Vec<JointEstimate>,
-    /// Rank of the strongest hypothesis so far.
+    /// Rank of the strongest motion hypothesis so far.
     pub best_rank: f64,
-    /// Hypotheses of all windows are grown, not only those of frames that are new since the earlier
-    /// search.
+    /// True if hypotheses of all windows are grown, not only those of frames that are new since the
+    /// earlier search.
     pub rescans: bool,
-    /// What earlier searches grew and did not accept, as far as it still holds.
+    /// Hypotheses that earlier searches rejected, as far as the rejection still holds.
     pub rejected_before: Vec<RejectedHypothesis>,
-    /// What this search grew and did not accept.
+    /// Hypotheses that this search grew and rejected.
     pub rejected: Vec<RejectedHypothesis>,
-    /// Parts in whose frames not all of the earlier search's joints are joints still.
+    /// Parts in whose frames at least one joint of the earlier search is not accepted any more.
     pub invalidated: Vec<Option<usize>>,
-    /// The candidates of the last round that were rejected, and why.
+    /// Rejected candidates of the last round, with their reasons.
     pub rejections: Vec<RejectedCandidate>,
 }
 
 impl<'s> SearchState<'s> {
-    /// A search that has found nothing; `cancelled` ends it soon, and is `None` for the search after
-    /// the last frame.
+    /// A search without results. `cancelled` stops it early; it is `None` for the search after the
+    /// last frame.
     pub fn new(
         recording: &'s Recording,
         settings: SearchSettings<'s>,
@@ -78,38 +78,39 @@ impl<'s> SearchState<'s> {
         }
     }
 
-    /// The configuration of the search.
+    /// Configuration of the search.
     pub fn config(&self) -> &'s JointSearchConfig {
         self.settings.joints
     }
 
-    /// Questions to the depth pictures.
+    /// Free-space check against the keyframes of the recording.
     pub fn free_space(&self) -> FreeSpaceCheck<'s> {
         FreeSpaceCheck { recording: self.recording }
     }
 
-    /// What is found is of no use any more.
+    /// True if the search was cancelled, so that its result is not used.
     pub fn is_cancelled(&self) -> bool {
         self.cancelled.is_some_and(|c| c.load(Ordering::Relaxed))
     }
 
-    /// All frames have come: nobody cancels this search.
+    /// True for the search after the last frame, which cannot be cancelled.
     pub fn is_the_end(&self) -> bool {
         self.cancelled.is_none()
     }
 
-    /// It is time to scan all windows. Background searches do so now and then, so that little is left
-    /// for the last one.
+    /// True if all windows must be scanned again. Background searches do so at intervals, so that
+    /// little is left for the last search.
     pub fn is_rescan_due(&self) -> bool {
         !self.rescans && (self.is_the_end() || self.base_view.frames.is_multiple_of(RESCAN_EVERY))
     }
 
-    /// The moving tracks in the frame of a part; `None` is the base.
+    /// Moving tracks in the frame of a part; `None` is the base.
     pub fn view_from(&self, parent: Option<usize>) -> Arc<TracksInFrame> {
         parent.map_or_else(|| Arc::clone(&self.base_view), |p| Arc::clone(&self.part_views[p]))
     }
 
-    /// Renews the views from a joint's part and from the parts after it, which may hang on it.
+    /// Recomputes the tracks in the frames of a joint's part and of all later parts, which may be
+    /// attached to it.
     pub fn renew_views(&mut self, joint: usize) {
         self.part_views.truncate(joint);
         for j in joint..self.joints.len() {
@@ -118,7 +119,8 @@ impl<'s> SearchState<'s> {
         }
     }
 
-    /// Puts a refined joint in its place; the view from its part is renewed where joints hang on it.
+    /// Replaces a joint by its refined version. The tracks in the frame of its part are recomputed
+    /// if joints are attached to that part.
     pub fn replace_refined(&mut self, index: usize, joint: JointEstimate) {
         let view = self.view_from(joint.parent);
         if !self.joints_with(|parent| parent == Some(index)).is_empty() {
@@ -127,12 +129,12 @@ impl<'s> SearchState<'s> {
         self.joints[index] = joint;
     }
 
-    /// Numbers of the joints with such parents.
+    /// Numbers of the joints whose parent fulfils the condition `is_such`.
     pub fn joints_with(&self, is_such: impl Fn(Option<usize>) -> bool) -> Vec<usize> {
         (0..self.joints.len()).filter(|&i| is_such(self.joints[i].parent)).collect()
     }
 
-    /// What a part was in the earlier search: `Some(None)` is the base, and `None` a part that it did
+    /// Number of a part in the earlier search: `Some(None)` is the base, `None` a part that it did
     /// not know.
     pub fn previous_id(&self, parent: Option<usize>) -> Option<Option<usize>> {
         let tracks = &self.recording.tracks;
@@ -142,7 +144,7 @@ impl<'s> SearchState<'s> {
         }
     }
 
-    /// Those of the unexplained tracks that move as seen from a part.
+    /// Unexplained tracks that move in the frame of a part; for the base all of them.
     pub fn moving_tracks(
         &self,
         parent: Option<usize>,
@@ -153,12 +155,13 @@ impl<'s> SearchState<'s> {
         unexplained.iter().copied().filter(|t| parent.is_none() || moves(t)).collect()
     }
 
-    /// Share of a joint's configuration that is a function of its parent's; 0 for a joint of the base.
+    /// Share of a joint's configuration that is a function of its parent's (negative where the
+    /// parent rests); 0 for a joint of the base.
     pub fn parent_correlation(&self, joint: &JointEstimate, parent: Option<usize>) -> f64 {
         parent.map_or(0.0, |p| correlation_with_parent(joint, &self.joints[p]))
     }
 
-    /// Tracks that a joint explains, short ones too, which are not its members.
+    /// Unexplained tracks that a joint explains, including tracks too short to be members.
     pub fn explained_tracks(&self, joint: &JointEstimate, unexplained: &[usize]) -> Vec<usize> {
         let view = self.view_from(joint.parent);
         let mut located = joint.clone();
@@ -175,7 +178,7 @@ impl<'s> SearchState<'s> {
             .collect()
     }
 
-    /// What it found, for a search over more frames.
+    /// Result of the search, for a search over more frames.
     pub fn to_warm_start(&self) -> WarmStart {
         WarmStart::of(
             &self.recording.tracks,

@@ -1,5 +1,8 @@
-//! Choice of the best candidate: the accepted one of most gain that is not a mere consequence of
+//! Selects the best candidate: the accepted one of largest gain that is not a mere consequence of
 //! another joint.
+//!
+//! In: verified candidates in the frames of their parents.
+//! Out: the candidate to adopt, or each rejected candidate with its reason.
 
 use super::association::FRAME_PENALTY;
 use super::bundle_adjustment::OUTLIER_CUT;
@@ -11,20 +14,21 @@ use super::search_state::SearchState;
 use crate::learn::learned_joint::RejectedCandidate;
 use crate::math::robust::overlap;
 
-/// Largest share of a configuration that may be a function of another joint's.
+/// Largest share of a candidate's configuration that may be a function of an adopted joint's.
 const MAX_FOLLOWING: f64 = 0.95;
-/// Share of another joint's gain below which a candidate is next to nothing beside it.
+/// Share of an adopted joint's gain below which the gain of a candidate is small beside it.
 const LITTLE_GAIN: f64 = 0.05;
-/// Share of a chained joint's frames from which a joint of the base explains as much.
+/// Share of the known frames of a joint on a part; a joint of the base that is known in more than
+/// these, and has the same tracks, is preferred.
 const BASE_SUFFICES: f64 = 0.8;
 
-/// The accepted candidate of most gain.
+/// Accepted candidate of largest gain.
 pub fn best_of(search: &SearchState, candidates: &[JointEstimate]) -> Option<JointEstimate> {
     best_among(search, &accepted(search, candidates))
 }
 
-/// The joint of most gain; one of the base is preferred to one of a part that explains the same
-/// tracks.
+/// The joint of largest gain. A joint of the base is preferred to one of a part that explains the
+/// same tracks.
 pub fn best_among(search: &SearchState, accepted: &[&JointEstimate]) -> Option<JointEstimate> {
     accepted
         .iter()
@@ -33,7 +37,7 @@ pub fn best_among(search: &SearchState, accepted: &[&JointEstimate]) -> Option<J
         .map(|(_, j)| j.clone())
 }
 
-/// The candidates that cannot be chosen, and why.
+/// Candidates that cannot be chosen, each with its reason.
 pub fn rejections(search: &SearchState, candidates: &[JointEstimate]) -> Vec<RejectedCandidate> {
     let accepted = accepted(search, candidates);
     let reason = |j: &JointEstimate| -> Option<Rejection> {
@@ -61,7 +65,8 @@ fn accepted<'c>(search: &SearchState, candidates: &'c [JointEstimate]) -> Vec<&'
     candidates.iter().filter(is_accepted).collect()
 }
 
-/// The gain of an accepted candidate against standing still in the base, or why it cannot be chosen.
+/// Gain of an accepted candidate over rest in the base frame, or the reason why it cannot be
+/// chosen.
 fn gain_among(
     search: &SearchState,
     joint: &JointEstimate,
@@ -78,8 +83,9 @@ fn gain_among(
     if gain > needed { Ok(gain) } else { Err(Rejection::LowGain { gain, needed }) }
 }
 
-/// A candidate with another parent explains the same tracks in more frames. Where a joint of the base
-/// is lost for long, its part hangs on one that moved then.
+/// True if an accepted candidate explains the same tracks and is preferred, where one is a joint of
+/// the base and the other of a part. A joint of the base that is lost for long is carried by a part
+/// that moved then.
 fn is_explained_with_another_parent(joint: &JointEstimate, accepted: &[&JointEstimate]) -> bool {
     let known = |j: &JointEstimate| j.known_frames().len() as f64;
     let same_tracks = |a: &JointEstimate, b: &JointEstimate| {
@@ -91,10 +97,10 @@ fn is_explained_with_another_parent(joint: &JointEstimate, accepted: &[&JointEst
     })
 }
 
-/// How a candidate depends on an adopted joint, if it does. It does what that joint does, and the
-/// pictures hardly show it: a holding hand. Or it is next to nothing beside a joint that it follows or
-/// whose line it turns about: corners that a part's rim makes with what is behind it. Or the pictures
-/// show it on that joint's part wherever that goes.
+/// Reason to reject a candidate that depends on an adopted joint, if it does: its configuration
+/// follows the joint's, and depth images do not show it everywhere (a hand that holds the part) or
+/// its gain is small; or its gain is small and it turns about the joint's line (corners between a
+/// part's rim and the background); or depth images show it on the joint's part wherever that goes.
 fn dependence(search: &SearchState, joint: &JointEstimate) -> Option<Rejection> {
     let is_found = joint.evidence.is_found_everywhere();
     search.joints.iter().enumerate().find_map(|(i, o)| {
@@ -118,7 +124,8 @@ fn dependence(search: &SearchState, joint: &JointEstimate) -> Option<Rejection> 
     })
 }
 
-/// Gain of a joint of any part in one currency: against standing still in the base.
+/// Gain of a joint over rest in the base frame, so that joints of different parents can be
+/// compared. For a joint on a part it is reduced to 0.9 of this gain.
 fn gain_over_base(search: &SearchState, joint: &JointEstimate) -> f64 {
     if joint.parent.is_none() {
         return joint.gain;
@@ -144,7 +151,7 @@ mod tests {
     use crate::learn::joint_search::test_data::seen_moving;
     use nalgebra::{Point3, Vector3};
 
-    /// A joint of ten tracks that is known in so many of a hundred frames.
+    /// A joint of ten tracks that is known in `known` of a hundred frames.
     fn joint(parent: Option<usize>, known: usize) -> JointEstimate {
         let slide = ScrewJoint::slide(Vector3::x(), Point3::origin());
         let view = seen_moving(&slide, &[Point3::new(0.0, 0.0, 1.0); 10], &[0.0; 100]);

@@ -14,14 +14,14 @@ use crate::test_data::{board, seen};
 use nalgebra::{Point3, Vector3};
 use std::sync::Arc;
 
-/// A track for each place, seen at each configuration.
+/// View of one track for each place, seen at each configuration.
 pub fn seen_moving(dof: &ScrewJoint, places: &[Point3<f64>], q: &[f64]) -> TracksInFrame {
     let paths: Vec<Vec<Point3<f64>>> =
         places.iter().map(|p| q.iter().map(|&q| dof.move_point(q, p)).collect()).collect();
     TracksInFrame::from_base(&seen_along(&paths), (0..places.len()).collect())
 }
 
-/// A track for each path, by a camera that rests.
+/// One track for each path, seen by a camera that rests.
 pub fn seen_along(paths: &[Vec<Point3<f64>>]) -> EgoMotion {
     let mut state = 1_u32;
     let mut noise = || {
@@ -43,17 +43,18 @@ pub fn seen_along(paths: &[Vec<Point3<f64>>]) -> EgoMotion {
     EgoMotion { camera_from_base, tracks, static_count: 0 }
 }
 
-/// Frames of the drawer's recording.
+/// Number of frames of the drawer's recording.
 pub const FRAMES: usize = 60;
-/// Tracks on its front.
+/// Number of tracks on the drawer's front.
 pub const ON_FRONT: usize = 60;
 
-/// Depth of a drawer's front, which rests, comes by 30 cm in 30 frames, and rests.
+/// Depth of a drawer's front, metres: it rests, comes nearer by 30 cm in 30 frames, and rests.
 pub fn front(f: usize) -> f64 {
     1.5 - 0.01 * (f.clamp(15, 45) - 15) as f64
 }
 
-/// Tracks on the front, and pictures of a board at some depth before a wall.
+/// Recording of the tracks on the front, with depth images of a board at depth `board_at` before a
+/// wall.
 pub fn drawer_recording(board_at: impl Fn(usize) -> f64) -> Recording {
     recording_of(front_paths(), board_at)
 }
@@ -67,7 +68,8 @@ pub fn front_paths() -> Vec<Vec<Point3<f64>>> {
     (0..ON_FRONT).map(path).collect()
 }
 
-/// A track for each path, and pictures of a board at some depth before a wall.
+/// Recording of one track for each path, with depth images of a board at depth `board_at` before a
+/// wall.
 pub fn recording_of(paths: Vec<Vec<Point3<f64>>>, board_at: impl Fn(usize) -> f64) -> Recording {
     let mut keyframes = Keyframes::new(FRAMES);
     for f in (0..FRAMES).step_by(3) {
@@ -79,7 +81,7 @@ pub fn recording_of(paths: Vec<Vec<Point3<f64>>>, board_at: impl Fn(usize) -> f6
     Recording { tracks, ego_motion: seen_along(&paths), keyframes }
 }
 
-/// Looks at a search of a recording that has found nothing yet, after the last frame.
+/// Calls `look` with a search after the last frame that has found nothing yet.
 pub fn with_search<T>(
     recording: &Recording,
     config: &JointSearchConfig,
@@ -91,7 +93,7 @@ pub fn with_search<T>(
     look(&mut SearchState::new(recording, settings, &moving, earlier, None))
 }
 
-/// The drawer as a joint of its front's tracks, known in some frames.
+/// The drawer as a joint that the tracks of its front follow, known in some frames.
 pub fn drawer(view: &TracksInFrame, known: impl Fn(usize) -> bool) -> JointEstimate {
     let mut joint = JointEstimate::new(ScrewJoint::slide(-Vector3::z(), Point3::origin()), view, 0);
     joint.q = (0..FRAMES).map(|f| 1.5 - front(f)).collect();

@@ -1,5 +1,9 @@
-//! From the joints of a search to learned ones: numbered parents first, carried into the object frame,
-//! with configuration 0 at the first frame. The object frame is the base frame at the first frame.
+//! Converts the joints of a search to learned joints: numbered parents first, in the object frame,
+//! with configuration 0 at the first frame.
+//!
+//! In: joints in the frames of their parents, metres and radians.
+//! Out: learned joints in the object frame, which is the base frame at the first frame, with the
+//! covariance of (axis, origin); poses of the parts in the base frame.
 
 use super::estimate::{JointEstimate, base_from_part};
 use super::search_state::SearchState;
@@ -12,15 +16,16 @@ use crate::object::model::{Joint, covariance_rows, is_undecided};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-/// Factor on covariances. It was measured together with [`SYSTEMATIC_RAD`] and [`SYSTEMATIC_M`], so
-/// that 95 % ellipsoids hold 95 % of the true axes.
+/// Factor on covariances, measured together with [`SYSTEMATIC_RAD`] and [`SYSTEMATIC_M`] so that 95
+/// % ellipsoids hold 95 % of the true axes.
 const COVARIANCE_INFLATION: f64 = 4.0;
-/// Error of an axis's direction that all readings of a depth camera share, so that many tracks do not
-/// average it out, radians.
+/// Standard deviation of an axis's direction due to errors that all readings of a depth camera
+/// share, radians. More tracks do not reduce it.
 const SYSTEMATIC_RAD: f64 = 0.0025;
-/// The same error of an axis's place, metres.
+/// Standard deviation of an axis's place due to errors that all readings of a depth camera share,
+/// metres.
 const SYSTEMATIC_M: f64 = 0.002;
-/// Tracks that a covariance is taken over.
+/// Largest number of tracks from which a covariance is computed.
 const COVARIANCE_TRACKS: usize = 300;
 
 /// The learned joints, parents before children.
@@ -48,8 +53,8 @@ pub fn learned_joints(search: &SearchState) -> Vec<LearnedJoint> {
         .collect()
 }
 
-/// A joint in the object frame, which is the base frame at the first frame; not yet numbered. A moving
-/// parent's line is carried to where the parent is then.
+/// A joint in the object frame, not yet numbered. The line of a joint on a moving part is carried
+/// to the part's place at the first frame.
 fn joint_in_object(search: &SearchState, index: usize) -> Joint {
     let joint = &search.joints[index];
     let view = search.view_from(joint.parent);
@@ -88,7 +93,8 @@ fn joint_in_object(search: &SearchState, index: usize) -> Joint {
     }
 }
 
-/// The poses of a joint's part in the base frame since the first frame, where they are known.
+/// Poses of a joint's part in the base frame relative to the first frame, where the configuration
+/// is known.
 fn trajectory(search: &SearchState, index: usize) -> Trajectory {
     let joints = &search.joints;
     let rest = base_from_part(joints, index, 0).inverse();
@@ -99,7 +105,7 @@ fn trajectory(search: &SearchState, index: usize) -> Trajectory {
     trajectory
 }
 
-/// Covariance of (axis, origin) from errors that all of a camera's readings share.
+/// Covariance of (axis, origin) due to errors that all readings of a camera share.
 fn systematic(joint: &JointEstimate) -> DMatrix<f64> {
     let across = Matrix3::identity() - joint.dof.axis * joint.dof.axis.transpose();
     let mut covariance = DMatrix::zeros(6, 6);
@@ -110,7 +116,8 @@ fn systematic(joint: &JointEstimate) -> DMatrix<f64> {
     covariance
 }
 
-/// A covariance of (axis, origin) in another frame; `reversed`: the axis points the other way there.
+/// Transforms a covariance of (axis, origin) to another frame. `reversed` is true if the axis
+/// points the other way there.
 fn carried(covariance: &DMatrix<f64>, other_from_this: &Pose, reversed: bool) -> DMatrix<f64> {
     let rotation = other_from_this.rotation.to_rotation_matrix().into_inner();
     let mut turn = DMatrix::zeros(6, 6);
@@ -245,7 +252,7 @@ mod tests {
         search.joints.push(estimate(&view, bolt(), slid, POINTS..2 * POINTS, on_door));
         search.renew_views(0);
         if !door_first {
-            // Numbers of joints say nothing of who carries whom.
+            // The order of the joints does not determine which part carries which.
             let other = ScrewJoint::slide(Vector3::z(), Point3::new(0.0, 0.5, 1.5));
             search.joints.push(estimate(&view, other, slid, 0..POINTS, None));
             search.renew_views(0);

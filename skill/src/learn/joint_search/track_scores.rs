@@ -1,18 +1,18 @@
-//! What is known of each track while a joint is propagated from frame to frame: how often the joint
-//! was right about it, and over which configurations it was seen.
+//! Scores of tracks while a joint is propagated from frame to frame: how often each track was an
+//! inlier, and over which configurations it was seen.
 
 use super::estimate::JointEstimate;
 use super::tracks_in_part_frame::TracksInFrame;
 
 /// Scores of the tracks of a view, by row.
 pub struct TrackScores {
-    /// The track has a point on the part.
+    /// By row: true if the track has a point on the part.
     pub located: Vec<bool>,
     inliers: Vec<usize>,
     outliers: Vec<usize>,
-    /// Least configuration at which the track was seen.
+    /// Smallest configuration at which the track was seen.
     low: Vec<f64>,
-    /// Greatest configuration at which the track was seen.
+    /// Largest configuration at which the track was seen.
     high: Vec<f64>,
 }
 
@@ -40,7 +40,7 @@ impl TrackScores {
         scores
     }
 
-    /// A track was seen at a configuration, as an inlier or not.
+    /// Counts an observation of track `t` at configuration `q`, as an inlier or an outlier.
     pub fn count(&mut self, t: usize, q: f64, is_inlier: bool) {
         if is_inlier {
             self.inliers[t] += 1;
@@ -55,7 +55,8 @@ impl TrackScores {
         self.high[t] = self.high[t].max(q);
     }
 
-    /// Right four times, mostly right, and moved by a centimetre.
+    /// True if a track was an inlier at least four times and in more than three quarters of its
+    /// observations, and moved by more than a centimetre.
     pub fn is_trusted(&self, joint: &JointEstimate, t: usize) -> bool {
         self.is_right(t) && (self.high[t] - self.low[t]) * joint.dof.lever(&joint.points[t]) > 0.01
     }
@@ -64,7 +65,7 @@ impl TrackScores {
         self.inliers[t] >= 4 && self.inliers[t] > 3 * self.outliers[t]
     }
 
-    /// Weight of a track's vote.
+    /// Weight of a track's vote, 0 to 1.
     pub fn weight(&self, is_trusted: bool, t: usize) -> f64 {
         if is_trusted {
             1.0
@@ -77,8 +78,8 @@ impl TrackScores {
         }
     }
 
-    /// New tracks get their point on the part from the frame in which they are first seen; `q` is its
-    /// configuration.
+    /// Gives candidates that are seen for the first time their points on the part, from their
+    /// places in `frame`, whose configuration is `q`.
     pub fn admit_new_tracks(
         &mut self,
         view: &TracksInFrame,

@@ -1,5 +1,8 @@
-//! The moving tracks as seen from a part: from the base, or from a part that moves itself. Tracks are
-//! numbered by their row here; places are in metres in the frame of the part.
+//! The moving tracks in the frame of a part: of the base, or of a part that moves itself. Tracks
+//! are numbered by their row in this view.
+//!
+//! In: tracks in the base frame and the motion of the part. Out: tracks in the frame of the part;
+//! metres.
 
 use crate::learn::ego_motion::{BaseObservation, EgoMotion, TrackInBase, path_moves, rest_length};
 use crate::math::ransac::Correspondence;
@@ -8,27 +11,28 @@ use nalgebra::{IsometryMatrix3, Point3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Where a track's observations are.
+/// Frames of one track (`end` is the frame after the last) and the index of its first observation
+/// in `seen`.
 #[derive(Clone, Copy)]
 struct Life {
     first: usize,
     end: usize,
-    /// Index of the first one.
+    /// Index in `seen` of the observation in frame `first`.
     start: usize,
 }
 
-/// Tracks with their observations by frame.
+/// Observations of tracks by frame, in the frame of one part.
 pub struct TracksInFrame {
-    /// Frames of the recording.
+    /// Number of frames of the recording.
     pub frames: usize,
-    /// Indices of the tracks in the track set.
+    /// By row: index of the track in the track set.
     pub track_numbers: Arc<Vec<usize>>,
-    /// The lives of all tracks, one after the other.
+    /// Observations of all tracks, one track after the other; `None` where a frame has none.
     seen: Vec<Option<BaseObservation>>,
-    /// The frame of each observation.
+    /// Frame of each observation in `seen`.
     frame_of: Arc<Vec<u32>>,
     lives: Arc<Vec<Life>>,
-    /// By frame: false where the pose of the part is not known.
+    /// By frame: false where the pose of the part is unknown.
     pub usable: Vec<bool>,
 }
 
@@ -54,14 +58,14 @@ impl TracksInFrame {
         Self { frames, track_numbers, seen, frame_of, lives, usable: vec![true; frames] }
     }
 
-    /// The tracks that move in the base frame, as seen from there.
+    /// The tracks that move in the base frame, in that frame.
     pub fn moving(base: &EgoMotion) -> Self {
         let moving = (0..base.tracks.len()).filter(|&t| base.tracks[t].moves).collect();
         Self::from_base(base, moving)
     }
 
-    /// The same tracks in the frame of a part that moves in this one: `part_from_view` by frame. Only
-    /// frames in which the part's pose is `known` can be used.
+    /// Transforms the tracks into the frame of a part that moves in this view, by `part_from_view`
+    /// of each frame. Only frames in which the part's pose is `known` are usable.
     pub fn carried(&self, part_from_view: &[IsometryMatrix3<f64>], known: &[bool]) -> Self {
         let both = self.usable.iter().zip(known).map(|(usable, known)| usable & known);
         let from_part = |(seen, frame): (&Option<BaseObservation>, &u32)| {
@@ -89,7 +93,7 @@ impl TracksInFrame {
         if alive { self.seen[life.start + frame - life.first].as_ref() } else { None }
     }
 
-    /// Where tracks are in two frames, for those that are seen in both.
+    /// Places of tracks in two frames, for those that are seen in both.
     pub fn correspondences(&self, tracks: &[usize], from: usize, to: usize) -> Vec<Correspondence> {
         let both = |&t: &usize| {
             let (a, b) = (self.at(t, from)?, self.at(t, to)?);
@@ -98,7 +102,7 @@ impl TracksInFrame {
         tracks.iter().filter_map(both).collect()
     }
 
-    /// A track's observations in usable frames.
+    /// Observations of a track in usable frames, with their frames.
     pub fn life(&self, track: usize) -> impl Iterator<Item = (usize, &BaseObservation)> + '_ {
         let life = self.lives[track];
         let seen = &self.seen[life.start..life.start + life.end - life.first];
@@ -108,15 +112,16 @@ impl TracksInFrame {
             .filter(|(f, _)| self.usable[*f])
     }
 
-    /// True when the median-smoothed path is longer than noise explains.
+    /// True if the median-smoothed path of a track extends by more than `least_m` metres and by
+    /// more than `sigmas` standard deviations of its noise.
     pub fn moves(&self, track: usize, least_m: f64, sigmas: f64) -> bool {
         let path: Vec<(Point3<f64>, f64)> =
             self.life(track).map(|(_, s)| (s.point, s.sigma())).collect();
         path_moves(&path, least_m, sigmas)
     }
 
-    /// After `frame`, the track was seen twice in a row away from the place where it was last seen
-    /// until then.
+    /// True if, after `frame`, the track was seen twice in a row away from the place where it was
+    /// last seen up to `frame`.
     pub fn moved_since(&self, track: usize, frame: usize) -> bool {
         let Some((_, before)) = self.life(track).take_while(|(f, _)| *f <= frame).last() else {
             return false;
@@ -128,7 +133,8 @@ impl TracksInFrame {
         })
     }
 
-    /// Truncated cost of a track if it stood still, over the frames that count.
+    /// Truncated cost of a track if it stood still at its median place, over the frames marked in
+    /// `counts`.
     pub fn static_cost(&self, track: usize, counts: &[bool], cut: f64) -> f64 {
         let life: Vec<&BaseObservation> =
             self.life(track).filter(|(f, _)| counts[*f]).map(|(_, s)| s).collect();
@@ -137,7 +143,7 @@ impl TracksInFrame {
         life.iter().map(|s| s.distance_sq(&middle).min(cut)).sum()
     }
 
-    /// Observations for which a track rests at the start and at the end of its life.
+    /// Number of observations at the start and at the end of a track during which it does not move.
     pub fn rest_lengths(&self, track: usize) -> [usize; 2] {
         let path: Vec<(Point3<f64>, f64)> =
             self.life(track).map(|(_, s)| (s.point, s.sigma())).collect();

@@ -1,6 +1,9 @@
-//! Slide, hinge or screw? The same tracks are explained by a joint of each type, and the types are
-//! compared by their Bayesian information criterion. A motion that is too short bends too little to
-//! tell them apart. What does not advance is no screw.
+//! Selects the type of a joint (slide, hinge or screw): a joint of each type is fitted to the same
+//! tracks, and the types are compared by BIC. A short motion bends too little to discriminate them.
+//! A joint without a pitch is not compared with screws.
+//!
+//! In: a joint and its tracks in the frame of its parent, metres. Out: probability of each type.
+//! From: paper, section III-D (BIC); Kass & Raftery 1995.
 
 use super::association::{ADJUSTED_FRAMES, thinned};
 use super::bundle_adjustment::{OUTLIER_CUT, locate_points, refine};
@@ -13,17 +16,17 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Tracks that are explained each way.
+/// Largest number of tracks to which each type is fitted.
 const TRACKS: usize = 150;
-/// Distances of hinges that may imitate a slide, metres.
+/// Distances of far hinges that may imitate a slide, metres.
 const FAR_HINGES_M: [f64; 2] = [0.5, 2.0];
-/// Observations of a track that count as one independent observation: noise of neighbouring frames
-/// is alike.
+/// Number of observations of a track that count as one independent observation, because the noise
+/// of neighbouring frames is correlated.
 const CORRELATED_OBSERVATIONS: f64 = 10.0;
-/// Refinement steps of the other kinds.
+/// Number of refinement steps for each of the other types.
 const STEPS: usize = 10;
 
-/// Probability of each type, by the BIC of all (Kass & Raftery 1995).
+/// Probability of each type, by the BIC of all types (Kass & Raftery 1995).
 pub fn type_probabilities(joint: &JointEstimate, view: &TracksInFrame) -> BTreeMap<JointKind, f64> {
     let mut sampled = joint.clone();
     sampled.known = thinned(&joint.known, joint.anchor, ADJUSTED_FRAMES);
@@ -51,11 +54,11 @@ fn kind(joint: &JointEstimate) -> JointKind {
     joint.dof.geometry().kind
 }
 
-/// Some of a joint's tracks in some of its frames, which joints of all types are to explain.
+/// Sample of a joint's tracks and frames to which joints of all types are fitted.
 struct Sample<'s> {
     view: &'s TracksInFrame,
     tracks: Vec<usize>,
-    /// Observations that each sampled one stands for.
+    /// Number of observations that each sampled one stands for.
     stands_for: f64,
     /// Number of independent observations.
     independent: f64,
@@ -83,7 +86,7 @@ impl<'s> Sample<'s> {
         joint
     }
 
-    /// Bayesian information criterion, less what all kinds share.
+    /// BIC of a joint, up to a constant that all types share.
     fn criterion(&self, joint: &JointEstimate) -> f64 {
         let motions = joint.motions();
         let cost = |&t: &usize| joint.cost_of(&motions, self.view, t, OUTLIER_CUT).sum;
@@ -97,7 +100,7 @@ impl<'s> Sample<'s> {
     }
 }
 
-/// Where the search for the best joints of the other kinds starts.
+/// Initial estimates for the joints of the other types.
 fn others(joint: &JointEstimate, tracks: &[usize]) -> Vec<JointEstimate> {
     let n = tracks.len().max(1) as f64;
     let middle = 0.5 * (joint.range[0] + joint.range[1]);

@@ -1,6 +1,8 @@
-//! Verification of a joint: it is confronted with the depth pictures, outlier tracks and frames that
-//! the pictures contradict are taken out of it, and what then speaks for and against it is returned
-//! as its [`Evidence`]. Whether that suffices is decided elsewhere (`decision`).
+//! Verification of a joint by depth images: outlier tracks and frames that the images contradict
+//! are removed from it, and its [`Evidence`] is computed. The decision on it is made in `decision`.
+//!
+//! In: a candidate in the frame of its parent, and the keyframes of the recording.
+//! Out: the candidate without outliers, with its evidence (shares from 0 to 1).
 
 use super::association::associate;
 use super::decision::{self, decide};
@@ -10,16 +12,19 @@ use super::growth::HOPELESSLY_UNCOVERED;
 use super::search_state::SearchState;
 use super::tracks_in_part_frame::TracksInFrame;
 
-/// Rounds of association after tracks or frames were taken out.
+/// Number of association rounds after tracks or frames were removed.
 const ROUNDS: usize = 2;
-/// Share of points seen through from which no frame is worth taking out: all contradict.
+/// Share of points seen through from which no frames are removed, because all of them contradict
+/// the joint.
 const HOPELESS_VIOLATION: f64 = 0.95;
-/// Fewest frames that must be left when frames are taken out.
+/// Smallest number of known frames with which a joint is associated again after frames were
+/// removed.
 const MIN_FRAMES_LEFT: usize = 10;
-/// Fewest tracks that must follow the joint then.
+/// Smallest number of tracks that must follow the joint after frames were removed; with fewer, the
+/// removal is undone.
 const MIN_TRACKS_LEFT: usize = 4;
 
-/// What pictures, tracks and the parent say of a joint as it is.
+/// Computes the evidence for a joint as it is, from depth images, tracks and its parent.
 pub fn evaluate(search: &SearchState, view: &TracksInFrame, joint: &JointEstimate) -> Evidence {
     let before = &joint.evidence;
     let parent_correlation = search.parent_correlation(joint, joint.parent);
@@ -46,8 +51,9 @@ pub fn evaluate(search: &SearchState, view: &TracksInFrame, joint: &JointEstimat
     }
 }
 
-/// Verifies a joint: returns it without outlier tracks and without frames that the pictures
-/// contradict, with its evidence. `how` it came about is traced.
+/// Verifies a joint: removes outlier tracks and frames that depth images contradict, and adds the
+/// evidence. `candidates` are tracks that may follow the joint; `how` the joint came about is
+/// logged.
 pub fn verify(
     search: &SearchState,
     view: &TracksInFrame,
@@ -87,8 +93,8 @@ fn verified(
     joint
 }
 
-/// Takes out tracks that only held the part, and refines the joint on the others: outliers drew its
-/// line.
+/// Removes tracks that depth images contradict, such as those of a hand that held the part, and
+/// refines the joint on the others, because outliers displaced its line.
 pub fn without_outliers(
     search: &SearchState,
     view: &TracksInFrame,
@@ -105,8 +111,8 @@ pub fn without_outliers(
     joint
 }
 
-/// Takes back configurations that the pictures contradict. The joint stays as it is where hardly any
-/// track would follow it then.
+/// Removes configurations that depth images contradict. The joint is returned unchanged if fewer
+/// than [`MIN_TRACKS_LEFT`] tracks would follow it then.
 fn without_contradicted_frames(
     search: &SearchState,
     view: &TracksInFrame,
@@ -131,7 +137,7 @@ fn without_contradicted_frames(
     if left.members.len() < MIN_TRACKS_LEFT { joint } else { left }
 }
 
-/// Traces a joint with its evidence, and why it is rejected, if it is.
+/// Logs a joint with its evidence and, if it is rejected, the reason.
 fn trace(search: &SearchState, how: &str, joint: &JointEstimate) {
     let evidence = &joint.evidence;
     tracing::debug!(
@@ -179,7 +185,7 @@ mod tests {
         true
     }
 
-    /// What verification makes of the drawer, changed before.
+    /// The drawer after a `change`, before and after verification.
     fn verified_as(
         board_at: impl Fn(usize) -> f64,
         change: fn(&mut JointEstimate),
@@ -226,7 +232,7 @@ mod tests {
         assert!(after.evidence.is_found_everywhere());
     }
 
-    /// For some frames the front is away: what the tracks followed is not it.
+    /// Depth of the drawer's front as the images show it: behind the tracked front for some frames.
     fn away(f: usize) -> f64 {
         if (24..30).contains(&f) { 2.4 } else { front(f) }
     }

@@ -1,6 +1,10 @@
-//! What a search over the first frames of a recording found, for the next search over more of them, so
-//! that little is left to do after the last frame. Tracks are kept by their identity, since the
-//! next search has other tracks in other rows.
+//! Result of a search over the first frames of a recording, kept for the next search over more
+//! frames, so that little work is left after the last frame.
+//!
+//! In: joints and rejected hypotheses, with tracks as rows of a view.
+//! Out: the joints and hypotheses with tracks as rows of the next search's views, which have other
+//! tracks in other rows; in between tracks are kept by their identity. Frames and units do not
+//! change.
 
 use super::decision::max_segment_cost;
 use super::estimate::JointEstimate;
@@ -16,41 +20,43 @@ use nalgebra::Point3;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-/// Probability of a joint's type from which the type is certain.
+/// Probability from which the type of a joint is certain.
 const CERTAIN: f64 = 0.99;
-/// Share of a cached joint's tracks that its counterpart must have.
+/// Share of a cached joint's tracks that its counterpart must exceed.
 const SAME_JOINT: f64 = 0.5;
-/// Largest angle between their axes, radians.
+/// Largest angle between the axes of a cached joint and its counterpart, radians.
 const SAME_AXIS: f64 = 0.2;
 
-/// Joints of an earlier search. Candidates that it rejected are not carried on: from search to search,
-/// any hand would come to look like a joint. They only need not be grown again.
+/// Joints and rejected hypotheses of an earlier search. Rejected candidates are not carried on,
+/// because over many searches any hand would come to look like a joint; their hypotheses are kept
+/// only so that they are not grown again.
 #[derive(Debug, Clone, Default)]
 pub struct WarmStart {
-    /// Frames that were searched.
+    /// Number of frames that were searched.
     pub frames: usize,
-    /// Rank of the strongest hypothesis.
+    /// Rank of the strongest motion hypothesis.
     pub best_rank: f64,
     joints: Vec<CachedJoint>,
-    /// Hypotheses in the base frame that were rejected.
+    /// Rejected hypotheses in the base frame.
     rejected: Vec<RejectedHypothesis<TrackId>>,
 }
 
-/// Tracks of a motion hypothesis, by their rows in a view or by their identities, and the frames over
-/// which they are no joint.
+/// A rejected motion hypothesis: its tracks, by row in a view or by identity, and the first and
+/// last frame that it or its candidate covers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RejectedHypothesis<T = usize> {
     tracks: Vec<T>,
     first: usize,
     last: usize,
-    /// Frames that were searched.
+    /// Number of frames that were searched when the hypothesis was rejected.
     frames: usize,
-    /// More frames say no more of it: it was lost before the last one, or fitted too poorly.
+    /// True if more frames cannot change the rejection: the candidate was lost before the last
+    /// frame, or it fitted too poorly.
     for_good: bool,
 }
 
 impl RejectedHypothesis {
-    /// A hypothesis and what it grew to, which is not accepted.
+    /// The rejected hypothesis `h`; `grown` is the candidate that was grown from it, if any.
     pub fn new(h: &Hypothesis, grown: Option<&JointEstimate>, view: &TracksInFrame) -> Self {
         let known = grown.map(JointEstimate::known_frames).unwrap_or_default();
         let first = known.first().map_or(h.from, |f| h.from.min(*f));
@@ -61,20 +67,22 @@ impl RejectedHypothesis {
         Self { tracks, first, last, frames: view.frames, for_good: is_lost || is_poor }
     }
 
-    /// Few of its tracks have moved since, so that nothing more is known of it.
+    /// True if the rejection is final, or if at most a quarter of the tracks moved since, so that
+    /// nothing more is known.
     fn still_holds(&self, view: &TracksInFrame) -> bool {
         let moved = |t: &&usize| view.moved_since(**t, self.frames - 1);
         self.for_good || 4 * self.tracks.iter().filter(moved).count() <= self.tracks.len()
     }
 
-    /// Another hypothesis would grow to the same.
+    /// True if `h` would grow to the rejected candidate: its window lies within the frames of the
+    /// rejection, and most of its tracks are among the rejected ones.
     pub fn covers(&self, h: &Hypothesis) -> bool {
         self.first <= h.from && h.to <= self.last && overlap(&h.tracks, &self.tracks) > COVERED
     }
 }
 
 impl<T: Copy> RejectedHypothesis<T> {
-    /// The same with its tracks named otherwise; without those that have no such name.
+    /// Renames the tracks; tracks for which `name` returns nothing are dropped.
     fn renamed<U>(&self, name: impl Fn(T) -> Option<U>) -> RejectedHypothesis<U> {
         let Self { ref tracks, first, last, frames, for_good } = *self;
         let tracks = tracks.iter().copied().filter_map(name).collect();
@@ -82,13 +90,13 @@ impl<T: Copy> RejectedHypothesis<T> {
     }
 }
 
-/// A joint without the rows of its view.
+/// A joint whose tracks are kept by identity, not by the rows of a view.
 #[derive(Debug, Clone)]
 struct CachedJoint {
     joint: JointEstimate,
-    /// Its tracks, with their points on the part.
+    /// Tracks of the joint, with their points on the part at configuration 0, metres.
     members: Vec<(TrackId, Point3<f64>)>,
-    /// Its type is certain.
+    /// True if the type of the joint is certain.
     is_certain: bool,
 }
 
@@ -125,8 +133,9 @@ impl CachedJoint {
 }
 
 impl WarmStart {
-    /// What a search found. Joints whose type is not certain yet are found anew by the next search: a
-    /// short motion may have been taken for the wrong type.
+    /// Makes the warm start from the result of a search. In the next search a joint whose type is
+    /// not certain yet competes with newly grown candidates, because a short motion may have been
+    /// taken for the wrong type.
     pub fn of<'d>(
         set: &TrackSet,
         view_from: impl Fn(Option<usize>) -> Arc<TracksInFrame>,
@@ -148,12 +157,12 @@ impl WarmStart {
         }
     }
 
-    /// Only the hypotheses that need not be grown again, for a search from nothing.
+    /// Only the rejected hypotheses, for a search that starts without joints.
     pub fn without_joints(&self) -> Self {
         Self { rejected: self.rejected.clone(), ..Self::default() }
     }
 
-    /// The hypotheses that need not be grown again, their tracks by their rows in the base's view.
+    /// Rejected hypotheses that still hold, with their tracks as rows of the base's view.
     pub fn rejected_in(&self, view: &TracksInFrame, set: &TrackSet) -> Vec<RejectedHypothesis> {
         let rows = rows_by_id(view, set);
         self.rejected
@@ -163,14 +172,15 @@ impl WarmStart {
             .collect()
     }
 
-    /// The first frame whose windows of time are new in the frame of a part.
+    /// First frame from which windows of time are new in the frame of a part: 0 if the type of a
+    /// joint there is not certain.
     pub fn since(&self, parent: Option<usize>) -> usize {
         let is_open = |r: &CachedJoint| r.joint.parent == parent && !r.is_certain;
         if self.joints.iter().any(is_open) { 0 } else { self.frames }
     }
 
     /// Joints in the frame of a part, which was number `parent` of the earlier search, in a view of
-    /// more frames; and whether their types are certain.
+    /// more frames; each with true if its type is certain.
     pub fn joints_of(
         &self,
         parent: Option<usize>,
@@ -185,7 +195,7 @@ impl WarmStart {
             .collect()
     }
 
-    /// Number of the joint of the earlier search that a joint was.
+    /// Number of the joint of the earlier search that corresponds to `joint`, if there is one.
     pub fn counterpart(
         &self,
         joint: &JointEstimate,
@@ -227,7 +237,7 @@ mod tests {
         view_until(frames, frames)
     }
 
-    /// What turns until a frame.
+    /// View of a part that turns until frame `stop` and then rests.
     fn view_until(stop: usize, frames: usize) -> Arc<TracksInFrame> {
         let q: Vec<f64> = (0..frames).map(|f| 0.03 * f.min(stop) as f64).collect();
         let places: Vec<Point3<f64>> =
@@ -235,7 +245,7 @@ mod tests {
         Arc::new(seen_moving(&HINGE, &places, &q))
     }
 
-    /// The tracks of the view.
+    /// Track set of the eight tracks of the view.
     fn tracks() -> TrackSet {
         let track = |id| Track { id: TrackId(id), first_frame: 0, observations: Vec::new() };
         TrackSet { frame_utimes: Vec::new(), tracks: (0..8).map(track).collect() }

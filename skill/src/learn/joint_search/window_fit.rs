@@ -1,4 +1,9 @@
-//! A slide and a hinge fitted to the short window of time in which a rigid motion was seen.
+//! Fits a slide and a hinge to the short window of time in which a rigid motion was seen.
+//!
+//! In: a motion hypothesis and tracks in the frame of a part, metres.
+//! Out: joints in that frame, known in the window only, with their mean cost of an observation.
+//! From: the mean translation and the screw axis of the motion (Chasles' theorem) as initial
+//! estimates, then bundle adjustment.
 
 use super::bundle_adjustment::{OUTLIER_CUT, refine};
 use super::configuration_vote::{Voters, vote};
@@ -9,16 +14,16 @@ use super::tracks_in_part_frame::TracksInFrame;
 use crate::math::rigid::{distance_to_line, screw_of};
 use nalgebra::{Point3, Vector3};
 
-/// Least turn of a window's motion that can show a hinge, radians.
+/// Smallest turn of the window's motion from which a hinge is fitted, radians.
 const MIN_SCREW_ANGLE: f64 = 0.03;
-/// Farthest hinge from the tracks that it moves, metres.
+/// Largest distance of a hinge from the centre of the tracks that it moves, metres.
 const MAX_LEVER: f64 = 2.0;
-/// Bundle adjustment steps of a window's fit.
+/// Number of bundle adjustment steps of a window's fit.
 const STEPS: usize = 6;
 
-/// Slide and hinge fitted to the window alone, with their mean cost of an observation. The slide is
-/// left out where the hinge explains the window clearly better, and the hinge where it does not
-/// explain it better.
+/// Fits a slide and a hinge to the window alone, each with its mean cost of an observation. The
+/// slide is omitted where the hinge explains the window clearly better, and the hinge where it does
+/// not explain the window better than the slide.
 pub fn window_fits(view: &TracksInFrame, h: &Hypothesis) -> Vec<(JointEstimate, f64)> {
     let at = |t: usize, f: usize| view.at(t, f).map(|s| s.point.coords);
     let n = h.tracks.len() as f64;

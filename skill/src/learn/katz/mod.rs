@@ -1,12 +1,14 @@
-//! The baseline of the paper's experiment: Katz, Kazemi, Bagnell & Stentz, "Interactive
-//! Segmentation, Tracking, and Kinematic Modeling of Unknown 3D Articulated Objects" (ICRA
-//! 2013), with Katz & Brock's deterministic choice of models (2010), as the paper describes
-//! them: features that keep their distance are a body, bodies are followed by least squares
-//! without rejection of outliers, a slide is assumed first and a hinge fitted when that leaves
-//! too much.
+//! The baseline of the paper's experiment: features that keep their distance form a body; bodies
+//! are followed by least squares without outlier rejection; a slide is assumed first, and a hinge
+//! is fitted if the residual of the slide is too large.
 //!
-//! Like the paper it grants the baseline the forward-backward check of its tracks and
-//! filtered depth. The camera's own motion is taken from [`crate::learn::ego_motion`].
+//! In: tracks in the base frame, metres. Like the paper, we give the baseline the forward-backward
+//! check of its tracks and filtered depth; the camera's motion is that of
+//! [`crate::learn::ego_motion`].
+//! Out: the joints between bodies, and between bodies and the base; metres, radians.
+//! From: Katz, Kazemi, Bagnell & Stentz, "Interactive Segmentation, Tracking, and Kinematic
+//! Modeling of Unknown 3D Articulated Objects" (ICRA 2013), with the deterministic choice of models
+//! of Katz & Brock (2010), as the paper describes them.
 
 mod model;
 mod rigid_body;
@@ -18,8 +20,8 @@ use crate::object::model::Joint;
 use model::Fit;
 use rigid_body::Body;
 
-/// The joints between bodies, and between bodies and the base. The baseline does not say what it
-/// leaves out.
+/// The joints between bodies, and between bodies and the base. The baseline does not report
+/// rejected candidates.
 pub fn learn(recording: &Recording) -> LearnedJoints {
     let base = &recording.ego_motion;
     let bodies: Vec<Body> = rigid_body::cluster(base)
@@ -27,7 +29,7 @@ pub fn learn(recording: &Recording) -> LearnedJoints {
         .filter_map(|tracks| Body::follow(base, tracks))
         .collect();
     let mut joints: Vec<LearnedJoint> = Vec::new();
-    // The joint of each body that was connected, by number.
+    // Number of the joint of each body that is connected.
     let mut number_of: Vec<Option<usize>> = vec![None; bodies.len()];
     for (i, child) in bodies.iter().enumerate() {
         let to_base = model::fit(child, None);

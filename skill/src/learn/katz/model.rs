@@ -1,30 +1,39 @@
-//! A slide first; a hinge when the slide leaves too much; else no joint.
+//! Chooses the joint between two bodies: a slide; a hinge if the residual of the slide is too
+//! large; else no joint.
+//!
+//! In: the motions of a body and of its possible parent in the base frame, and the features of the
+//! body; metres.
+//! Out: the fitted joint, in the coordinates of the parent.
+//! From: Katz & Brock 2010, as the paper describes it (section II).
 
 use super::rigid_body::{Body, MIN_COMMON_FRAMES};
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, UnitVector3, Vector3};
 
-/// Residual of a slide, root mean square over features, from which a hinge is fitted, metres.
+/// Largest residual of a slide, as root mean square over features and frames, metres; above it a
+/// hinge is fitted.
 const MAX_SLIDE_RESIDUAL_M: f64 = 0.01;
-/// Residual of a hinge from which two bodies are not connected, metres.
+/// Largest residual of a hinge, metres; above it the two bodies are not connected.
 const MAX_HINGE_RESIDUAL_M: f64 = 0.02;
 
-/// A joint between two bodies.
+/// A joint that was fitted to the motion of a body relative to its parent.
 pub struct Fit {
-    /// Its line, where the bodies are in the child's first frame.
+    /// Line of the joint in the coordinates of the parent: the base frame, or the base frame at the
+    /// first frame of the parent body.
     pub geometry: JointGeometry,
     /// Frames in which both bodies are known.
     pub frames: Vec<usize>,
-    /// Configuration in each.
+    /// Configuration in each of `frames`, metres or radians.
     pub configuration: Vec<f64>,
-    /// Root mean square distance of features to the model, metres.
+    /// Root mean square distance of the features from the model, metres.
     pub residual: f64,
-    /// Root mean square angle to the model, radians.
+    /// Root mean square angle from the model, radians.
     pub turn_residual: f64,
 }
 
-/// Fits the motion of a body in the base (`None`) or in another body.
+/// Fits a slide or a hinge to the motion of a body in the base (`parent` is `None`) or in another
+/// body; `None` if neither fits or there are too few common frames.
 pub fn fit(child: &Body, parent: Option<&Body>) -> Option<Fit> {
     let (frames, motions): (Vec<usize>, Vec<Pose>) = child
         .base_from_body
@@ -69,7 +78,8 @@ fn slide(motions: &[Pose], centre: Point3<f64>) -> Option<(JointGeometry, Vec<f6
     Some((JointGeometry::slide(axis, centre), q))
 }
 
-/// The axis from the turns, the line from where they leave points at rest, by least squares.
+/// The axis is the mean rotation axis; its position is the least-squares fixed point of the
+/// motions.
 fn hinge(motions: &[Pose], centre: Point3<f64>) -> Option<(JointGeometry, Vec<f64>)> {
     let turns: Vec<Vector3<f64>> = motions.iter().map(|m| m.rotation.scaled_axis()).collect();
     let widest = turns.iter().max_by(|a, b| a.norm().total_cmp(&b.norm()))?;
@@ -83,7 +93,7 @@ fn hinge(motions: &[Pose], centre: Point3<f64>) -> Option<(JointGeometry, Vec<f6
         left.fixed_view_mut::<3, 3>(3 * i, 0).copy_from(&(Matrix3::identity() - turn.matrix()));
         right.fixed_rows_mut::<3>(3 * i).copy_from(&m.translation.vector);
     }
-    // Along the axis the line is wherever the body is.
+    // The position along the axis is free; the centroid of the body is taken.
     left.fixed_view_mut::<1, 3>(3 * motions.len(), 0).copy_from(&axis.transpose());
     right[3 * motions.len()] = axis.dot(&centre.coords);
     let origin = left.svd(true, true).solve(&right, 1e-6).ok()?;
@@ -115,7 +125,7 @@ fn judged(
     }
 }
 
-/// Motion of a body in the frame of another since its first frame.
+/// Pose of a body in the coordinates of its parent, or in the base frame without a parent.
 fn relative(pose: &Pose, parent: Option<&Pose>) -> Pose {
     parent.map_or(*pose, |p| p.inverse() * pose)
 }

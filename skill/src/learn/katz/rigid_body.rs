@@ -1,31 +1,37 @@
-//! Bodies: features that keep their distance, and how they move.
+//! Groups moving features into rigid bodies, and estimates the motion of each body.
+//!
+//! In: tracks in the base frame, metres.
+//! Out: bodies, each with its tracks and its motion in the base frame.
+//! From: Katz et al. 2013, as the paper describes it.
 
 use crate::learn::ego_motion::{EgoMotion, TrackInBase};
 use crate::learn::tracking::Trajectory;
 use crate::math::rigid::{Pose, rigid_fit};
 use nalgebra::Point3;
 
-/// Features of one body keep their distance within this, metres, over their common life.
+/// Largest change of the distance between two features of one body over their common frames,
+/// metres.
 const MAX_DISTANCE_CHANGE_M: f64 = 0.025;
-/// Fewest frames that two features, or two bodies, must share.
+/// Smallest number of frames that two features, or two bodies, must share.
 pub const MIN_COMMON_FRAMES: usize = 10;
-/// Smaller bodies are dropped.
+/// Smallest number of features of a body.
 const MIN_FEATURES: usize = 10;
-/// Smallest travel of a body's features, metres: what stays is background.
+/// Smallest extent of the path of a body's feature, metres; what moves less is background.
 const MIN_MOTION_M: f64 = 0.05;
 
 /// A rigid body.
 pub struct Body {
-    /// Its features' tracks.
+    /// Indices of the tracks on the body.
     pub tracks: Vec<usize>,
-    /// Motion since its first frame, in the base frame.
+    /// Motion of the body in the base frame since the first frame in which it is known.
     pub base_from_body: Trajectory,
-    /// Its features where they were in the first frame, as far as they are known.
+    /// Features of the body, carried back to the first frame in which it is known; base frame,
+    /// metres.
     pub points: Vec<Point3<f64>>,
 }
 
-/// Groups moving features, the longest-lived first: each takes all that keep their distance
-/// to it.
+/// Groups moving features, starting with the one that is seen in the most frames: each takes all
+/// features that keep their distance to it. The largest group comes first.
 pub fn cluster(base: &EgoMotion) -> Vec<Vec<usize>> {
     let seen = |t: usize| base.tracks[t].points.iter().flatten().count();
     let mut left: Vec<usize> = (0..base.tracks.len())
@@ -66,8 +72,9 @@ fn keep_distance(a: &TrackInBase, b: &TrackInBase) -> bool {
 }
 
 impl Body {
-    /// Follows features from frame to frame by least squares; `None` when fewer than three
-    /// are ever seen together for long enough.
+    /// Estimates the motion of a body from frame to frame by least squares over its features;
+    /// `None` if fewer than three are seen together in enough frames. The motion ends at its first
+    /// gap.
     pub fn follow(base: &EgoMotion, tracks: Vec<usize>) -> Option<Self> {
         let frames = base.camera_from_base.len();
         let mut base_from_body: Trajectory = vec![None; frames];

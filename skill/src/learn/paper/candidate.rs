@@ -1,21 +1,21 @@
-//! A moving part with the joint that explains its motion relative to the base.
+//! A moving part, and the joint that explains its motion relative to the base.
 
 use super::pose_optimisation::PartMotion;
 use crate::articulation::{FittedJoint, PoseSample, fit_models};
 use crate::learn::learned_joint::{RejectedCandidate, span_of};
 use crate::math::robust::Moments;
 
-/// A part while the tree is built.
+/// A moving part with its fitted joint, while the tree is built.
 #[derive(Clone)]
 pub(super) struct Candidate {
     pub motion: PartMotion,
     pub fit: FittedJoint,
-    /// Frames of the fit's samples.
+    /// Frames of the samples that `fit` was fitted to.
     pub frames: Vec<usize>,
 }
 
 impl Candidate {
-    /// What a report tells of a candidate that is no part of an object.
+    /// The rejected candidate for a report, with the reason.
     pub(super) fn rejected(&self, reason: String) -> RejectedCandidate {
         let kind = self.fit.geometry.kind;
         let (tracks, frames) = (self.motion.tracks.len(), self.frames.len());
@@ -23,7 +23,7 @@ impl Candidate {
     }
 }
 
-/// Fits the joint models to the motion of a part in the base frame; `None` where no model fits.
+/// Fits the joint models to the motion of a part in the base frame; `None` if no model fits.
 pub(super) fn fit_to_base(motion: PartMotion) -> Option<Candidate> {
     let (frames, samples): (Vec<usize>, Vec<PoseSample>) = motion
         .base_from_part
@@ -43,8 +43,8 @@ pub(super) fn fit_to_base(motion: PartMotion) -> Option<Candidate> {
     Some(Candidate { motion, fit, frames })
 }
 
-/// The frames in which both parts have a pose, and the pose of `b` in the frame of `a` there;
-/// `None` where there is no such frame.
+/// The frames in which both parts have a pose, and the pose of `b` in the frame of `a` in each;
+/// `None` if there is no such frame.
 pub(super) fn relative_samples(
     a: &PartMotion,
     b: &PartMotion,
@@ -62,7 +62,7 @@ pub(super) fn relative_samples(
 }
 
 /// Squared correlation of two configurations, 0 to 1: a hand, or an edge that is dragged along,
-/// moves with the part that it holds.
+/// moves with the part that it holds. 0 if `b` is known in less than half of the frames of `a`.
 pub(super) fn correlation(a: &Candidate, b: &Candidate) -> f64 {
     let common: Vec<(f64, f64)> = a
         .frames

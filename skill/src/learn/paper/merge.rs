@@ -1,4 +1,7 @@
-//! Candidates that are one part, or one joint seen in two segments of time, are merged.
+//! Merges candidates that are one part, or one joint seen in two segments of time.
+//!
+//! In: candidates, each with the joint that was fitted to it in the base frame; metres, radians.
+//! Out: the candidates that are left; merged ones are fitted again.
 
 use super::candidate::{Candidate, fit_to_base, relative_samples};
 use super::pose_optimisation;
@@ -14,7 +17,7 @@ const MERGE_ANGLE_RAD: f64 = 0.26;
 /// Largest distance between the lines of two segments of one hinge, metres.
 const MERGE_DISTANCE_M: f64 = 0.06;
 
-/// Clusters that keep still relative to one another are one part.
+/// Merges clusters that do not move relative to one another: they are one part.
 pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, seed: u64) {
     let mut i = 0;
     while i < parts.len() {
@@ -42,7 +45,8 @@ pub(super) fn merge_rigid(base: &EgoMotion, parts: &mut Vec<Candidate>, seed: u6
     }
 }
 
-/// One part of the tracks of both; `None` where it is seen for a shorter time than each alone.
+/// One candidate with the tracks of both; `None` if it is known in fewer frames than the longer of
+/// the two, or does not move.
 fn merged_cluster(base: &EgoMotion, a: &Candidate, b: &Candidate, seed: u64) -> Option<Candidate> {
     let mut tracks = [a.motion.tracks.clone(), b.motion.tracks.clone()].concat();
     tracks.sort_unstable();
@@ -53,8 +57,8 @@ fn merged_cluster(base: &EgoMotion, a: &Candidate, b: &Candidate, seed: u64) -> 
         .then_some(merged)
 }
 
-/// Opening and closing may be seen as two parts with hardly a common frame, since surfaces
-/// turn away: two segments of time with one line are one joint, continuous in between.
+/// Merges two segments of time with one line into one joint, continuous in between. Opening and
+/// closing may be seen as two parts with hardly a common frame, because surfaces turn away.
 pub(super) fn merge_segments(parts: &mut Vec<Candidate>) {
     let mut i = 0;
     while i < parts.len() {
@@ -74,7 +78,8 @@ pub(super) fn merge_segments(parts: &mut Vec<Candidate>) {
     }
 }
 
-/// Both are joints of one type about near lines, and are hardly seen at the same time.
+/// True if both candidates are joints of one type about near lines and are hardly seen at the same
+/// time.
 fn same_line(a: &Candidate, b: &Candidate) -> bool {
     let (ga, gb) = (&a.fit.geometry, &b.fit.geometry);
     if ga.kind != gb.kind || ga.kind == JointKind::Fixed {
@@ -91,7 +96,8 @@ fn same_line(a: &Candidate, b: &Candidate) -> bool {
     near && common * 4 < a.frames.len().min(b.frames.len())
 }
 
-/// The later segment is moved along the joint so that it starts where the earlier one ends.
+/// One candidate of two segments of time: the later one is moved along the joint so that it starts
+/// where the earlier one ends.
 fn joined_in_time(a: &Candidate, b: &Candidate) -> Option<Candidate> {
     let (early, late) = if a.frames.first()? <= b.frames.first()? { (a, b) } else { (b, a) };
     let mut motion = early.motion.clone();

@@ -1,6 +1,10 @@
-//! From clusters to a kinematic tree: the paper's sections III-B to III-D in a row, and the
-//! tests that decide which of the moving things is a part of an object at all (an arm is
-//! not).
+//! The paper's method: from tracks to a kinematic tree, with tests that decide which of the moving
+//! things is a part of an object; an arm is none.
+//!
+//! In: a [`Recording`]: tracks in the camera frame and in the base frame, and keyframes with depth.
+//! Out: the joints in the object frame, which is the base frame at the first frame, and the
+//! rejected candidates; metres, radians.
+//! From: paper, sections III-B to III-D. The tests are ours.
 
 mod candidate;
 mod merge;
@@ -23,8 +27,9 @@ use rejection::rejection_reason;
 use segmentation::segment;
 use tree::build_tree;
 
-/// Clusters of tracks (III-B), their poses (III-C), and the kinematic tree of the joints between
-/// them (III-D); with the moving things that are no part of an object.
+/// Clusters the tracks (III-B), estimates the poses of each cluster (III-C), and builds the
+/// kinematic tree of the joints between them (III-D). Moving things that are no part of an object
+/// are returned as rejected candidates.
 pub fn learn(recording: &Recording, seed: u64, times: &mut StageTimes) -> LearnedJoints {
     let Recording { tracks, ego_motion, .. } = recording;
     let clusters = times.measure("segment", || segment(tracks, ego_motion));
@@ -41,7 +46,7 @@ pub fn learn(recording: &Recording, seed: u64, times: &mut StageTimes) -> Learne
     })
 }
 
-/// The moving things that are parts of an object, and those that are not.
+/// The moving things that are parts of an object, and the rejected candidates.
 fn accepted(
     recording: &Recording,
     motions: Vec<PartMotion>,

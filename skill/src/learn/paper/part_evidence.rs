@@ -1,5 +1,10 @@
-//! What distinguishes a part of an object from a hand: most of its tracks rest at the start or the
-//! end of their lives, and depth pictures show nothing behind the places where the joint puts it.
+//! Evidence that distinguishes a part of an object from a hand: tracks that rest at the start or at
+//! the end of their life, and depth images that show nothing behind the places where the joint puts
+//! the part.
+//!
+//! In: a candidate with its joint, in the base frame, and the recording.
+//! Out: the share of the tracks that rest, and the share of the points that are seen through, 0 to
+//! 1.
 
 use super::candidate::Candidate;
 use crate::learn::ego_motion::{EgoMotion, rest_length};
@@ -8,14 +13,17 @@ use crate::learn::recording::Recording;
 use crate::math::robust::median_point;
 use nalgebra::Point3;
 
-/// Points of a part that are looked for in each picture, at the most.
+/// Number of points of a part that are sought in each keyframe; the tracks are thinned to at least
+/// this number and less than twice as many.
 const MAX_POINTS: usize = 120;
-/// Configurations that are tried in a picture in which the part has no pose.
+/// Steps between the configurations that are tried in a keyframe in which the part has no pose.
 const SCAN_STEPS: u32 = 32;
-/// How far beyond the range they reach to either side, as a share of the range.
+/// Share of the range of the configuration by which the tried configurations extend it at either
+/// end.
 const SCAN_PAD: f64 = 0.25;
 
-/// Share of tracks that rest for `frames` observations at the start or the end of their life.
+/// Share of the tracks that rest for at least `frames` observations at the start or at the end of
+/// their life.
 pub fn resting_share(base: &EgoMotion, tracks: &[usize], frames: usize) -> f64 {
     let resting = tracks
         .iter()
@@ -28,9 +36,9 @@ pub fn resting_share(base: &EgoMotion, tracks: &[usize], frames: usize) -> f64 {
     resting as f64 / tracks.len().max(1) as f64
 }
 
-/// Share of a part's points, 0 to 1, that keyframes see through. A frame in which the
-/// configuration is known is asked there; in another frame the configuration that fits best must
-/// exist somewhere in the range.
+/// Share of a part's points, 0 to 1, that keyframes see through. Where the configuration is known,
+/// the points are tested at it; in another keyframe they are tested at the configuration that fits
+/// best, in the range or a little beyond.
 pub fn seen_through_share(recording: &Recording, candidate: &Candidate) -> f64 {
     let (frames, configuration) = (&candidate.frames, &candidate.fit.configuration);
     let points_at_rest = points_at_rest(&recording.ego_motion, candidate);
@@ -57,7 +65,7 @@ pub fn seen_through_share(recording: &Recording, candidate: &Candidate) -> f64 {
     all.share_through()
 }
 
-/// A part's tracked points in the base frame, carried back to configuration 0.
+/// Tracked points of a part, carried back to configuration 0; base frame, metres.
 fn points_at_rest(base: &EgoMotion, candidate: &Candidate) -> Vec<Point3<f64>> {
     let Candidate { motion, fit, frames } = candidate;
     let stride = (motion.tracks.len() / MAX_POINTS).max(1);

@@ -1,5 +1,9 @@
-//! The motions in a cluster of tracks (paper, section III-C), without the tracks that do not
-//! belong to it (outliers).
+//! Estimates the motions in a cluster of tracks, without outliers: tracks that do not belong to the
+//! motion.
+//!
+//! In: a cluster of tracks in the base frame, and keyframes with depth; metres.
+//! Out: the motions in the cluster, each with its tracks.
+//! From: paper, section III-C. The removal of whole tracks is ours.
 
 use super::pose_optimisation;
 use super::pose_optimisation::PartMotion;
@@ -9,9 +13,9 @@ use crate::learn::recording::Recording;
 use crate::math::robust::median_point;
 use nalgebra::Point3;
 
-/// The motions in a cluster, the clearest first. A hand and what it holds move as one for a while, so
-/// that a cluster may hold several things: tracks that depart from its motion, or that the pictures
-/// contradict, are a cluster of their own in the next round.
+/// The motions in a cluster, the clearest first. A hand and the part that it holds move as one for
+/// a while, so that a cluster may hold several things: tracks that depart from its motion, or that
+/// depth images contradict, are the cluster of the next round.
 pub(super) fn motions_of(recording: &Recording, cluster: &Cluster, seed: u64) -> Vec<PartMotion> {
     let mut motions = Vec::new();
     let mut rest = cluster.tracks.clone();
@@ -35,12 +39,12 @@ pub(super) fn motions_of(recording: &Recording, cluster: &Cluster, seed: u64) ->
     motions
 }
 
-/// Most motions sought in one cluster.
+/// Largest number of motions that are sought in one cluster.
 const MOTIONS_OF_A_CLUSTER: u64 = 5;
 
-/// Takes out tracks that depart from the motion and tracks that the pictures contradict one by
-/// one (a hand moves with what it holds, but comes and leaves), and estimates the motion anew
-/// from the rest.
+/// Removes tracks that depart from the motion, and tracks that depth images contradict (a hand
+/// moves with the part that it holds, but comes and leaves); estimates the motion again from the
+/// other tracks.
 fn without_outliers(recording: &Recording, mut motion: PartMotion, seed: u64) -> PartMotion {
     let base = &recording.ego_motion;
     for round in 0..OUTLIER_ROUNDS {
@@ -59,11 +63,11 @@ fn without_outliers(recording: &Recording, mut motion: PartMotion, seed: u64) ->
     motion
 }
 
-/// Rounds of removing outliers: the motion is clearer after each.
+/// Largest number of rounds in which outliers are removed; the motion is clearer after each.
 const OUTLIER_ROUNDS: u64 = 3;
 
-/// Tracks whose place on the part is not seen through in a third of the keyframes that show
-/// something there.
+/// Tracks whose place on the part is seen through in fewer than three keyframes, or in less than a
+/// third of the keyframes that either see through it or show a surface there.
 fn uncontradicted(recording: &Recording, motion: &PartMotion, tracks: &[usize]) -> Vec<usize> {
     let base = &recording.ego_motion;
     let on_part = |id: usize| {
@@ -102,7 +106,8 @@ mod tests {
     /// Tracks of each thing.
     const TRACKS: usize = 12;
 
-    /// A drawer comes by a centimetre a frame; what is beside it goes to the left.
+    /// A drawer that moves towards the camera by a centimetre per frame; the thing beside it moves
+    /// to the left.
     fn place(track: usize, frame: usize) -> Point3<f64> {
         let i = track % TRACKS;
         let at = Vector3::new(0.06 * (i % 4) as f64, 0.06 * (i / 4) as f64, 1.5);
@@ -111,7 +116,8 @@ mod tests {
         Point3::from(at + if track < TRACKS { Vector3::new(0.0, 0.0, -moved) } else { beside })
     }
 
-    /// Both, before pictures of a wall at this depth; without pictures for none.
+    /// Recording of the drawer and of what is beside it, before a wall at this depth; without
+    /// keyframes for `None`.
     fn recording(wall: Option<f64>) -> Recording {
         let precision = Information::new(&Vector3::z(), 0.001, 0.001);
         let track = |track| {

@@ -1,4 +1,8 @@
-//! Which candidates are no part of an object, and why.
+//! Decides which candidates are no part of an object, and for what reason.
+//!
+//! In: a candidate with the joint that was fitted to it in the base frame, and the accepted
+//! candidates.
+//! Out: the reason of the rejection; `None` for a part.
 
 use super::candidate::{Candidate, correlation};
 use super::part_evidence::{resting_share, seen_through_share};
@@ -7,31 +11,32 @@ use crate::learn::recording::Recording;
 use crate::math::robust::extent;
 use crate::object::joint_geometry::JointKind;
 
-/// Fewest frames in which a joint is observed.
+/// Smallest number of frames in which a joint is observed.
 pub const MIN_FRAMES: usize = 15;
-/// Least motion of a slide, metres.
+/// Smallest motion of a slide, metres.
 const MIN_SLIDE_M: f64 = 0.06;
-/// Least motion of a hinge, radians.
+/// Smallest motion of a hinge, radians.
 const MIN_TURN_RAD: f64 = 0.15;
-/// Largest root mean square distance to the joint's model, metres, of a part that hardly moves.
+/// Largest root mean square distance from the joint's model of a part that hardly moves, metres.
 const MAX_POSITION_RMSE_M: f64 = 0.0025;
-/// Share of the way that the part makes that this distance may grow by. Hands roughly follow many
-/// models.
+/// Share of the part's travel by which the largest root mean square distance grows; small, because
+/// hands roughly follow many models.
 const MAX_RMSE_SHARE: f64 = 0.01;
-/// Largest share of samples that the joint does not explain.
+/// Largest share of the samples that the joint does not explain (outliers).
 const MAX_OUTLIER_RATIO: f64 = 0.35;
-/// Frames for which a track of an object's part rests at the start or end of its life.
+/// Smallest number of observations for which a track of a part rests at the start or at the end of
+/// its life.
 const REST_FRAMES: usize = 8;
-/// Least share of a part's tracks that rest: object parts rest, hands do not.
+/// Smallest share of a part's tracks that rest: parts of objects rest, hands do not.
 const MIN_REST_SHARE: f64 = 0.12;
-/// Largest share of a part's points seen *through*: where the model says that there is a surface,
-/// the camera saw something behind it.
+/// Largest share of a part's points that are seen through: where the model has a surface, the
+/// camera saw something behind it.
 const MAX_SEEN_THROUGH: f64 = 0.28;
-/// Squared correlation with a better joint's configuration from which a joint is taken for a
-/// consequence of it.
+/// Largest squared correlation with the configuration of an accepted joint; above it, the motion is
+/// a consequence of that joint's.
 const MAX_CORRELATION: f64 = 0.85;
 
-/// Why a moving thing is no part of an object, if it is not.
+/// Reason why a moving thing is no part of an object; `None` if it is a part.
 pub(super) fn rejection_reason(
     recording: &Recording,
     candidate: &Candidate,

@@ -1,7 +1,8 @@
-//! The kinematic tree (paper, section III-D): which part carries which, by least BIC.
+//! Builds the kinematic tree: which part carries which, by least BIC.
 //!
-//! In come parts with their poses in the base frame; out come joints in the object frame, which is
-//! the base frame at the first frame.
+//! In: parts with their poses in the base frame, metres.
+//! Out: joints in the object frame, which is the base frame at the first frame; metres, radians.
+//! From: paper, section III-D; Sturm et al. 2011.
 
 use super::candidate::{Candidate, relative_samples};
 use crate::articulation::{FittedJoint, Link, fit_models, spanning_tree};
@@ -12,9 +13,9 @@ use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointKind;
 use crate::object::model::{Joint, covariance_rows};
 
-/// BIC a frame by which a moving parent must be better than the base. Two sliders beside one
-/// another are joined by one degree of freedom, too: where the base explains a part as well as a
-/// moving part does, it is preferred.
+/// BIC per frame by which a moving parent must be better than the base. Two sliders side by side
+/// also have one degree of freedom between them: where the base explains a part as well as a moving
+/// part does, the base is preferred.
 const PREFER_BASE: f64 = 2.0;
 
 /// A joint that may be in the tree, fitted to the motion of node `b` in the frame of node `a`. Node
@@ -22,19 +23,22 @@ const PREFER_BASE: f64 = 2.0;
 struct PossibleJoint {
     link: Link,
     fit: FittedJoint,
-    /// Frames of the fit's samples.
+    /// Frames of the samples that `fit` was fitted to.
     frames: Vec<usize>,
 }
 
-/// The minimum spanning tree over base and parts (paper, Eq. 7).
+/// The joints of the minimum spanning tree over the base and the parts (paper, section III-D).
 pub(super) fn build_tree(recording: &Recording, parts: Vec<Candidate>) -> Vec<LearnedJoint> {
     let possible = possible_joints(&parts);
     let links: Vec<Link> = possible.iter().map(|p| p.link).collect();
     let mut learned: Vec<LearnedJoint> = Vec::new();
-    let mut number_of_node = vec![0; parts.len() + 1];
+    // Of the base and of the parts that have a joint.
+    let mut number_of_node: Vec<Option<usize>> = vec![None; parts.len() + 1];
+    number_of_node[0] = Some(0);
     for (parent, child, link) in spanning_tree(parts.len() + 1, &links) {
-        number_of_node[child] = learned.len() + 1;
-        // Links between parts were fitted as a -> b with a < b.
+        // What a part that is left out carries is left out with it.
+        let Some(number_of_parent) = number_of_node[parent] else { continue };
+        // A link between parts was fitted as a -> b with a < b; the other direction is left out.
         let reversed = links[link].a != parent;
         if reversed && parent != 0 {
             continue;
@@ -44,8 +48,9 @@ pub(super) fn build_tree(recording: &Recording, parts: Vec<Candidate>) -> Vec<Le
             Some(mut joint) => {
                 let number = learned.len() + 1;
                 joint.joint.name = format!("joint{number}");
-                joint.joint.parent = number_of_node[parent];
+                joint.joint.parent = number_of_parent;
                 joint.joint.child = number;
+                number_of_node[child] = Some(number);
                 learned.push(joint);
             }
             None => tracing::warn!(parent, child, "a joint is left out: its part has no pose"),
@@ -54,7 +59,7 @@ pub(super) fn build_tree(recording: &Recording, parts: Vec<Candidate>) -> Vec<Le
     learned
 }
 
-/// The joints of each part with the base, and those between two parts.
+/// The possible joints of each part with the base, and those between two parts.
 fn possible_joints(parts: &[Candidate]) -> Vec<PossibleJoint> {
     let with_base = |(i, part): (usize, &Candidate)| PossibleJoint {
         link: Link { a: 0, b: i + 1, cost: per_frame(&part.fit, part.frames.len()) },
@@ -77,8 +82,8 @@ fn possible_joints(parts: &[Candidate]) -> Vec<PossibleJoint> {
     possible
 }
 
-/// The joint that explains the motion of `b` in the frame of `a` best; `None` where they were seen
-/// together for a small part of the time, which explains little.
+/// The joint that best explains the motion of `b` in the frame of `a`; `None` if both were seen
+/// together in less than half of the frames of the longer one, or if no joint that moves fits.
 fn fit_between(a: &Candidate, b: &Candidate) -> Option<(FittedJoint, Vec<usize>)> {
     let (frames, samples) = relative_samples(&a.motion, &b.motion)?;
     if 2 * frames.len() < a.frames.len().max(b.frames.len()) {
@@ -93,8 +98,8 @@ fn per_frame(fit: &FittedJoint, frames: usize) -> f64 {
     fit.bic / frames.max(1) as f64
 }
 
-/// The joint in the object frame, not yet numbered, with the poses of its part; `None` where the
-/// part or its parent has no pose to start from.
+/// The joint in the object frame, without its number, and the poses of its part; `None` if the part
+/// or its parent has no pose to start from.
 fn to_learned(
     recording: &Recording,
     possible: &PossibleJoint,
@@ -102,8 +107,8 @@ fn to_learned(
     parent: Option<&Candidate>,
 ) -> Option<LearnedJoint> {
     let PossibleJoint { fit, frames, .. } = possible;
-    // A moving parent's line is carried to the object frame by the parent's pose in the first frame
-    // that it was seen in.
+    // The line on a moving parent is carried to the object frame by the parent's pose in the first
+    // frame that shows the parent.
     let base_from_parent = match parent {
         Some(parent) => *parent.motion.base_from_part.iter().flatten().next()?,
         None => Pose::identity(),
@@ -146,13 +151,24 @@ mod tests {
 
     const FRAMES: usize = 40;
 
-    /// The joints of a drawer that opens by 8 mm a frame, after something was done to its part.
+    /// Pose of a drawer that opens by 8 mm a frame.
+    fn drawer(f: usize) -> Pose {
+        Pose::translation(0.0, 0.0, 1.5 - 0.008 * f as f64)
+    }
+
+    fn candidate(pose: impl Fn(usize) -> Pose) -> Candidate {
+        let base_from_part = (0..FRAMES).map(|f| Some(pose(f))).collect();
+        fit_to_base(PartMotion { base_from_part, tracks: vec![3, 4] }).unwrap()
+    }
+
+    /// The joints of a drawer, after something was done to its part.
     fn joints_of_drawer(change: impl Fn(&mut Candidate)) -> Vec<LearnedJoint> {
-        let pose = |f: usize| Some(Pose::translation(0.0, 0.0, 1.5 - 0.008 * f as f64));
-        let base_from_part = (0..FRAMES).map(pose).collect();
-        let motion = PartMotion { base_from_part, tracks: vec![3, 4] };
-        let mut drawer = fit_to_base(motion).unwrap();
+        let mut drawer = candidate(drawer);
         change(&mut drawer);
+        joints_of(vec![drawer])
+    }
+
+    fn joints_of(parts: Vec<Candidate>) -> Vec<LearnedJoint> {
         let recording = Recording {
             tracks: TrackSet { frame_utimes: (0..FRAMES as i64).collect(), tracks: Vec::new() },
             ego_motion: EgoMotion {
@@ -161,7 +177,7 @@ mod tests {
             },
             keyframes: Keyframes::new(2),
         };
-        build_tree(&recording, vec![drawer])
+        build_tree(&recording, parts)
     }
 
     #[test]
@@ -173,6 +189,19 @@ mod tests {
         assert_eq!(tracks, &[3, 4]);
         assert_eq!(base_from_part[0], Some(Pose::identity()), "since the first frame");
         assert!((joint.range[1] - joint.range[0] - 0.312).abs() < 0.005, "{:?}", joint.range);
+    }
+
+    #[test]
+    fn what_a_part_that_is_left_out_carries_is_left_out_with_it() {
+        // A lid on the drawer.
+        let turn = |f: usize| Pose::rotation(nalgebra::Vector3::new(0.02 * f as f64, 0.0, 0.0));
+        let lid = || candidate(|f| drawer(f) * Pose::translation(0.0, 0.3, 0.0) * turn(f));
+        let carried = joints_of(vec![candidate(drawer), lid()]);
+        let tree: Vec<_> = carried.iter().map(|l| (l.joint.parent, l.joint.child)).collect();
+        assert_eq!(tree, [(0, 1), (1, 2)]);
+        let mut lost = candidate(drawer);
+        lost.motion.base_from_part[0] = None;
+        assert!(joints_of(vec![lost, lid()]).is_empty());
     }
 
     #[test]

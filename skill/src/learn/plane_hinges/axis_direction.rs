@@ -1,4 +1,10 @@
-//! The direction that a turning plane keeps to: across all its normals, wherever it lies.
+//! Estimates the direction of a hinge from a turning plane: it is perpendicular to all normals of
+//! the plane, wherever the line lies.
+//!
+//! In: unit normals of a part's plane in several keyframes (base frame), and a joint from tracks.
+//! Out: the joint with a corrected line and covariance.
+//! From: the eigenvector of the normals' scatter matrix with the smallest eigenvalue; Kalman
+//! update.
 
 use super::hinge::SYSTEMATIC_RAD;
 use crate::learn::learned_joint::LearnedJoint;
@@ -6,24 +12,25 @@ use crate::math::rigid::orthonormal_basis;
 use crate::object::model::covariance_rows;
 use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, SymmetricEigen, Vector3, Vector6};
 
-/// Fewest planes.
+/// Fewest planes that determine a direction.
 const MIN_PLANES: usize = 6;
-/// Factor by which the variance of the planes' direction must be smaller than that of the tracks' to
-/// correct it.
+/// Smallest ratio of the variance of the tracks' direction to that of the planes' direction at
+/// which the planes correct it.
 const SURER: f64 = 4.0;
-/// Largest difference of both directions, in standard deviations.
+/// Largest difference between the directions of planes and tracks, standard deviations; a larger
+/// one is a contradiction.
 const MAX_SIGMAS: f64 = 4.0;
 
-/// A direction with what is not known of it.
+/// Direction of an axis with its uncertainty.
 pub struct Direction {
-    /// Unit vector.
+    /// Unit vector, base frame.
     axis: Vector3<f64>,
-    /// Of the axis, radians squared.
+    /// Covariance of the unit vector, radians squared.
     covariance: Matrix3<f64>,
 }
 
 impl Direction {
-    /// From a plane's unit normals; `None` for too few.
+    /// The direction perpendicular to a plane's unit normals; `None` for too few.
     pub fn across(normals: &[Vector3<f64>]) -> Option<Self> {
         if normals.len() < MIN_PLANES {
             return None;
@@ -41,9 +48,10 @@ impl Direction {
         Some(Self { axis, covariance: across(u) + across(v) })
     }
 
-    /// Corrects a joint's line, where the planes are much surer of its direction than the tracks
-    /// that gave it and do not contradict them. Its place follows as far as the tracks' errors of
-    /// direction and place go together: a Kalman update with the direction as what was measured.
+    /// Corrects the direction of a joint's line, if the planes determine it much better than the
+    /// tracks and do not contradict them. The line's place follows through its covariance with the
+    /// direction: a Kalman update that measures the direction. Returns true if the line was
+    /// corrected.
     pub fn correct(&self, learned: &mut LearnedJoint) -> bool {
         let joint = &mut learned.joint;
         let tracked = Vector3::from(joint.axis);

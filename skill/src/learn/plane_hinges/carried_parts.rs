@@ -1,9 +1,11 @@
-//! Plain parts that another part carries: the door of a cabinet on a tray that was pulled out before. In
-//! the base frame such a door comes with the tray. While the tray rests, it is a door like any other.
+//! Finds plain parts that another part carries: the door of a cabinet on a tray that was pulled out before. In the
+//! base frame such a door comes with the tray. While the tray rests, the door moves like any other one.
 //!
-//! In: the joints of the base, and the recording. Out: hinges whose parent is a slide of the base. They
-//! are sought in the keyframes of the parent's longest rest; the keyframes in which the parent is
-//! elsewhere tell whether it carries them.
+//! Hinges are searched for in the keyframes of the parent's longest rest; the keyframes outside that rest decide
+//! whether the parent carries them.
+//!
+//! In: the joints of the base, and the recording.
+//! Out: hinges whose parent is a slide of the base; line and points are those at the first frame, metres and radians.
 
 use super::depth_following::{MAX_POINTS, thinned};
 use super::extend_range::extend_to;
@@ -16,23 +18,23 @@ use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointKind;
 use std::ops::RangeInclusive;
 
-/// Fewest keyframes of a rest.
+/// Fewest keyframes of the parent's rest.
 const MIN_REST_KEYFRAMES: usize = 12;
-/// Largest shift of a slide that rests, metres.
+/// Largest shift of a slide during its rest, metres.
 const REST_M: f64 = 0.006;
-/// So many times that far away, the parent is elsewhere.
+/// The parent counts as moved away when it is more than `ELSEWHERE` times `REST_M` from its rest.
 const ELSEWHERE: f64 = 6.0;
-/// Fewest keyframes in which the parent is elsewhere.
+/// Fewest keyframes in which the parent is moved away.
 const MIN_ELSEWHERE_KEYFRAMES: usize = 3;
-/// Share of a carried part's points that these must show where the parent carries them.
+/// Smallest share of a carried part's points that the keyframes outside the rest must find where the parent carries
+/// them.
 const LEAST_SHOWN: f64 = 0.4;
-/// Largest share of them that may be seen through.
+/// Largest share of a carried part's visible points that may be seen through where the parent carries them.
 const MAX_THROUGH: f64 = 0.1;
-/// How many times as many points must be found where the parent carries them as where the base would
-/// hold them, less those that are seen through.
+/// Smallest ratio of (points found - points seen through) with the parent's motion to the same without it.
 const LEAST_MARGIN: f64 = 2.0;
 
-/// The plain parts that one of the joints carries and that are not known yet.
+/// The plain parts that a slide of the base carries and that are not known yet.
 pub fn carried_parts(joints: &[LearnedJoint], recording: &Recording) -> Vec<LearnedJoint> {
     let mut found: Vec<LearnedJoint> = Vec::new();
     let is_slide = |j: &&LearnedJoint| j.joint.kind == JointKind::Prismatic && j.joint.parent == 0;
@@ -52,18 +54,18 @@ pub fn carried_parts(joints: &[LearnedJoint], recording: &Recording) -> Vec<Lear
     found
 }
 
-/// The longest rest of a joint.
+/// The longest rest of a slide.
 struct Rest {
-    /// The recording with the keyframes of the rest only.
+    /// The recording, with the keyframes of the rest only.
     recording: Recording,
-    /// First and last frame.
+    /// First and last frame of the rest.
     frames: RangeInclusive<usize>,
-    /// Pose of the part meanwhile: takes its points at the first frame into the base frame.
+    /// Pose of the parent during the rest: maps its points at the first frame into the base frame.
     base_from_carrier: Pose,
 }
 
 impl Rest {
-    /// `None` where a joint does not rest for long, or is nowhere else.
+    /// The longest rest; `None` if the joint rests for too few keyframes, or is moved away in too few.
     fn of(carrier: &LearnedJoint, recording: &Recording) -> Option<Self> {
         let q = configurations(carrier, recording);
         let from = |start: usize| {
@@ -84,8 +86,8 @@ impl Rest {
         Some(Self { recording, frames, base_from_carrier })
     }
 
-    /// The keyframes in which the parent is elsewhere show the part where the parent carries it, and not
-    /// where the base would hold it.
+    /// True if the keyframes outside the rest show the part where the parent carries it, and not where the base would
+    /// hold it.
     fn carries(
         &self,
         learned: &LearnedJoint,
@@ -100,7 +102,7 @@ impl Rest {
         for (frame, picture) in recording.keyframes.iter().filter(|(f, _)| !self.frames.contains(f))
         {
             let Some(base_from_carrier) = carrier.base_from_part[frame] else { continue };
-            // It stays as it was at that end of the rest.
+            // Outside the rest, the part is assumed to keep the configuration of that end of the rest.
             let (_, base_from_part) = if frame < *self.frames.start() { first } else { last };
             let camera_from_base = recording.ego_motion.camera_from_base[frame];
             let moved = base_from_carrier * self.base_from_carrier.inverse();
@@ -115,7 +117,7 @@ impl Rest {
             && carried.margin() as f64 >= LEAST_MARGIN * held.margin() as f64
     }
 
-    /// The part as the parent's child. Its line and its points are those of the first frame.
+    /// The part as the parent's child. The line and the points refer to the first frame.
     fn carried(&self, mut learned: LearnedJoint, carrier: &LearnedJoint) -> LearnedJoint {
         let back = self.base_from_carrier.inverse();
         let line = learned.joint.geometry().transformed(&back);
@@ -130,7 +132,7 @@ impl Rest {
     }
 }
 
-/// Keyframes at which a joint's configuration is known, and the configuration.
+/// Keyframes in which a joint's configuration is known, with the configuration.
 fn configurations(learned: &LearnedJoint, recording: &Recording) -> Vec<(usize, f64)> {
     let joint = &learned.joint;
     let at = |frame: usize| {
@@ -141,7 +143,7 @@ fn configurations(learned: &LearnedJoint, recording: &Recording) -> Vec<(usize, 
     recording.keyframes.iter().filter_map(|(frame, _)| Some((frame, at(frame)?))).collect()
 }
 
-/// Frames in which the part is known, with its pose.
+/// Frames in which the part's pose is known, with the pose.
 fn poses(learned: &LearnedJoint) -> impl Iterator<Item = (usize, Pose)> + '_ {
     learned.base_from_part.iter().enumerate().filter_map(|(f, pose)| Some((f, (*pose)?)))
 }
@@ -157,17 +159,17 @@ mod tests {
 
     const FRAMES: usize = 44;
 
-    /// A cupboard is pulled forwards by 0.3 m, metres.
+    /// Shift of a cupboard that is pulled forwards by 0.3 m, metres.
     fn pulled(frame: usize) -> f64 {
         0.05 * frame.saturating_sub(6).min(6) as f64
     }
 
-    /// Later its door is opened, radians.
+    /// Turn of the cupboard's door, which is opened later, radians.
     fn opened(frame: usize) -> f64 {
         0.13 * frame.saturating_sub(20).min(10) as f64
     }
 
-    /// The slide as tracks show it, which is said to be at `q` in each frame.
+    /// The slide as tracks show it, with configuration `q` in each frame.
     fn slide(q: impl Fn(usize) -> f64) -> LearnedJoint {
         let line = JointGeometry::slide(-Vector3::z_axis(), Point3::new(0.0, 0.0, 2.0));
         let configuration = (0..FRAMES).map(|f| [0.1 * f as f64, q(f)]).collect();
@@ -183,7 +185,7 @@ mod tests {
         assert_eq!(found.len(), 1);
         let joint = &found[0].joint;
         assert_eq!(joint.parent, 1);
-        // Its line is told where it was at the first frame.
+        // The line refers to the first frame.
         let hinge = Point3::new(HINGE_M[0], 0.0, HINGE_M[1]);
         let off = distance_to_line(&joint.origin.into(), &joint.axis.into(), &hinge);
         assert!(off < 0.02, "{off} m off");

@@ -1,11 +1,13 @@
-//! Where a surface is along a joint at each keyframe, from depth alone.
+//! Follows a surface along a joint through all keyframes, by depth alone.
 //!
-//! In: points of the surface (base frame, at configuration 0 of the joint), the joint's line, a
-//! range of configurations, and the keyframes. Out: one configuration a keyframe, and how well
-//! the depth pictures agree with it. The configuration of all keyframes together is the path of
-//! most agreement (dynamic programming): a single keyframe may agree with several
-//! configurations, where a hand covers the part or another part looks the same, but a part moves
-//! on from where it was.
+//! All keyframes are solved together as the path of most agreement: a single keyframe may agree with several
+//! configurations, where a hand covers the part or another part looks the same, but a part moves on from where it
+//! was.
+//!
+//! In: points of the surface (base frame, at configuration 0 of the joint), the joint's line, a range of
+//! configurations (radians or metres), and the keyframes.
+//! Out: one configuration per keyframe, and how well the depth images agree with it.
+//! From: dynamic programming (Viterbi), then point-to-plane alignment by Gauss-Newton.
 
 use crate::learn::best_path::best_path;
 use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
@@ -16,58 +18,60 @@ use linkage_frames::RgbdFrame;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// Configurations that are tried.
+/// Number of configurations that are tried.
 const STEPS: usize = 129;
-/// Most points of a surface that are looked for in the pictures.
+/// Most points of a surface that are tested in the images.
 pub const MAX_POINTS: usize = 150;
-/// Share of a surface's points that a keyframe must show to show the surface.
+/// Smallest share of a surface's points that a keyframe must find to show the surface.
 const LEAST_SHOWN: f64 = 0.3;
-/// Share of a surface's points that a keyframe must show to tell its configuration by itself.
+/// Smallest share of a surface's points that a keyframe must find to determine the configuration by itself.
 const CERTAINLY_FOUND: f64 = 0.4;
-/// Share of the points that it may see through then. Of doors that are nearly seen from the edge, 7 to 9 % were seen
-/// through where they were followed to within 0.03 rad, and 20 % and more where they were not.
+/// Largest share of a surface's points that a keyframe which determines the configuration by itself may see through.
+/// Of doors seen nearly edge-on, 7 to 9 % were seen through where they were followed to within 0.03 rad, and 20 % and
+/// more where they were not.
 const CERTAINLY_THROUGH: f64 = 0.1;
-/// The first and the last tenth of the keyframes are the ends of a recording.
+/// An end of a recording is one keyframe in this many: the first or the last tenth.
 const PARTS_PER_END: usize = 10;
-/// Fewest keyframes of an end.
+/// Fewest keyframes of an end of a recording.
 const MIN_END: usize = 3;
 /// Gauss-Newton steps from the best configuration tried.
 const ALIGNMENTS: usize = 3;
-/// Alignment may lengthen the largest step of a path by this factor.
+/// Factor by which alignment may lengthen the largest step of a path.
 const ALIGNED: f64 = 1.1;
-/// Share of the largest step from which a step is as large as the bound lets it be: the grid of configurations
-/// and the alignment make it a little smaller.
+/// Smallest share of the bound on a step at which the bound counts as reached: the grid of configurations and the
+/// alignment make such a step a little smaller.
 const AT_BOUND: f64 = 0.9;
-/// Largest residual of the surface itself, metres: what is farther away is another surface.
+/// Largest residual of the surface itself, metres; a farther reading belongs to another surface.
 const MAX_RESIDUAL_M: f64 = 0.04;
-/// Largest cosine between a plate's normal and the direction to the camera at which it is seen from its
-/// edge: it shows neither face.
+/// Largest cosine between a plate's normal and the direction to the camera at which the plate is seen edge-on and
+/// shows neither face.
 const EDGE_ON: f64 = 0.2;
-/// Cost of a metre of travel between two keyframes, as a share of the agreement of all points. A part
-/// that jumps to and fro by its whole width must gain more agreement than that.
+/// Cost of a metre of travel between two keyframes, as a share of the agreement of all points. A path that jumps to
+/// and fro must gain more agreement than that.
 const COST_PER_METRE: f64 = 2.0;
 
-/// A flat piece of surface in the base frame, at configuration 0. A lid shows its other face when it has
-/// turned over: a plate has two, some centimetres apart.
+/// A flat surface in the base frame, at configuration 0. A plate has two faces, some centimetres apart; a lid shows
+/// its other face when it has turned over.
 #[derive(Debug, Clone)]
 pub struct Surface {
-    /// Places.
+    /// Points of the known face.
     pub points: Vec<Point3<f64>>,
-    /// Unit normal of all of them.
+    /// Unit normal of the known face.
     pub normal: Vector3<f64>,
-    /// Places on the other face, whose normal is the opposite one; none where it was not seen.
+    /// Points of the other face, whose normal is opposite; empty if that face was not seen.
     pub back: Vec<Point3<f64>>,
 }
 
 impl Surface {
-    /// The same with at most `most` points of each face, evenly spread: [`follow`] looks for each of them.
+    /// The surface with at most `most` points of each face, evenly spread, because [`follow`] tests every point in
+    /// every keyframe.
     pub fn thinned(&self, most: usize) -> Self {
         let Self { points, normal, back } = self;
         Self { points: thinned(points, most), normal: *normal, back: thinned(back, most) }
     }
 
-    /// The places of the face that is turned to the camera, none of a plate that is seen from its edge; all
-    /// of a face whose other side is not known.
+    /// The points of the face that is turned to the camera; none of a plate seen edge-on; all points if only one face
+    /// is known.
     fn in_sight(&self, camera_from_part: &Pose) -> &[Point3<f64>] {
         let (Some(first), Some(_)) = (self.points.first(), self.back.first()) else {
             return &self.points;
@@ -79,37 +83,37 @@ impl Surface {
         }
     }
 
-    /// The face whose places are known is turned to the camera. Of a part that has turned over a picture shows its
-    /// other face, which lies elsewhere by its thickness.
+    /// True if the known face is turned to the camera, or both faces are known. A part that has turned over shows its
+    /// other face, which is offset by the thickness.
     pub fn is_turned_to_camera(&self, camera_from_part: &Pose) -> bool {
         !self.back.is_empty()
             || self.points.first().is_some_and(|p| self.cosine_at(p, camera_from_part) > EDGE_ON)
     }
 
-    /// Cosine between the normal and the direction from a place to the camera.
+    /// Cosine of the angle between the normal and the direction from a point to the camera.
     fn cosine_at(&self, place: &Point3<f64>, camera_from_part: &Pose) -> f64 {
         let to_camera = -(camera_from_part * place).coords;
         (camera_from_part * self.normal).dot(&to_camera) / to_camera.norm()
     }
 }
 
-/// At most `most` of some points, evenly spread over the list.
+/// At most `most` of the points, evenly spread over the list.
 pub fn thinned(points: &[Point3<f64>], most: usize) -> Vec<Point3<f64>> {
     points.iter().copied().step_by(points.len().div_ceil(most).max(1)).collect()
 }
 
-/// Where a surface is in one keyframe.
+/// Configuration of a surface in one keyframe, with the agreement of the depth image.
 #[derive(Debug, Clone, Copy)]
 pub struct Placement {
     /// Frame number.
     pub frame: usize,
     /// Configuration, radians or metres.
     pub q: f64,
-    /// What the picture says about the surface there.
+    /// Points found and seen through at the configuration.
     found: FreeSpaceCounts,
-    /// What it says about the surface half the range aside, on the side that is more seen through.
+    /// Points found and seen through half the range aside, on the side that is seen through more.
     aside: FreeSpaceCounts,
-    /// Points of the face that is turned to the camera there.
+    /// Number of points of the face that is turned to the camera.
     of: usize,
 }
 
@@ -121,13 +125,13 @@ pub struct Following {
 }
 
 impl Following {
-    /// Share of the points that keyframes see through where the joint puts them.
+    /// Share of the visible points that keyframes see through at the followed configurations.
     pub fn free_space_violation(&self) -> f64 {
         total(self.placements.iter().map(|p| p.found)).share_through()
     }
 
-    /// The same share if the surface were half the range aside. Pictures that see through it there
-    /// discriminate where it is.
+    /// Share of the visible points that would be seen through if the surface were half its range aside. If it is
+    /// large, the images discriminate where the surface is.
     pub fn discriminability(&self) -> f64 {
         total(self.placements.iter().map(|p| p.aside)).share_through()
     }
@@ -137,8 +141,8 @@ impl Following {
         self.placements.iter().filter(|p| self.is_shown(p))
     }
 
-    /// The placements in keyframes that show enough of the surface and see through little of it: what
-    /// the configuration can be taken from without a plane.
+    /// The placements in keyframes that find enough of the surface and see through little of it, so that the
+    /// configuration is certain without a plane.
     pub fn certain(&self) -> impl Iterator<Item = &Placement> {
         self.placements.iter().filter(move |p| {
             let of = p.of.max(1) as f64;
@@ -147,19 +151,19 @@ impl Following {
         })
     }
 
-    /// Keyframes that it was followed over.
+    /// Number of keyframes over which the surface was followed.
     pub fn keyframes(&self) -> usize {
         self.placements.len()
     }
 
-    /// Share of the keyframes that show the surface, of those that do not see it from its edge.
+    /// Share of the keyframes that show the surface, among those that do not see it edge-on.
     pub fn shown_ratio(&self) -> f64 {
         let may_show = self.placements.iter().filter(|p| p.of > 0).count();
         self.shown().count() as f64 / may_show.max(1) as f64
     }
 
-    /// Most keyframes of either end of the recording show it, of those that do not see it from its edge: parts
-    /// stay, hands come and leave.
+    /// True if at least half of the keyframes at each end of the recording show the surface, not counting those that
+    /// see it edge-on: parts stay, hands come and leave.
     pub fn is_there_throughout(&self) -> bool {
         let n =
             self.placements.len().div_ceil(PARTS_PER_END).max(MIN_END).min(self.placements.len());
@@ -170,8 +174,8 @@ impl Following {
         })
     }
 
-    /// Largest change of the configuration from one keyframe to the next that shows the surface,
-    /// divided by the keyframes from the one to the other.
+    /// Largest change of the configuration between two consecutive keyframes that show the surface, per keyframe from
+    /// the one to the other; radians or metres.
     pub fn largest_step(&self) -> f64 {
         let all = self.placements.iter().enumerate();
         let shown: Vec<(usize, f64)> =
@@ -180,8 +184,8 @@ impl Following {
         shown.windows(2).map(step).fold(0.0, f64::max)
     }
 
-    /// From one keyframe that shows the surface to the next it moves no farther than `max_steps` (one from each
-    /// keyframe to the next, radians or metres) allow.
+    /// True if the surface, between keyframes that show it, moves no farther than `max_steps` allow: the largest
+    /// motion from each keyframe to the next, radians or metres.
     pub fn keeps_within(&self, max_steps: &[f64]) -> bool {
         let all = self.placements.iter().enumerate();
         let shown: Vec<(usize, f64)> =
@@ -192,8 +196,8 @@ impl Following {
         })
     }
 
-    /// Most steps on end in one direction that are as large as `max_steps` allow. A path that was bounded takes such
-    /// steps where it cannot jump.
+    /// Largest number of consecutive steps in one direction that are as large as `max_steps` allow. A bounded path
+    /// makes such steps where it cannot jump.
     pub fn longest_run_at(&self, max_steps: &[f64]) -> usize {
         let (mut longest, mut run, mut direction) = (0, 0, 0.0);
         for (w, max) in self.placements.windows(2).zip(max_steps) {
@@ -207,8 +211,8 @@ impl Following {
         longest
     }
 
-    /// It stands still for so many keyframes on end, as things do before and after they are moved
-    /// and people do not. `still` is how far it may move meanwhile, radians or metres.
+    /// True if the configuration stays within `still`, radians or metres, for this many consecutive keyframes.
+    /// Objects rest before and after they are moved; people do not.
     pub fn rests(&self, keyframes: usize, still: f64) -> bool {
         self.placements.windows(keyframes).any(|w| {
             let [low, high] = least_and_greatest(w.iter());
@@ -216,17 +220,18 @@ impl Following {
         })
     }
 
-    /// Least and greatest configuration in keyframes that show it; none: an empty range.
+    /// Smallest and largest configuration in keyframes that show the surface; an empty range if there are none.
     pub fn range(&self) -> [f64; 2] {
         least_and_greatest(self.shown())
     }
 
-    /// The configuration at a keyframe.
+    /// The configuration in a keyframe, given by its frame number.
     pub fn at(&self, frame: usize) -> Option<f64> {
         let i = self.placements.binary_search_by_key(&frame, |p| p.frame).ok()?;
         Some(self.placements[i].q)
     }
 
+    /// True if a keyframe finds enough of the surface and sees through less of it.
     fn is_shown(&self, placement: &Placement) -> bool {
         let found = placement.found;
         found.agrees as f64 >= LEAST_SHOWN * placement.of as f64 && found.margin() > 0
@@ -245,17 +250,17 @@ fn total(counts: impl Iterator<Item = FreeSpaceCounts>) -> FreeSpaceCounts {
     })
 }
 
-/// Where a surface is looked for.
+/// Range in which a surface is searched for, and the bound on its motion.
 #[derive(Debug, Clone, Copy)]
 pub struct Search<'s> {
-    /// Configurations, radians or metres.
+    /// Range of configurations, radians or metres.
     pub range: [f64; 2],
-    /// Largest motion from each keyframe to the next, radians or metres; none is bounded where the list has ended.
+    /// Largest motion from each keyframe to the next, radians or metres; unbounded beyond the end of the list.
     pub max_steps: &'s [f64],
 }
 
-/// Follows a surface over all keyframes. `reach` is its distance from a hinge's line (metres); 1
-/// for a slide.
+/// Follows a surface over all keyframes. `reach` is the surface's distance from a hinge's line, metres; 1 for a
+/// slide.
 pub fn follow(
     surface: &Surface,
     geometry: &JointGeometry,
@@ -301,8 +306,7 @@ pub fn follow(
     Following { placements }
 }
 
-/// The configuration near `q` at which the surface agrees best with the depth picture: least
-/// squares over one unknown.
+/// The configuration near `q` at which the surface agrees best with the depth image (least squares in one unknown).
 fn aligned(
     surface: &Surface,
     geometry: &JointGeometry,
@@ -326,18 +330,18 @@ fn aligned(
     q
 }
 
-/// How far a depth picture has the surface from where a motion puts it.
+/// Distance between the surface, moved to a configuration, and a depth reading.
 pub struct Residual {
-    /// Place on the surface, at configuration 0.
+    /// Point of the surface, at configuration 0.
     pub point: Point3<f64>,
-    /// The surface's normal where the motion puts it, base frame.
+    /// The surface's normal after the motion, base frame.
     pub normal: Vector3<f64>,
-    /// From there to what was measured, along the normal, metres.
+    /// Distance from the moved point to the reading along the normal, metres.
     pub distance: f64,
 }
 
-/// The residuals of a surface that are small enough to be its own (point to plane). `behind`: how far behind its places
-/// the surface is seen, metres; the part's thickness where a picture shows its other face, else 0.
+/// Point-to-plane residuals of a surface, without those too large to be its own. `behind`: how far behind its points
+/// the surface is seen, metres; the part's thickness if an image shows the other face, else 0.
 pub fn residuals<'s>(
     surface: &'s Surface,
     behind: f64,
@@ -397,7 +401,7 @@ mod tests {
         assert!(!surface.is_turned_to_camera(&over));
         let plate = Surface { back: surface.points.clone(), ..surface.clone() };
         assert!(plate.is_turned_to_camera(&over), "both faces are known");
-        // Turned over, the plate of 3 cm shows its other face that much nearer to the camera.
+        // When turned over, the 3 cm plate shows its other face that much nearer to the camera.
         let picture = plate_at(0.03);
         let mut found = residuals(&surface, 0.03, &over, &picture, &Pose::identity()).peekable();
         assert!(found.peek().is_some());
@@ -483,7 +487,7 @@ mod tests {
         assert_eq!(lid.in_sight(&turned(0.3)).len(), 1);
         assert_eq!(lid.in_sight(&turned(2.8)).len(), 2);
         assert!(lid.in_sight(&turned(1.55)).is_empty());
-        // Of a face whose other side was never seen it is not known.
+        // If only one face is known, nothing shows on which side it is seen.
         let face = Surface { back: Vec::new(), ..lid };
         assert_eq!(face.in_sight(&turned(2.8)).len(), 1);
     }

@@ -1,8 +1,12 @@
-//! The configuration of a hinge where its tracks are lost: a lid turns its other face, or a door is
-//! seen at a grazing angle. Its plane is still there, about the line of the tracks. Where few tracks
-//! live on from one segment of time to the next, the segments may be linked wrongly by a few degrees;
-//! the plane, which does not drift, shows by how much. Where the plane is seen edge-on, so that the
-//! camera has no depth of it, the edge itself shows the configuration.
+//! Estimates the configuration of a hinge where its tracks are lost: a lid turns its other face, or a door is seen at
+//! a grazing angle. The part's plane is still seen about the line of the tracks.
+//!
+//! Where few tracks connect two segments of time, the segments may be linked wrongly by a few degrees; the plane does
+//! not drift and shows this slip. Where the plane is seen edge-on, so that there is no depth of it, the edge of the
+//! part shows the configuration.
+//!
+//! In: hinges of the base with configurations from tracks, and the recording.
+//! Out: the hinges with corrected direction, and corrected and additional configurations, radians.
 
 use super::axis_direction::Direction;
 use super::part_plane::PartPlane;
@@ -15,18 +19,19 @@ use crate::learn::tracking::TrackSet;
 use crate::math::rigid::{Pose, distance_to_line};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 
-/// Share of the keyframes from which a joint is known well enough.
+/// Smallest share of the keyframes in which a joint must be known for coarse sampling.
 const KNOWN_ENOUGH: f64 = 0.9;
-/// Up to this far from 0 the first configuration counts as 0, radians.
+/// Largest difference between configurations that count as the same zero, radians.
 const SAME_ZERO_RAD: f64 = 0.05;
-/// Frames that must agree on it.
+/// First frames that must agree on the zero.
 const TELL_ZERO: usize = 3;
-/// How much farther than its tracks a part may reach, as a share of the tracks' reach.
+/// Added to the reach of the tracks, as a share of it: a part may reach farther than its tracks.
 const MAX_BEYOND: f64 = 0.5;
-/// How much farther than that it may reach, metres.
+/// Added to the reach of the tracks, metres.
 const BEYOND_M: f64 = 0.1;
 
-/// Mends and fills in configurations of hinges of the base where the part's plane shows them.
+/// Corrects and adds configurations of hinges of the base where the part's plane shows them. Hinges that carry
+/// another joint are left as they are.
 pub fn extend(joints: &mut [LearnedJoint], recording: &Recording) {
     let carries: Vec<usize> = joints.iter().map(|l| l.joint.parent).collect();
     for learned in joints.iter_mut() {
@@ -39,8 +44,7 @@ pub fn extend(joints: &mut [LearnedJoint], recording: &Recording) {
     }
 }
 
-/// Mends and fills in the configurations of one hinge of the base; its part reaches `reach` metres
-/// from the line.
+/// Corrects and adds configurations of one hinge of the base, whose part reaches `reach` metres from the line.
 pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) {
     let radius = reach * (1.0 + MAX_BEYOND) + BEYOND_M;
     let cylinder = Cylinder { line: learned.joint.geometry(), radius };
@@ -68,7 +72,7 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
     }
 }
 
-/// Distance from the line up to which the joint's tracks lie.
+/// Distance from the line within which 95 % of the joint's track points lie, metres.
 fn reach(learned: &LearnedJoint, base: &EgoMotion, line: &JointGeometry) -> f64 {
     let mut found: Vec<f64> = learned
         .tracks
@@ -80,7 +84,7 @@ fn reach(learned: &LearnedJoint, base: &EgoMotion, line: &JointGeometry) -> f64 
     found.get(found.len() * 19 / 20).copied().unwrap_or_default()
 }
 
-/// Corrects the line's direction by the planes that lie about it.
+/// Corrects the line's direction from the planes about it.
 fn direct(
     learned: &mut LearnedJoint,
     patches: &[PlanePatch],
@@ -98,20 +102,20 @@ fn direct(
     }
 }
 
-/// Gives the part its poses anew where the joint's line was changed.
+/// Recomputes the part's poses after the joint's line was changed.
 pub fn pose_anew(learned: &mut LearnedJoint, set: &TrackSet) {
     let known = configurations(learned);
     set_configurations(learned, &known, set);
 }
 
-/// Poses the part at the configurations that are known, by frame.
+/// Sets the part's poses from the known configurations, by frame.
 fn set_configurations(learned: &mut LearnedJoint, known: &[Option<f64>], set: &TrackSet) {
     let all = known.iter().enumerate().filter_map(|(frame, q)| Some((frame, (*q)?)));
     apply(learned, &all.collect::<Vec<_>>(), set);
 }
 
-/// Frames and configurations in which the plane shows another configuration than the tracks, or in
-/// which it alone shows one.
+/// Frames and configurations in which the plane shows another configuration than the tracks, or in which only the
+/// plane shows one.
 fn shown_by_plane(
     learned: &LearnedJoint,
     patches: &[PlanePatch],
@@ -139,7 +143,7 @@ fn shown_by_plane(
     shown
 }
 
-/// The configuration of each frame, from the part's pose there.
+/// Configuration of each frame, radians, from the part's pose.
 fn configurations(learned: &LearnedJoint) -> Vec<Option<f64>> {
     let axis = learned.joint.geometry().axis;
     let turn = |pose: &Pose| pose.rotation.scaled_axis().dot(&axis);
@@ -160,8 +164,8 @@ fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
     learned.joint.configuration = set.timed(&frames, &turns);
 }
 
-/// Counts the configurations from the first frame on, where planes show the part in frames before those in which it
-/// was known. Else a flap that was first known standing open would be said to be open when it is shut.
+/// Moves configuration 0 to the first frame, if planes show the part in frames before those in which it was known.
+/// Otherwise a flap that was first known standing open would count as open when it is shut.
 fn count_from_first_frame(learned: &mut LearnedJoint, set: &TrackSet) {
     let known = configurations(learned).into_iter().enumerate();
     let (frames, mut turns): (Vec<usize>, Vec<f64>) =
@@ -215,7 +219,7 @@ mod tests {
         PlanePatch { frame, normal, offset: normal.dot(&points[0].coords), points }
     }
 
-    /// What planes in these frames show of a lid whose tracks say this; so many link its faces.
+    /// Configurations that planes add to a lid with these configurations from tracks; `links` tracks link its faces.
     fn shown(
         patches: &[PlanePatch],
         tracks: impl Fn(usize) -> Option<f64>,
@@ -234,7 +238,7 @@ mod tests {
         (0..=LAST).step_by(4).collect()
     }
 
-    /// A flap by its turn in each keyframe, as it is told before and after its first frames were found.
+    /// A flap with its turn in each keyframe, before and after its first frames were found.
     fn counted_from_first(turned: impl Fn(usize) -> f64) -> (LearnedJoint, [Point3<f64>; 2]) {
         let frames = keyframes();
         let set = TrackSet { frame_utimes: (0..=LAST as i64).collect(), tracks: Vec::new() };
@@ -258,7 +262,7 @@ mod tests {
 
     #[test]
     fn what_was_shut_at_first_is_shut_at_zero_and_opens_upwards() {
-        // Known from when it stood open, it was told as 0 there and as 2 radians where it is shut.
+        // First known when it stood open, the flap had 0 there and 2 radians where it is shut.
         let opened = |f: usize| 0.1 * f.clamp(12, 32) as f64 - 1.2;
         let (learned, [was, is]) = counted_from_first(|f| 2.0 - opened(f));
         let q = told(&learned);

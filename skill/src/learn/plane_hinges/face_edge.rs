@@ -1,12 +1,13 @@
-//! The edges of a part's face along its hinge. Both keep their distance from the line, and a door, a lid
-//! or a leaf is hinged near an edge of its face. That tells the place of the line where the part turned
-//! too little for its planes to tell it: planes at two angles tell their intersection, but a hinge lies
-//! behind the face by the thickness of the part.
+//! Finds the edges of a part's face along its hinge. Both keep their distance from the line, and a door, a lid or a
+//! leaf is hinged near an edge of its face. This determines the place of the line where the part turned too little
+//! for its planes: they determine their intersection, but a hinge lies behind the face by the thickness of the part.
 //!
-//! In: a rough line, the planes that turn about it, and their keyframes. Out: points of the edges, base
-//! frame, metres. At each keyframe the plane is followed in the depth picture from its middle towards
-//! the line and away from it, in rows along the line, until the picture shows another surface. Where
-//! something hides the plane, or it goes on (a closed door in a front), no edge is seen.
+//! In each keyframe the plane is followed in the depth image from its middle towards the line and away from it, in
+//! rows along the line, until the image shows another surface. No edge is found where the plane is occluded, or where
+//! it continues (a closed door in a front).
+//!
+//! In: a rough line, the planes that turn about it, and their keyframes.
+//! Out: points of the edges, base frame, metres.
 
 use super::plane_segments::PlanePatch;
 use super::planes_about_axis::PoseAboutAxis;
@@ -16,53 +17,53 @@ use crate::object::joint_geometry::JointGeometry;
 use linkage_frames::RgbdFrame;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Rows along the line in which a plane is followed.
+/// Number of rows along the line in which a plane is followed.
 const ROWS: usize = 16;
-/// Rows of which a reading is needed to go on.
+/// Fewest rows with a reading for a step to count.
 const LEAST_ROWS: usize = 5;
 /// Step towards the line or away from it, metres.
 const STEP_M: f64 = 0.005;
-/// Steps off the plane, one after the other, that end it.
+/// Consecutive steps off the plane that mark its end.
 const STEPS_OFF: usize = 3;
-/// Beyond the line, or beyond its reach, the plane is followed by so much, metres.
+/// How far a plane is followed beyond the line, or beyond its reach, metres.
 const BEYOND_M: f64 = 0.1;
-/// Largest change of the rows' median from before, and largest distance from the plane, metres; a share
-/// of the depth noise comes on top of both.
+/// Largest change of the rows' median residual from the step before, metres; half the depth noise is added.
 const ON_PLANE_M: f64 = 0.005;
+/// Largest distance of the rows' median from the plane, metres; `ON_PLANE_M` and half the depth noise are added.
 const OFF_PLANE_M: f64 = 0.015;
-/// Share of a change that is taken over at each step.
+/// Share of a change of the residual that the expected residual adopts at each step.
 const DRIFT: f64 = 0.2;
-/// So far behind the plane is what is seen beyond its edge, metres. A face that bends away, or the front
-/// that a door is in, leaves the plane by little.
+/// Depth step behind the plane that marks an edge, metres. A face that bends away, or the front that a door is in, is
+/// a smaller step.
 const JUMP_M: f64 = 0.03;
-/// So much nearer to the camera something hides the plane, metres.
+/// A reading this much nearer than the plane is an occluder, metres.
 const HIDING_M: f64 = 0.05;
-/// Fewest planes whose edges agree.
+/// Fewest planes whose edges must agree.
 const LEAST_PLANES: usize = 3;
-/// Edges agree within this, metres.
+/// Largest distance of a plane's edge from the median of all planes, metres.
 const AGREE_M: f64 = 0.04;
 
-/// What is seen of an edge of a face at a keyframe: a point of it, and the unit vector in the face from
-/// the line to it. Base frame, metres.
+/// A point of a face's edge in one keyframe, and the unit vector in the face from the line to it. Base frame, metres.
 pub type EdgePoint = (Point3<f64>, Vector3<f64>);
 
-/// The two edges of a face along a hinge. Each keeps its distance from the line.
+/// The two edges of a face along a hinge; each keeps its distance from the line.
 #[derive(Debug, Clone, Default)]
 pub struct FaceEdges {
-    /// The edge next to the hinge.
+    /// Points of the edge next to the hinge.
     pub near: Vec<EdgePoint>,
-    /// The free edge. It moves on the widest circle, and tells best how far the line lies behind the face.
+    /// Points of the free edge. It moves on the widest circle, and best determines how far the line lies behind the
+    /// face.
     pub far: Vec<EdgePoint>,
 }
 
-/// Which edge of a face.
+/// The edge of a face that is searched for: next to the hinge, or free.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     Near,
     Far,
 }
 
-/// The edges of a face about a line; empty where they are not seen.
+/// The edges of a face about a line; an edge that is not seen has no points.
 pub fn face_edges(
     line: &JointGeometry,
     planes: &[&PlanePatch],
@@ -98,14 +99,14 @@ fn edge(
     edges.into_iter().map(|(_, point)| point).collect()
 }
 
-/// Coordinates in a plane beside a line: along it, and out from it.
+/// Coordinates in a plane beside a line: along the line, and out from it, metres.
 struct Face {
     /// The line's origin, moved along the normal into the plane.
     origin: Point3<f64>,
     along: Vector3<f64>,
     arm: Vector3<f64>,
     normal: Vector3<f64>,
-    /// The rows' places along the line.
+    /// Positions of the rows along the line, metres.
     rows: Vec<f64>,
 }
 
@@ -124,7 +125,7 @@ impl Face {
         self.origin + self.along * along + self.arm * out
     }
 
-    /// Where the plane ends on one side, out from the line.
+    /// Distance from the line at which the plane ends on one side, metres; `None` if no edge is seen.
     fn end(
         &self,
         picture: &RgbdFrame,
@@ -146,14 +147,14 @@ impl Face {
             if 2 * row.hidden > ROWS {
                 return None;
             }
-            // A camera has no readings where the surface ends.
+            // There are often no readings where the surface ends; such a step does not count.
             let mut seen = row.residuals;
             if seen.len() < LEAST_ROWS {
                 continue;
             }
             let residual = median(&mut seen)?;
             if (residual - before).abs() < margin && residual.abs() < OFF_PLANE_M + margin {
-                // The plane of the part's far half is a little off here.
+                // The fitted plane may be slightly off here, so the expected residual follows the readings.
                 before += DRIFT * (residual - before);
                 (last_on, off) = (out, 0);
             } else {
@@ -167,7 +168,7 @@ impl Face {
         None
     }
 
-    /// What a picture shows along the rows at a distance from the line.
+    /// Residuals of the rows at distance `out` from the line.
     fn residuals(&self, out: f64, picture: &RgbdFrame, camera_from_base: &Isometry3<f64>) -> Row {
         let normal = camera_from_base * self.normal;
         let mut row = Row { residuals: Vec::with_capacity(ROWS), hidden: 0 };
@@ -189,11 +190,11 @@ impl Face {
     }
 }
 
-/// What a picture shows along a line beside a hinge.
+/// What an image shows along a line beside a hinge.
 struct Row {
-    /// How far the surface lies before the plane, metres.
+    /// Distance of each reading before the plane, metres.
     residuals: Vec<f64>,
-    /// Places that something hides, or that lie outside the picture.
+    /// Number of rows that are occluded or outside the image.
     hidden: usize,
 }
 

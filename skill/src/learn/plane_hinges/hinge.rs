@@ -1,4 +1,9 @@
-//! The line that a turning plane keeps its distance from.
+//! Finds the lines that turning planes keep their distance from, and the hinge of the planes about such a line.
+//!
+//! In: plane patches of all keyframes, and the edges of a part's face; base frame, metres.
+//! Out: candidate lines, the best supported first; hinges with the turn of each plane (radians) and the information
+//! of the line's place.
+//! From: lines of all pairs of planes, ranked by their support; linear least squares; least trimmed squares.
 
 use super::face_edge::{EdgePoint, FaceEdges};
 use super::plane_segments::PlanePatch;
@@ -11,13 +16,13 @@ use nalgebra::{
 };
 use rayon::prelude::*;
 
-/// Turn between two planes that can suggest a hinge, radians.
+/// Range of the turn between two planes that suggest a hinge, radians.
 const PAIR_TURN_RAD: std::ops::Range<f64> = 0.12..2.2;
-/// Largest sine of the angle between hinge and plane.
+/// Largest sine of the angle between a hinge and a plane that supports it.
 const MAX_TILT: f64 = 0.08;
-/// Largest distance of hinge and plane, metres.
+/// Largest distance between a hinge and a plane that supports it, metres.
 const MAX_DISTANCE_M: f64 = 0.04;
-/// Error of a hinge's direction that all planes share, however many there are, radians.
+/// Error of a hinge's direction that all planes share, radians; more planes do not reduce it.
 pub const SYSTEMATIC_RAD: f64 = 0.0025;
 /// Largest gap between a hinge's line and its part, metres.
 const MAX_GAP_M: f64 = 0.25;
@@ -28,57 +33,58 @@ const RESIDUAL_M: f64 = 0.003;
 /// Standard deviation of the line's distance from its part's face, metres: parts have a thickness, and
 /// hinges stand out.
 const OFFSET_M: f64 = 0.02;
-/// The same of the faces of a plate that shows both, one of which is farther by its thickness.
+/// Standard deviation of the line's distance from the faces of a plate that shows both, metres: one face is farther
+/// by the thickness.
 const OFFSET_OF_PLATE_M: f64 = 0.04;
-/// Standard deviation of what is seen of an edge, metres, as if keyframes were independent.
+/// Standard deviation of an observed point of an edge, metres, as if keyframes were independent.
 const EDGE_READING_M: f64 = 0.03;
-/// Standard deviation of the line's distance from the edge of its part's face, metres.
+/// Standard deviation of the line's distance from the near edge of its part's face, metres.
 const EDGE_M: f64 = 0.02;
-/// Largest share of the planes that are left out as outliers.
+/// Largest share of the planes that are removed as outliers.
 const MAX_OUTLIERS: f64 = 0.25;
-/// Least standard deviation of a plane's distance, metres: planes share errors.
+/// Smallest standard deviation that a plane's distance is given, metres: planes share errors.
 const LEAST_RMSE_M: f64 = 0.001;
-/// Factor on the standard deviation of the line's place, for the planes are not independent.
+/// Factor on the standard deviation of a plane's distance, because the planes are correlated.
 const CORRELATED: f64 = 6.0;
-/// Standard deviation of a line's place, if it lies in the face of its part, below which neither
-/// the edge of the face is sought nor the line aligned, metres. Aligned lines of doors whose planes were good were 3 to 7 cm off, their planes' 1 cm:
-/// depth cameras err together where a surface is seen from its edge.
+/// Standard deviation of a line's place, if it lies in the face of its part, below which the line is not aligned to
+/// the depth images, metres. Aligned lines of doors whose planes were good were 3 to 7 cm off, their planes' 1 cm:
+/// depth errors are correlated where a surface is seen edge-on.
 const WELL_KNOWN_M: f64 = 0.01;
-/// Fewest planes, and least turn between them, that tell the direction of their line.
+/// Fewest planes that determine the direction of their line.
 const MIN_TELLING: usize = 8;
+/// Smallest turn between planes that determine the direction of their line, radians.
 const MIN_TELLING_TURN_RAD: f64 = 0.2;
-/// Largest angle between two lines that are alike, radians.
+/// Largest angle between two lines that count as one, radians.
 const SAME_ANGLE_RAD: f64 = 0.1;
-/// Largest distance between two lines that are alike, metres.
+/// Largest distance between two lines that count as one, metres.
 const SAME_LINE_M: f64 = 0.08;
 
 /// A hinge and the planes that turn about it.
 #[derive(Debug, Clone)]
 pub struct Hinge {
-    /// Unit direction, base frame.
+    /// Unit direction of the line, base frame.
     pub axis: Vector3<f64>,
-    /// A point on it.
+    /// A point on the line, base frame.
     pub origin: Point3<f64>,
-    /// Frame and turn, by frame; 0 at the first.
+    /// Frame and turn of each plane, radians; the turn of the first plane is 0.
     pub turns: Vec<(usize, f64)>,
-    /// Which of two faces each plane is of, in the order of `turns`.
+    /// For each plane, in the order of `turns`, true if it is the face that faces the way the plate turns.
     is_outer: Vec<bool>,
     /// Points of the part at turn 0.
     pub points: Vec<Point3<f64>>,
-    /// The plane that these points are of, by its place among `turns`.
+    /// Index in `turns` of the largest plane, to which `points` belong.
     largest: usize,
-    /// Sum over the planes of normal times normal: which directions of the line they tell.
+    /// Sum over the planes of the normal's outer product with itself: how well it determines each direction.
     normal_scatter: Matrix3<f64>,
-    /// Information (inverse covariance) of the line's place, base frame, by the planes and the edges of
-    /// the face.
+    /// Information (inverse covariance) of the line's place from the planes and the edges of the face, base frame.
     pub place_information: Matrix3<f64>,
-    /// The same if the line lay in the face.
+    /// Information of the line's place if the line lay in the face, base frame.
     in_face_information: Matrix3<f64>,
-    /// The edge of the face next to it was seen.
+    /// True if the edge of the face next to the line was seen.
     pub has_near_edge: bool,
     /// Distances of the planes from where the hinge puts them, in the order of `turns`, metres.
     pub residuals: Vec<f64>,
-    /// Their root mean square.
+    /// Root mean square of `residuals`, metres.
     pub rmse: f64,
 }
 
@@ -86,14 +92,14 @@ pub struct Hinge {
 pub struct Candidate {
     axis: Vector3<f64>,
     origin: Point3<f64>,
-    /// Planes that lie about the line, by their place in the list.
+    /// Indices of the planes that lie about the line.
     pub support: Vec<usize>,
-    /// Samples of these planes.
+    /// Number of samples of the supporting planes.
     samples: usize,
 }
 
 impl Candidate {
-    /// The hinge of the planes that support the line, or of some of them, and of the edges of their face.
+    /// The hinge of the planes in `support`, and of the edges of their face.
     pub fn hinge(
         &self,
         patches: &[PlanePatch],
@@ -103,9 +109,9 @@ impl Candidate {
         refined(patches, support, edges, &self.axis, &self.origin)
     }
 
-    /// The hinge of the planes in `support`. Where these do not keep their distance from it but for `max_rmse`
-    /// metres, outliers are taken out of `support`: least trimmed squares. While another leaf moves beside a
-    /// part, the part's plane takes readings of that.
+    /// The hinge of the planes in `support`. If their residual exceeds `max_rmse` metres, outliers are removed from
+    /// `support` (least trimmed squares). While another leaf moves beside a part, the part's plane takes readings of
+    /// that leaf.
     pub fn hinge_without_outliers(
         &self,
         patches: &[PlanePatch],
@@ -131,7 +137,7 @@ impl Candidate {
         Some(trimmed)
     }
 
-    /// The plane that turns about the line, if enough of its planes tell the direction.
+    /// The plane that turns about the line, if enough planes determine the direction.
     pub fn turning_plane(&self, patches: &[PlanePatch]) -> Option<TurningPlane> {
         let hinge = self.hinge(patches, &self.support, &FaceEdges::default())?;
         let [low, high] = hinge.range();
@@ -141,7 +147,7 @@ impl Candidate {
         is_told.then_some(TurningPlane { axis: hinge.axis, middle })
     }
 
-    /// Much the same line, supported for the most part by the same planes.
+    /// True if two candidates have about the same line and are mostly supported by the same planes.
     fn is_like(&self, other: &Self) -> bool {
         line_angle(&self.axis, &other.axis) < SAME_ANGLE_RAD
             && distance_to_line(&self.origin, &self.axis, &other.origin) < SAME_LINE_M
@@ -150,7 +156,8 @@ impl Candidate {
     }
 }
 
-/// Lines that planes turn about, the best supported first, at most `most`. No two are alike.
+/// Lines that planes turn about, the best supported first, at most `most`. Of lines that count as one, only the best
+/// is kept.
 pub fn candidates(patches: &[PlanePatch], most: usize) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = (0..patches.len())
         .into_par_iter()
@@ -169,7 +176,7 @@ pub fn candidates(patches: &[PlanePatch], most: usize) -> Vec<Candidate> {
     distinct
 }
 
-/// The line that one patch may turn about to become another.
+/// The line about which patch `i` may turn to become patch `j`.
 fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
     let (a, b) = (&patches[i], &patches[j]);
     if a.frame == b.frame {
@@ -186,9 +193,9 @@ fn candidate(patches: &[PlanePatch], i: usize, j: usize) -> Option<Candidate> {
     Some(Candidate { axis, origin, support, samples })
 }
 
-/// Where two planes meet.
+/// The intersection of two planes: unit direction and a point, base frame.
 fn line_between(a: &PlanePatch, b: &PlanePatch) -> Option<(Vector3<f64>, Point3<f64>)> {
-    // A lid shows its other face when it has turned over: the sign of a normal says nothing.
+    // A lid shows its other face when it has turned over, so the sign of a normal is ignored.
     let cross = a.normal.cross(&b.normal);
     let turn = cross.norm().atan2(a.normal.dot(&b.normal).abs());
     if !PAIR_TURN_RAD.contains(&turn) {
@@ -202,7 +209,7 @@ fn line_between(a: &PlanePatch, b: &PlanePatch) -> Option<(Vector3<f64>, Point3<
     Some((axis, Point3::from(origin)))
 }
 
-/// In each frame the patch that lies about the line best, if any does.
+/// In each frame the largest patch that lies about the line, if any does.
 fn supporters(
     patches: &[PlanePatch],
     axis: &Vector3<f64>,
@@ -229,8 +236,8 @@ fn supporters(
     found
 }
 
-/// The line by least squares: its direction across all normals, its place at constant
-/// distances from the planes, one for each face, and near the edge of the face.
+/// The line by least squares: its direction is perpendicular to all normals; its place keeps a constant distance from
+/// the planes, one for each face, and is near the edge of the face.
 fn refined(
     patches: &[PlanePatch],
     support: &[usize],
@@ -283,21 +290,21 @@ fn refined(
     Some(hinge)
 }
 
-/// Which of a plate's two faces a plane is: the one that faces the way the plate turns, or the other.
+/// True if a plane is the face of a plate that faces the way the plate turns.
 fn is_outer(plane: &PlanePatch, arm: &Vector3<f64>, direction: &Vector3<f64>) -> bool {
     direction.cross(arm).dot(&plane.normal) > 0.0
 }
 
-/// Linear equations for the place of a line of known direction. Unknown are its shift along two
-/// directions across it, the distance of each face from it, and those of the two edges of the face.
+/// Linear equations for the place of a line of known direction. The unknowns are its shift along two directions
+/// across it, the distance of each face from it, and those of the two edges of the face.
 struct PlaceSystem {
     rows: DMatrix<f64>,
     right: DVector<f64>,
-    /// Rows of planes, which come first; then one row a face.
+    /// Number of rows of planes, which come first; one row for each face follows.
     planes: usize,
-    /// Columns of faces, after the two of the shift.
+    /// Number of columns of faces, after the two of the shift.
     faces: usize,
-    /// The two directions of the shift.
+    /// The two directions of the shift, unit vectors.
     across: Matrix3x2<f64>,
 }
 
@@ -314,15 +321,15 @@ impl PlaceSystem {
         let both = (0..planes.len()).any(outer) && !(0..planes.len()).all(outer);
         let faces = if both { 2 } else { 1 };
         let (near, far) = (2 + faces, 3 + faces);
-        // A row is: the unit vector that it measures along, the column of its distance, its weight and
-        // what was measured.
+        // A row is the unit vector along which it measures, the column of its distance, its weight, and the measured
+        // value, metres.
         let mut rows: Vec<(Vector3<f64>, usize, f64, f64)> = Vec::new();
         for (k, plane) in planes.iter().enumerate() {
             let face = 2 + usize::from(both && !outer(k));
             let measured = plane.offset - plane.normal.dot(&origin.coords);
             rows.push((plane.normal, face, 1.0, measured));
         }
-        // A line lies near its plane, which small turns tell little of.
+        // Prior: the line lies near its face, a distance that small turns hardly determine.
         let offset = if both { OFFSET_OF_PLATE_M } else { OFFSET_M };
         rows.extend((0..faces).map(|f| (Vector3::zeros(), 2 + f, RESIDUAL_M / offset, 0.0)));
         let nominal = CORRELATED * RESIDUAL_M;
@@ -333,7 +340,7 @@ impl PlaceSystem {
         };
         rows.extend(edges.near.iter().map(reading(near)));
         rows.extend(edges.far.iter().map(reading(far)));
-        // The line lies near the edge next to it. An edge that is not seen has its column for nothing.
+        // Prior: the line lies near the near edge. The column of an edge that is not seen has no effect.
         rows.push((Vector3::zeros(), near, nominal / EDGE_M, 0.0));
         rows.push((Vector3::zeros(), far, nominal, 0.0));
         let matrix = DMatrix::from_fn(rows.len(), far + 1, |k, c| {
@@ -350,7 +357,7 @@ impl PlaceSystem {
         Self { rows: matrix, right, planes: planes.len(), faces, across }
     }
 
-    /// The unknowns, by least squares.
+    /// The unknowns by least squares, metres.
     fn solution(&self) -> Option<DVector<f64>> {
         self.rows.clone().svd(true, true).solve(&self.right, 1e-6).ok()
     }
@@ -360,8 +367,8 @@ impl PlaceSystem {
         (&self.rows * solution - &self.right).rows(0, self.planes).into_owned()
     }
 
-    /// Information (inverse covariance) of the place, base frame: without the expectation that the line
-    /// lies near its face; and as if it lay in the face.
+    /// Information (inverse covariance) of the place, base frame: without the prior that the line lies near its face;
+    /// and as if the line lay in the face.
     fn information(&self, rmse: f64) -> (Matrix3<f64>, Matrix3<f64>) {
         let after_faces = self.planes + self.faces;
         let of_planes = self.rows.rows(0, self.planes) / plane_sigma(rmse);
@@ -377,7 +384,7 @@ impl PlaceSystem {
     }
 }
 
-/// The information of the first two unknowns, without what the others explain as well (Schur complement).
+/// Information of the first two unknowns after the others are eliminated (Schur complement).
 fn without_others(all: &DMatrix<f64>) -> Matrix2<f64> {
     let others = all.ncols() - 2;
     let own = all.fixed_view::<2, 2>(0, 0).into_owned();
@@ -392,7 +399,7 @@ fn plane_sigma(rmse: f64) -> f64 {
     rmse.max(LEAST_RMSE_M) * CORRELATED
 }
 
-/// Turns of the arms from the first, without jumps.
+/// Frame of each plane, and the turn of its arm from the first, without jumps of a whole turn.
 fn unwrapped(
     planes: &[&PlanePatch],
     arms: &[Vector3<f64>],
@@ -411,19 +418,18 @@ fn unwrapped(
 }
 
 impl Hinge {
-    /// As a joint's line.
+    /// The hinge as the geometry of a joint.
     pub fn geometry(&self) -> JointGeometry {
         JointGeometry::hinge(UnitVector3::new_normalize(self.axis), self.origin)
     }
 
-    /// Least and greatest turn.
+    /// Smallest and largest turn, radians.
     pub fn range(&self) -> [f64; 2] {
         let turns = || self.turns.iter().map(|(_, q)| *q);
         [turns().fold(f64::INFINITY, f64::min), turns().fold(f64::NEG_INFINITY, f64::max)]
     }
 
-    /// The planes at the ends of the range, and that of the largest plane, by their place among
-    /// `turns`; each once.
+    /// Indices in `turns` of the largest plane and of the planes at the ends of the range; each once.
     pub fn ends(&self) -> Vec<usize> {
         let by_turn = |a: &usize, b: &usize| self.turns[*a].1.total_cmp(&self.turns[*b].1);
         let all = || 0..self.turns.len();
@@ -436,7 +442,7 @@ impl Hinge {
         ends
     }
 
-    /// Most planes on end that keep one turn, up to so many radians.
+    /// Largest number of consecutive planes whose turns stay within `still` radians.
     pub fn longest_rest(&self, still: f64) -> usize {
         let mut by_frame = self.turns.clone();
         by_frame.sort_by_key(|(frame, _)| *frame);
@@ -451,12 +457,12 @@ impl Hinge {
         (0..by_frame.len()).map(from).max().unwrap_or(0)
     }
 
-    /// The planes of the other face than a plane's, by their place among `turns`.
+    /// Indices in `turns` of the planes of the other face than that of plane `plane`.
     pub fn of_other_face(&self, plane: usize) -> impl Iterator<Item = usize> {
         (0..self.turns.len()).filter(move |k| self.is_outer[*k] != self.is_outer[plane])
     }
 
-    /// Standard deviation of the line's direction towards a unit vector across it, radians.
+    /// Standard deviation of the line's direction towards `side`, a unit vector across the line; radians.
     pub fn direction_sigma(&self, side: &Vector3<f64>) -> f64 {
         let seen = side.dot(&(self.normal_scatter * side)).max(1e-3);
         plane_sigma(self.rmse) / seen.sqrt() / self.reach().max(0.1)
@@ -471,12 +477,12 @@ impl Hinge {
         1.0 / seen.symmetric_eigenvalues().min().max(1.0).sqrt()
     }
 
-    /// The planes give the place of the line well: it needs nothing else.
+    /// True if the planes alone determine the place of the line well.
     pub fn is_well_known(&self) -> bool {
         self.place_sigma_in_face() < WELL_KNOWN_M
     }
 
-    /// Distance from the line up to which the part reaches.
+    /// Distance from the line to the farthest point of the part, metres.
     pub fn reach(&self) -> f64 {
         self.points
             .iter()
@@ -513,7 +519,7 @@ mod tests {
             .collect()
     }
 
-    /// The patches, every so many of them 4 cm off.
+    /// The patches, with one in `every` of them 4 cm off.
     fn with_outliers(patches: Vec<PlanePatch>, every: usize) -> Vec<PlanePatch> {
         let off = |(k, p): (usize, PlanePatch)| {
             let outlier = 0.04 * f64::from(u8::from(k % every == 1));
@@ -541,7 +547,7 @@ mod tests {
         planes.reverse();
         let support: Vec<usize> = (0..20).collect();
         let hinge = candidates(&planes, 1)[0].hinge(&planes, &support, &FaceEdges::default());
-        // It opens over 12 frames and rests for the other 8.
+        // The door opens over 12 frames and rests for the other 8.
         assert_eq!(hinge.as_ref().unwrap().longest_rest(0.01), 8);
         assert_eq!(hinge.unwrap().longest_rest(10.0), 20);
     }

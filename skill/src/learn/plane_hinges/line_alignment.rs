@@ -1,14 +1,15 @@
-//! A joint's line by least squares over all depth pictures at once: the surface of the part is
-//! aligned to each keyframe (point to plane), with the line's four unknowns shared by all
-//! keyframes and one configuration a keyframe. The configurations are eliminated (Schur
-//! complement), as bundle adjustment eliminates points.
+//! Aligns a hinge's line to all depth images at once: the four unknowns of the line are shared by all keyframes, and
+//! each keyframe has its configuration.
 //!
-//! Keyframes that show the other face of a part than the one that is known see it farther away by the part's
-//! thickness, which is a fifth unknown. (A cooker's oven door, whose inside was seen while it was open, was placed
-//! 6.7 cm off without it; its planes alone put it 0.8 cm off.)
+//! Keyframes that show the other face of a part than the known one see it farther away by the part's thickness, a
+//! fifth shared unknown. (A cooker's oven door, whose inside was seen while it was open, was placed 6.7 cm off
+//! without it; its planes alone put it 0.8 cm off.) A plane that turns little hardly determines how far the line lies
+//! from it; there a prior holds: a hinge is within some centimetres of the face of its part.
 //!
-//! A plane that turns little hardly tells how far the line lies from it along its normal. There a
-//! prior holds: a hinge is within some centimetres of the face of its part.
+//! In: the surface of the part, the hinge from its planes, and its followed configurations (base frame).
+//! Out: the line with its covariance, and the residual, metres.
+//! From: point-to-plane alignment by Gauss-Newton; the configurations are eliminated (Schur complement), as bundle
+//! adjustment eliminates points.
 
 use super::depth_following::{Following, Surface, residuals};
 use super::hinge::Hinge;
@@ -19,40 +20,41 @@ use crate::math::rigid::orthonormal_basis;
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{Const, Matrix3x2, Matrix4, Matrix6, Point3, Vector3, Vector4, Vector5, Vector6};
 
-/// Gauss-Newton steps.
+/// Most Gauss-Newton steps.
 const STEPS: usize = 6;
 /// Standard deviation of a residual, metres.
 const RESIDUAL_M: f64 = 0.004;
-/// Independent residuals of one keyframe. It has many more, but neighbouring readings of a depth
-/// camera share their errors.
+/// Largest number of independent residuals of one keyframe. There are many more residuals, but neighbouring readings
+/// of a depth camera share their errors.
 const INDEPENDENT: f64 = 8.0;
 /// Standard deviation of a hinge's distance from its part's face, metres: parts have a thickness.
 const OFFSET_M: f64 = 0.03;
-/// Largest standard deviation of the direction that the planes gave, radians.
+/// Largest standard deviation of the direction in the prior, radians.
 const PRIOR_RAD: f64 = 0.01;
-/// Largest standard deviation of the place that the planes gave, metres.
+/// Largest standard deviation of the place in the prior, metres.
 const PRIOR_M: f64 = 0.05;
-/// Thickness that is expected of a part, and its standard deviation, metres.
+/// Expected thickness of a part, metres.
 const THICKNESS_M: f64 = 0.01;
+/// Standard deviation of a part's thickness, metres.
 const THICKNESS_SIGMA_M: f64 = 0.01;
-/// Residual from which a reading counts no more (Tukey's biweight), metres.
+/// Residual from which a reading has no weight (Tukey's biweight), metres.
 const CUT_M: f64 = 0.02;
-/// Step for derivatives, radians or metres.
+/// Step of numerical derivatives, radians or metres.
 const DIFFERENCE: f64 = 1e-5;
 
-/// A line that was aligned.
+/// A line that was aligned to the depth images.
 #[derive(Debug, Clone)]
 pub struct AlignedLine {
-    /// The line.
+    /// The aligned line, base frame.
     pub geometry: JointGeometry,
-    /// Covariance of (axis, origin) by residuals and prior, without errors that all readings share.
+    /// Covariance of (axis, origin) from residuals and prior, without errors that all readings share.
     pub covariance: Matrix6<f64>,
     /// Root mean square residual, metres.
     pub rmse: f64,
 }
 
-/// Aligns a line to the keyframes that show its part, where its planes do not give its place well: a
-/// good line gains nothing, for all readings of a keyframe may be of the wrong surface together.
+/// Aligns a line to the keyframes that show its part, unless its planes determine its place well: a good line gains
+/// nothing, because all readings of a keyframe may belong to the wrong surface.
 pub fn align_line(
     surface: &Surface,
     from_planes: &Hinge,
@@ -88,21 +90,21 @@ pub fn align_line(
     AlignedLine { geometry, covariance, rmse }
 }
 
-/// The unknown after those of the line.
+/// Index of the unknown thickness, after the unknowns of the line.
 const THICKNESS: usize = 4;
-/// The unknown of a keyframe after all that the keyframes share.
+/// Index of a keyframe's configuration, after all unknowns that the keyframes share.
 const CONFIGURATION: usize = 5;
 
 /// Normal equations of the line's four unknowns and the thickness of its part.
 type LineEquations = NormalEquations<Const<5>>;
 
-/// Information of the line, whatever the thickness is.
+/// Information of the line after the thickness is eliminated.
 fn information_of_line(equations: &LineEquations) -> Matrix4<f64> {
     equations.without_last::<4>().information()
 }
 
-/// The normal equations without the configurations, which are brought up to date; then the sum of
-/// squared residuals, and of their weights.
+/// The normal equations after the configurations are eliminated, the weighted sum of squared residuals, and the sum
+/// of weights. The configurations in `q` are updated.
 fn reduced_system(
     surface: &Surface,
     geometry: &JointGeometry,
@@ -152,8 +154,8 @@ fn reduced_system(
     (all, squares, weights)
 }
 
-/// What is known without these residuals: the line that the planes gave, with its standard deviations,
-/// that a hinge lies near the face of its part, and how thick parts are.
+/// Prior without the residuals: the line from the planes with its standard deviations, the hinge near the face of its
+/// part, and the thickness of parts.
 fn prior(
     surface: &Surface,
     from_planes: &Hinge,
@@ -185,12 +187,12 @@ fn prior(
     all
 }
 
-/// One of an unknown, none of the others.
+/// The unit vector of an unknown.
 fn unit(unknown: usize) -> Vector5<f64> {
     Vector5::from_fn(|i, _| f64::from(u8::from(i == unknown)))
 }
 
-/// The largest standard deviation of a line's place, metres.
+/// Largest standard deviation of a line's place, metres, from the covariance of (axis, origin).
 pub fn largest_place_sigma(covariance: &Matrix6<f64>) -> f64 {
     let place = covariance.fixed_view::<3, 3>(3, 3).into_owned();
     place.symmetric_eigenvalues().max().max(0.0).sqrt()
@@ -264,7 +266,7 @@ mod tests {
     #[test]
     fn an_unknown_thickness_takes_what_the_line_would_explain_as_well() {
         let mut system = LineEquations::zero();
-        // Each reading is of the thickness and of a shift of the line together, and the thickness is unknown.
+        // Each reading measures a shift of the line less the thickness, which is unknown.
         (0..100).for_each(|_| system.add(&(unit(2) - unit(THICKNESS)), 0.0, 1.0));
         system.add(&unit(3), 0.0, 1.0);
         let information = information_of_line(&system);

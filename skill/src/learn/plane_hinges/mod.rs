@@ -1,13 +1,13 @@
-//! Hinges by depth alone. Where no track shows a joint, for want of texture or because a lid turns its
-//! other face, a flat part is still seen to turn: its planes in all keyframes keep their distance from
-//! the line of the hinge.
+//! Learns hinges by depth alone. Where no track shows a joint, because texture is missing or a lid turns its other
+//! face, a flat part is still seen to turn: its planes in all keyframes keep their distance from the line of the
+//! hinge.
 //!
-//! In: the joints that tracks showed, and the recording. Out: these joints, with configurations where
-//! tracks were lost, and the hinges of plain parts that no track showed. Lines and places are in the
-//! base frame, metres and radians.
+//! A slide of a plain surface in its own plane leaves no trace in depth, and a slide along its normal is ambiguous,
+//! so only hinges are searched for.
 //!
-//! A slide of a plain surface in its own plane leaves no trace in depth, and one along its
-//! normal could be any of many: only hinges are sought.
+//! In: the joints that tracks showed, and the recording.
+//! Out: these joints, with configurations where tracks were lost, and the hinges of plain parts that no track showed.
+//! Lines and points are in the base frame, metres and radians.
 
 mod axis_direction;
 mod carried_parts;
@@ -37,17 +37,18 @@ use plain_search::{PlainParts, search};
 use same_joint::{is_known, is_meagre};
 pub use same_joint::{is_same_hinge, moves_together};
 
-/// Share of the range of a plain part's hinge up to which tracks of the same hinge show less.
+/// Largest share of the range of a plain part's hinge that tracks of the same hinge show, for the plain part to
+/// replace them.
 const LESS_OF_THE_RANGE: f64 = 0.8;
 
-/// What planes add to the joints that tracks showed: hinges that no track showed, and configurations
-/// where tracks were lost.
+/// Adds to the joints from tracks what planes show: hinges that no track showed, and configurations where tracks were
+/// lost.
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     let LearnedJoints { mut joints, mut rejections, .. } = found;
     extend(&mut joints, recording);
     let is_chain = joints.iter().any(|j| j.joint.parent != 0);
     if !is_chain {
-        // Before a plain part takes a joint over: a double must not stand for it then.
+        // Duplicates are removed before a plain part takes a joint over, so that it does not take over a duplicate.
         let doubles: Vec<bool> = joints.iter().map(|j| is_double(j, &joints)).collect();
         let mut doubles = doubles.into_iter();
         joints.retain(|_| !doubles.next().unwrap_or(false));
@@ -75,7 +76,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
             known.push(learned);
         }
     }
-    // A hand that held a plain part is no joint beside it.
+    // The motion of a hand that held a plain part is not a joint of its own.
     let is_held_by = |j: &LearnedJoint, part: &LearnedJoint| {
         !is_same_hinge(&j.joint, &part.joint) && moves_together(part, j)
     };
@@ -100,8 +101,8 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     LearnedJoints { joints, rejections, turning }
 }
 
-/// A plain part takes the place of a joint whose tracks show less of the same hinge: they were lost as
-/// it turned away. A few tracks are the hand's on the part, or its edge's; many are its own.
+/// Lets a plain part take the place of a joint whose tracks show less of the same hinge: they were lost as the part
+/// turned away. Few tracks are on the hand or on the part's edge and are dropped; many are on the part and are kept.
 fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint) {
     let Some(i) = joints.iter().position(|j| shows_less(&j.joint, &plain.joint)) else { return };
     let tracked = joints.remove(i);
@@ -111,7 +112,7 @@ fn take_over(joints: &mut Vec<LearnedJoint>, plain: &mut LearnedJoint) {
     }
 }
 
-/// The joint that tracks showed of the same part takes the place of its line from its planes too.
+/// Fuses the place of a joint's line from tracks with that of the same part's line from planes.
 fn fuse(joints: &mut [LearnedJoint], plain: &LearnedJoint, recording: &Recording) {
     for tracked in joints {
         if is_same_hinge(&tracked.joint, &plain.joint)
@@ -124,7 +125,7 @@ fn fuse(joints: &mut [LearnedJoint], plain: &LearnedJoint, recording: &Recording
     }
 }
 
-/// Names joints in their order, from a number on.
+/// Numbers and names joints in their order, starting with `first`.
 fn number(joints: &mut [LearnedJoint], first: usize) {
     for (i, learned) in joints.iter_mut().enumerate() {
         learned.joint.child = first + i;
@@ -132,8 +133,8 @@ fn number(joints: &mut [LearnedJoint], first: usize) {
     }
 }
 
-/// Few tracks show the hinge that many tracks of another joint show as well, and they turn together: they
-/// are on the same part, badly placed.
+/// True if few tracks show a hinge that many tracks of another joint show as well and both turn together: they are on
+/// the same part, badly placed.
 fn is_double(learned: &LearnedJoint, all: &[LearnedJoint]) -> bool {
     let is_of = |other: &LearnedJoint| {
         !is_meagre(other)
@@ -143,7 +144,7 @@ fn is_double(learned: &LearnedJoint, all: &[LearnedJoint]) -> bool {
     is_meagre(learned) && all.iter().any(is_of)
 }
 
-/// Tracks show much the same hinge as a plain part's planes, over less of its range.
+/// True if tracks show about the same hinge as a plain part's planes, over less of its range.
 fn shows_less(tracked: &Joint, plain: &Joint) -> bool {
     let turn = |joint: &Joint| joint.range[1] - joint.range[0];
     is_same_hinge(tracked, plain) && turn(tracked) < LESS_OF_THE_RANGE * turn(plain)

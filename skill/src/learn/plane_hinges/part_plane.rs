@@ -1,4 +1,8 @@
-//! A part's own plane, keyframe by keyframe, beside what tracks say of it.
+//! Follows a part's own plane, keyframe by keyframe. It corrects slips of the tracks, and adds configurations where
+//! no track shows the joint.
+//!
+//! In: planes and edges about a line, and the tracks' configurations by frame, radians.
+//! Out: corrected and additional configurations, radians.
 
 use super::planes_about_axis::{Edge, PlaneObservation, near};
 use crate::math::rigid::wrapped;
@@ -6,37 +10,38 @@ use crate::math::robust::median;
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Turns of one plane differ from the joint's configuration by a constant, within this.
+/// Largest deviation of a plane's turn from the joint's configuration plus a constant, radians.
 const MAX_STRAY_RAD: f64 = 0.1;
-/// Keyframes in which tracks and plane must agree.
+/// Fewest keyframes in which tracks and plane must agree.
 const MIN_AGREEING: usize = 2;
-/// Segments of tracks may be linked wrongly by this much, radians.
+/// Largest slip between segments of tracks that are linked wrongly, radians.
 const MAX_SLIP_RAD: f64 = 0.3;
-/// Least slip that is worth mending, radians: what planes show is about a third as far off.
+/// Smallest slip that is corrected, radians: planes are about a third as far off.
 const MIN_SLIP_RAD: f64 = 0.015;
-/// Keyframes that must show the plane before slips are believed.
+/// Fewest keyframes that must show the plane for slips to be corrected.
 const MIN_SHOWN: usize = 6;
-/// Tracks that link one face to the other: then the faces need not be parallel.
+/// Fewest tracks that link the keyframes of two faces for only one face to be used: the faces need not be parallel.
 pub const LINKS: usize = 6;
-/// Largest deviation of an edge's angle to the plane, radians.
+/// Largest deviation of an edge's lead over the plane, radians.
 const MAX_LEAD_STRAY_RAD: f64 = 0.03;
-/// Turns within this of each other count once, radians.
+/// Width of a bin of turns that counts once, radians.
 const TURN_STEP_RAD: f64 = 0.05;
-/// Least distance between the smallest and the largest turn at which an edge keeps that angle, radians.
+/// Smallest range of turns over which an edge must keep its lead, radians.
 const MIN_APART_RAD: f64 = 0.1;
-/// Farthest turn from one keyframe to the next; as much more for each that shows nothing.
+/// Largest turn from one keyframe to the next, radians; as much is added for each keyframe that shows nothing.
 const MAX_STEP_RAD: f64 = 0.9;
 
 /// A part's own plane in the keyframes that show it.
 pub struct PartPlane<'a> {
-    /// At most one a keyframe, in order.
+    /// At most one observation per keyframe, in time order.
     pub plane_observations: Vec<&'a PlaneObservation>,
-    /// Turn at configuration 0.
+    /// Angle of the plane at configuration 0, radians.
     zero: f64,
 }
 
 impl<'a> PartPlane<'a> {
-    /// The plane that turns as tracks say, in most samples.
+    /// The plane whose turns agree with the tracks in most samples; `None` if too few keyframes agree. `known`:
+    /// configuration by frame; `linked`: number of tracks that two frames share.
     pub fn of(
         all: &'a [PlaneObservation],
         known: &[Option<f64>],
@@ -73,12 +78,12 @@ impl<'a> PartPlane<'a> {
         Some(Self { plane_observations, zero })
     }
 
-    /// Its normals.
+    /// Unit normals of the plane, base frame.
     pub fn normals(&self) -> Vec<Vector3<f64>> {
         self.plane_observations.iter().map(|s| s.normal).collect()
     }
 
-    /// Turn at configuration 0, and the tracks' configurations without their slips.
+    /// The plane's angle at configuration 0, and the tracks' configurations without their slips, radians.
     pub fn mended(&self, known: &[Option<f64>]) -> (f64, Vec<Option<f64>>) {
         let slips = self.slips(known);
         let Some(&(_, first)) = slips.first() else { return (self.zero, known.to_vec()) };
@@ -91,8 +96,8 @@ impl<'a> PartPlane<'a> {
         (self.zero + first, known.iter().enumerate().map(mend).collect())
     }
 
-    /// Keyframes and by how much the plane is turned farther there than tracks say; lone strays
-    /// are smoothed away.
+    /// Keyframes, and by how much the plane is turned farther there than the tracks' configuration, radians. A median
+    /// of three removes single outliers.
     fn slips(&self, known: &[Option<f64>]) -> Vec<(usize, f64)> {
         let raw: Vec<(usize, f64)> = self
             .plane_observations
@@ -109,8 +114,8 @@ impl<'a> PartPlane<'a> {
             .collect()
     }
 
-    /// Configurations in keyframes in which no track shows the joint: from the plane, and from an
-    /// edge where that is all that is left to see.
+    /// Configurations in keyframes in which no track shows the joint: from the plane or from an edge, whichever is
+    /// nearer to the last configuration.
     pub fn alone(
         &self,
         edges: &[Edge],
@@ -144,7 +149,7 @@ impl<'a> PartPlane<'a> {
         found
     }
 
-    /// The edge that turns with the plane, over most of the way.
+    /// The edge that keeps its lead over the plane at most turns.
     fn edge<'e>(&self, edges: &'e [Edge]) -> Option<PartEdge<'e>> {
         let like = |first: &Edge| {
             let alike = edges.iter().filter(|e| first.alike(e)).collect();
@@ -158,15 +163,15 @@ impl<'a> PartPlane<'a> {
             .map(|(_, edge)| edge)
     }
 
-    /// By how much an edge is ahead of the plane, and the plane's turn, where both are seen.
+    /// Angle by which an edge is ahead of the plane, and the plane's turn, if the keyframe shows both; radians.
     fn lead(&self, edge: &Edge) -> Option<(f64, f64)> {
         let own = self.plane_observations.iter().find(|s| s.frame == edge.frame)?;
         Some((wrapped(edge.turn - own.turn), own.turn))
     }
 
-    /// Turns at which an edge keeps its lead, and its samples there; `None` where these are few or
-    /// near each other, or it is elsewhere at many others: what rests keeps a lead only while the
-    /// plane rests too. A hand beside the edge now and then does not count.
+    /// Number of turns at which an edge keeps its lead, and its samples there. `None` if these turns are close
+    /// together, or if the lead differs at many others: a resting surface keeps a lead only while the plane rests
+    /// too. A hand beside the edge in a few keyframes does not count.
     fn agreement(&self, edge: &PartEdge) -> Option<(usize, usize)> {
         let (mut with, mut without) = (BTreeMap::new(), BTreeSet::new());
         let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -188,23 +193,23 @@ impl<'a> PartPlane<'a> {
     }
 }
 
-/// An edge that turns ahead of its part's plane by a constant.
+/// An edge that turns ahead of its part's plane by a constant angle.
 struct PartEdge<'a> {
     edges: Vec<&'a Edge>,
     lead: f64,
-    /// Turn of the plane where the lead was taken.
+    /// Turn of the plane where the lead was measured, radians.
     turn: f64,
 }
 
 impl PartEdge<'_> {
-    /// Turn of the plane where the edge is seen.
+    /// Turn of the plane in a frame that shows the edge, radians.
     fn turn(&self, frame: usize) -> Option<f64> {
         let seen = self.edges.iter().filter(|e| e.frame == frame);
         Some(seen.max_by_key(|e| e.samples)?.turn - self.lead)
     }
 }
 
-/// The value at a frame, between those of the frames around it.
+/// The value at a frame, interpolated between the neighbouring values.
 fn interpolated(values: &[(usize, f64)], frame: usize) -> f64 {
     let next = values.partition_point(|(f, _)| *f < frame);
     match (next.checked_sub(1).map(|i| values[i]), values.get(next)) {
@@ -229,7 +234,7 @@ mod tests {
         JointGeometry::hinge(Vector3::y_axis(), Point3::origin())
     }
 
-    /// A door as wide as this, turned about the line, as one keyframe shows it.
+    /// A door of this width, turned about the line, as one keyframe shows it.
     fn door(frame: usize, turn: f64, width: f64) -> PlanePatch {
         let motion = line().motion(turn);
         let places = (0..100).map(|i| {
@@ -248,7 +253,7 @@ mod tests {
         plane_observations(&line(), &patches)
     }
 
-    /// The configuration that tracks tell in each frame.
+    /// Configuration from tracks in each frame.
     fn known(by: impl Fn(usize) -> Option<f64>) -> Vec<Option<f64>> {
         (0..FRAMES).map(by).collect()
     }
@@ -303,7 +308,7 @@ mod tests {
         let tracks = known(|f| Some(opening(f)));
         let all = observed(0..FRAMES);
         assert_eq!(PartPlane::of(&all, &tracks, unlinked).unwrap().mended(&tracks).1, tracks);
-        // Few planes mend nothing, whatever they say.
+        // Slips are not corrected from few planes.
         let slipped = known(|f| Some(opening(f) + if f < 3 { 0.0 } else { 0.08 }));
         let few = observed(0..MIN_SHOWN - 1);
         assert_eq!(PartPlane::of(&few, &slipped, unlinked).unwrap().mended(&slipped).1, slipped);
@@ -323,14 +328,14 @@ mod tests {
 
     #[test]
     fn a_plane_that_leaps_is_not_believed() {
-        // It leaps by 1.2 rad in the keyframe after the tracks are lost.
+        // The plane leaps by 1.2 rad in the keyframe after the tracks are lost.
         let turn = |f: usize| if f < 10 { 0.0 } else { 1.2 };
         let patches: Vec<PlanePatch> = (0..12).map(|f| door(f, turn(f), 0.6)).collect();
         let all = plane_observations(&line(), &patches);
         let tracks = known(|f| (f < 10).then_some(0.0));
         let plane = PartPlane::of(&all, &tracks, unlinked).unwrap();
         let found = plane.alone(&[], &tracks, plane.zero, &[10, 11]);
-        // With the second keyframe there was time for it.
+        // By the second keyframe there was time for this turn.
         assert_eq!(found.iter().map(|(f, _)| *f).collect::<Vec<_>>(), [11]);
     }
 

@@ -1,19 +1,21 @@
-//! One place of a hinge's line from two: where its tracks put it, and where its planes do.
+//! Fuses two estimates of the place of a hinge's line: from its tracks, and from its planes.
 //!
-//! In: the joint that tracks showed, and the same hinge as a plain part has it, both in the base frame. Out:
-//! the tracks' line, shifted to the weighted mean of both places. Tracks on a plain door are few and slip
-//! along its edges and reflections; of one dishwasher they put the line 5.7 cm off, its planes 1.0 cm.
+//! In: the joint that tracks showed, and the same hinge as a plain part has it, both in the base frame.
+//! Out: the tracks' line, shifted to the weighted mean of both places.
+//! From: Kalman update. Measured: tracks on a plain door are few and slip along its edges and reflections; those of
+//! one dishwasher put the line 5.7 cm off, its planes 1.0 cm.
 
 use crate::learn::learned_joint::LearnedJoint;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::model::{Joint, covariance_rows};
 use nalgebra::{Matrix2, Matrix2x3, Matrix2x6, Vector2, Vector3, Vector6};
 
-/// Largest squared difference of both places in standard deviations: of one hinge 99.9 % are nearer.
+/// Largest squared Mahalanobis distance between both places: of one hinge 99.9 % are nearer (chi-squared with two
+/// degrees of freedom).
 const MAX_DIFFERENCE_SQ: f64 = 13.8;
 
-/// Shifts a tracked joint's line by what a plain part says of its place: a Kalman update. False where their
-/// errors are not known, or they contradict each other by more than these.
+/// Shifts a tracked joint's line to the weighted mean of its place and a plain part's (Kalman update). False if their
+/// covariances are not known, or if the places contradict each other.
 pub fn fuse_place(tracked: &mut LearnedJoint, plain: &Joint) -> bool {
     let joint = &mut tracked.joint;
     let Some(covariance) = joint.known_covariance() else { return false };
@@ -37,12 +39,12 @@ pub fn fuse_place(tracked: &mut LearnedJoint, plain: &Joint) -> bool {
     true
 }
 
-/// Where a plain part's line passes a tracked joint's origin.
+/// Place of a plain part's line relative to a tracked joint's origin.
 struct Measured {
-    /// From that origin to the line, along two directions across the joint's axis, metres.
+    /// Shift from the joint's origin to the plain part's line, along two directions across the joint's axis, metres.
     shift: Vector2<f64>,
     covariance: Matrix2<f64>,
-    /// The two directions.
+    /// The two directions of the shift, unit vectors.
     across: Matrix2x3<f64>,
 }
 
@@ -52,7 +54,8 @@ fn measured(joint: &Joint, plain: &Joint) -> Option<Measured> {
     let [other_axis, other_origin] = [plain.axis, plain.origin].map(Vector3::from);
     let (u, v) = orthonormal_basis(&axis);
     let across = Matrix2x3::from_rows(&[u.transpose(), v.transpose()]);
-    // The place beside the joint's origin: an error of direction shifts it by the way from the plain origin.
+    // The plain part's line is evaluated beside the joint's origin; an error of its direction shifts this place in
+    // proportion to the distance from its own origin.
     let way = axis.dot(&(origin - other_origin)) / axis.dot(&other_axis);
     let shift = across * (other_origin + other_axis * way - origin);
     let mut place = Matrix2x6::zeros();

@@ -1,5 +1,8 @@
-//! The search for plain parts that turn: the best supported line is followed, the planes of the part that
-//! is found are put aside, and the search goes on with the others.
+//! Searches for plain parts that turn: the best supported line is followed, the planes of the part that is found are
+//! removed, and the search continues with the others.
+//!
+//! In: the recording.
+//! Out: parts with their hinges, parts whose line is not known, and planes that turned without a part; base frame.
 
 use super::hinge::candidates;
 use super::plain_part::{Followed, PlainPart, follow_candidate};
@@ -7,22 +10,22 @@ use super::plane_segments::{PlanePatch, Sampling, moving_patches};
 use crate::learn::learned_joint::TurningPlane;
 use crate::learn::recording::Recording;
 
-/// Lines that are followed in the depth pictures, the best supported first.
+/// Most lines that are followed in the depth images, the best supported first.
 const MOST_FOLLOWED: usize = 10;
 
-/// Plain parts that turn.
+/// Plain parts that turn, and planes of which no part was made.
 #[derive(Default)]
 pub struct PlainParts {
-    /// Those whose hinge is known.
+    /// Parts whose hinge is known.
     pub parts: Vec<PlainPart>,
-    /// Those that turned too little to tell where their hinge is.
+    /// Parts that turned too little to determine their hinge.
     pub unknown_lines: Vec<PlainPart>,
     /// Planes that turned and of which no part was made, the best supported first.
     pub turning: Vec<TurningPlane>,
 }
 
-/// Finds plain parts that turn, those that tracks showed among them: what their planes explain must
-/// not suggest other parts.
+/// Finds plain parts that turn, including those that tracks showed: planes that these explain must not suggest other
+/// parts.
 pub fn search(recording: &Recording) -> PlainParts {
     let mut patches = moving_patches(recording, Sampling::Coarse, None);
     let mut found = PlainParts::default();
@@ -38,7 +41,7 @@ pub fn search(recording: &Recording) -> PlainParts {
                     continue;
                 }
             };
-            // What the plane of one part explains, no other joint needs to explain.
+            // Planes that one part explains must not support another joint.
             patches = without(patches, &part.explained);
             if !part.jumps() {
                 of_its_kind.push(part);
@@ -50,7 +53,7 @@ pub fn search(recording: &Recording) -> PlainParts {
     found
 }
 
-/// The patches but for those at some places of the list.
+/// The patches without those at the given indices.
 fn without(patches: Vec<PlanePatch>, places: &[usize]) -> Vec<PlanePatch> {
     let kept = patches.into_iter().enumerate().filter(|(i, _)| !places.contains(i));
     kept.map(|(_, patch)| patch).collect()

@@ -1,4 +1,9 @@
-//! Flat pieces of what moves, keyframe by keyframe.
+//! Finds flat pieces of moving surface in each keyframe: places that other keyframes see through. A plane is divided
+//! by the episode in which its samples move, because closed doors and drawers share one front.
+//!
+//! In: depth images of the keyframes and the pose of the camera.
+//! Out: plane patches, base frame, metres.
+//! From: sequential RANSAC; a hypothesis is one sample with its normal.
 
 use crate::learn::ego_motion::EgoMotion;
 use crate::learn::episodes::{AwayKeyframes, episodes};
@@ -10,50 +15,50 @@ use linkage_frames::depth::{DepthSensor, SurfacePatch};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-/// Pixels between samples.
+/// Distance between samples, pixels.
 #[derive(Debug, Clone, Copy)]
 pub enum Sampling {
-    /// Enough for what faces the camera.
+    /// For a surface that faces the camera.
     Coarse = 8,
-    /// For what is seen at a grazing angle.
+    /// For a surface seen at a grazing angle.
     Fine = 4,
 }
 
-/// Fewest samples of a patch.
+/// Fewest samples of a plane.
 const MIN_SAMPLES: usize = 40;
-/// Patches in one keyframe, at most.
+/// Most planes in one keyframe; each may be divided into several patches.
 const MAX_PATCHES: usize = 4;
-/// Fewest samples of the piece of a plane that leaves it in one episode.
+/// Fewest samples of a patch: the piece of a plane that moves in one episode.
 const MIN_OF_EPISODE: usize = 20;
-/// Planes that are tried for each patch.
+/// Most hypotheses that are tried for each plane.
 const TRIES: usize = 40;
-/// Samples that vote for one of these planes.
+/// Most samples that vote for a hypothesis.
 const VOTERS: usize = 400;
-/// Cosine of the largest angle between a sample's normal and its patch's.
+/// Smallest cosine of the angle between a sample's normal and its plane's.
 const SAME_NORMAL: f64 = 0.97;
-/// Sine of the largest angle between a line and a sample of a plane that could turn about it:
-/// what the plane may be off, and the sample from its plane.
+/// Largest sine of the angle between a line and a sample of a plane that could turn about it: the error of the plane
+/// plus that of the sample's normal.
 const MAX_TILT: f64 = 0.37;
-/// Keyframes that are asked what moves.
+/// Most keyframes that decide whether a place moves.
 const MOST_ASKED: usize = 48;
-/// Share of them that must see through a place for it to count as moving, and the fewest: a door that is
-/// opened for two seconds of a demonstration of fifteen is in three of 37 keyframes.
+/// Smallest share of the keyframes that must see through a moving place: a door that is opened for two seconds of a
+/// demonstration of fifteen is in three of 37 keyframes.
 const MOVING_SHARE: f64 = 0.08;
+/// Fewest keyframes that must see through a moving place.
 const FEWEST_THROUGH: usize = 3;
-/// Of the eight neighbours of a moving sample so many must move as well: noise of a wall far away is
-/// scattered.
+/// Fewest of the eight neighbours of a moving sample that must move as well: noise of a wall far away is scattered.
 const MOVING_NEIGHBOURS: usize = 3;
 
-/// A flat piece in the base frame.
+/// A flat piece of moving surface in one keyframe, base frame.
 #[derive(Debug, Clone)]
 pub struct PlanePatch {
     /// Frame number.
     pub frame: usize,
     /// Unit normal, towards the camera.
     pub normal: Vector3<f64>,
-    /// Distance of the plane from the origin along the normal.
+    /// Distance of the plane from the origin along the normal, metres.
     pub offset: f64,
-    /// Samples on it.
+    /// Samples on the plane, metres.
     pub points: Vec<Point3<f64>>,
 }
 
@@ -63,11 +68,11 @@ struct Sample {
     normal: Vector3<f64>,
 }
 
-/// Where planes about a line can be.
+/// Cylinder in which planes about a line may lie.
 pub struct Cylinder {
-    /// Its middle, base frame.
+    /// Axis of the cylinder, base frame.
     pub line: JointGeometry,
-    /// Metres.
+    /// Radius of the cylinder, metres.
     pub radius: f64,
 }
 
@@ -81,8 +86,8 @@ impl Cylinder {
     }
 }
 
-/// Flat pieces of surfaces that are elsewhere in other keyframes; in a cylinder only those that
-/// could turn about its line.
+/// Flat pieces of surface that are elsewhere in other keyframes. If a cylinder is given, only those in it that could
+/// turn about its line.
 pub fn moving_patches(
     recording: &Recording,
     sampling: Sampling,
@@ -141,7 +146,7 @@ fn samples(
         .collect()
 }
 
-/// How many of the eight neighbours of a cell of a grid are set.
+/// Number of a grid cell's eight neighbours that are set.
 fn neighbours(grid: &[bool], columns: usize, cell: usize) -> usize {
     let (column, row) = (cell % columns, cell / columns);
     let rows = row.saturating_sub(1)..(row + 2).min(grid.len() / columns);
@@ -153,10 +158,10 @@ fn neighbours(grid: &[bool], columns: usize, cell: usize) -> usize {
     rows.map(set).sum::<usize>() - usize::from(grid[cell])
 }
 
-/// Another keyframe, as seen from one.
+/// Another keyframe, relative to the current one.
 struct Other<'k> {
     picture: &'k RgbdFrame,
-    /// From the one's camera to its own.
+    /// Maps points from the current camera frame to that of the other keyframe.
     other_from_camera: IsometryMatrix3<f64>,
 }
 
@@ -175,7 +180,7 @@ fn seen_from<'k>(
         .collect()
 }
 
-/// Enough others see something behind the place.
+/// True if enough other keyframes see something behind the place.
 fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
     let mut needed = ((MOVING_SHARE * others.len() as f64).ceil() as usize).max(FEWEST_THROUGH);
     for (i, Other { picture, other_from_camera }) in others.iter().enumerate() {
@@ -190,7 +195,7 @@ fn moves(in_camera: &Point3<f64>, others: &[Other]) -> bool {
     false
 }
 
-/// The others that see something behind the place.
+/// The other keyframes that see something behind the place, as bits.
 fn away_keyframes(in_camera: &Point3<f64>, others: &[Other]) -> AwayKeyframes {
     let through = |(bit, other): (usize, &Other)| {
         AwayKeyframes::from(sees_through(other.picture, &(other.other_from_camera * in_camera)))
@@ -199,7 +204,7 @@ fn away_keyframes(in_camera: &Point3<f64>, others: &[Other]) -> AwayKeyframes {
     others.iter().enumerate().map(through).sum()
 }
 
-/// A picture shows something behind a place in the camera frame.
+/// True if an image shows something behind a place in its camera frame.
 fn sees_through(picture: &RgbdFrame, p: &Point3<f64>) -> bool {
     let camera = &picture.camera;
     let shown = camera.project(p).filter(|px| camera.sees(px, 1.0));
@@ -208,7 +213,8 @@ fn sees_through(picture: &RgbdFrame, p: &Point3<f64>) -> bool {
     reading.is_some_and(|z| f64::from(z) > behind)
 }
 
-/// Takes planes out of the samples, the largest first. `episodes` tells when the samples of a plane leave it.
+/// Removes planes from the samples, the largest first. `episodes` determines in which episode each sample of a plane
+/// moves.
 fn patches(
     mut samples: Vec<Sample>,
     frame: usize,
@@ -235,7 +241,7 @@ fn patches(
     found
 }
 
-/// The pieces of a plane that leave it in different episodes.
+/// The pieces of a plane whose samples move in different episodes.
 fn pieces(
     samples: &[Sample],
     episodes: &[usize],
@@ -249,7 +255,7 @@ fn pieces(
     })
 }
 
-/// At most so many of them, evenly spread.
+/// At most `most` of the samples, evenly spread.
 fn some_of(samples: &[Sample], most: usize) -> impl Iterator<Item = &Sample> {
     samples.iter().step_by(samples.len().div_ceil(most).max(1))
 }
@@ -259,7 +265,7 @@ fn fitted(frame: usize, samples: &[Sample]) -> PlanePatch {
 }
 
 impl PlanePatch {
-    /// The plane through some points, its normal to the side of another.
+    /// The least-squares plane through some points, with its normal on the side of `towards`.
     pub fn through(points: Vec<Point3<f64>>, frame: usize, towards: &Vector3<f64>) -> Self {
         let (mean, mut normal) = plane_through(&points);
         if normal.dot(towards) < 0.0 {
@@ -274,7 +280,7 @@ mod tests {
     use super::super::test_data::{HINGE_M, door_recording, turn};
     use super::*;
 
-    /// Samples of a square piece of surface of so many to a side, 2 cm apart.
+    /// Samples of a square piece of surface, `side` samples to a side, 2 cm apart.
     fn square(side: usize, centre: Point3<f64>, normal: Vector3<f64>) -> Vec<Sample> {
         let (u, v) = crate::math::rigid::orthonormal_basis(&normal);
         let off = |i: usize| 0.02 * (i as f64 - 0.5 * (side as f64 - 1.0));

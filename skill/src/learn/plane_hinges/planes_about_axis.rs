@@ -1,39 +1,43 @@
-//! The poses of plane patches about a hinge's line.
+//! Computes the poses of plane patches about a hinge's line: angle, reach, and position along the line.
+//!
+//! In: a line and plane patches, base frame.
+//! Out: planes beside the line, and planes along it but not beside it, metres and radians.
 
 use super::plane_segments::PlanePatch;
 use crate::math::rigid::{orthonormal_basis, wrapped};
 use crate::object::joint_geometry::JointGeometry;
 use nalgebra::{Point3, Vector3};
 
-/// Reach and place along the hinge may differ by this share of the reach.
+/// Largest difference of reach, or of position along the hinge, between two patches of one part, as a share of the
+/// reach.
 const MAX_CHANGE: f64 = 0.25;
-/// Largest sine of the angle between the line and the plane of a part: the line of the tracks may be
-/// off by this much.
+/// Largest sine of the angle between the line and the plane of a part: the line of the tracks may be off by this
+/// much.
 const MAX_TILT: f64 = 0.12;
-/// Largest distance between the line and the plane, metres.
+/// Largest distance between the line and a plane that counts as beside it, metres.
 const MAX_DISTANCE_M: f64 = 0.05;
-/// Largest difference between the distances of one edge from the line, metres.
+/// Largest difference between the distances of one edge from the line in two keyframes, metres.
 const SAME_DISTANCE_M: f64 = 0.015;
-/// Largest difference between the places of its middle along the line, metres, as far as hands leave it
-/// in sight.
+/// Largest difference between the positions of an edge's middle along the line in two keyframes, metres: hands may
+/// hide part of the edge.
 const SAME_PLACE_M: f64 = 0.25;
-/// It is as wide each time, but for this share.
+/// Largest relative difference between the widths of one edge in two keyframes.
 const SAME_WIDTH: f64 = 0.5;
 
-/// Where a patch lies about a line.
+/// Pose of a patch about a line.
 pub struct PoseAboutAxis {
     /// Unit vector from the line into the patch, across the line.
     pub arm: Vector3<f64>,
-    /// Distance from the line from which the patch reaches,
+    /// Smallest distance of the patch from the line, metres (5th percentile).
     pub least: f64,
-    /// and up to which.
+    /// Largest distance of the patch from the line, metres (95th percentile).
     pub reach: f64,
-    /// Middle along the line.
+    /// Position of the patch's middle along the line, metres.
     along: f64,
 }
 
 impl PoseAboutAxis {
-    /// `None` for a patch on both sides of the line.
+    /// The pose of a patch; `None` for a patch on both sides of the line.
     pub fn of(patch: &PlanePatch, origin: &Point3<f64>, axis: &Vector3<f64>) -> Option<Self> {
         let mut arm = axis.cross(&patch.normal).try_normalize(1e-9)?;
         let n = patch.points.len() as f64;
@@ -49,47 +53,47 @@ impl PoseAboutAxis {
         (least > -0.15 * reach).then_some(Self { arm, least, reach, along: axis.dot(&mean) })
     }
 
-    /// Reaches as far, at the same place along the line.
+    /// True if both patches reach about as far, at about the same place along the line.
     pub fn alike(&self, other: &Self) -> bool {
         let most = MAX_CHANGE * self.reach.max(other.reach);
         (self.reach - other.reach).abs() < most && (self.along - other.along).abs() < most
     }
 }
 
-/// A plane beside the line, at a keyframe.
+/// A plane beside the line, in a keyframe.
 pub struct PlaneObservation {
     /// Frame number.
     pub frame: usize,
-    /// Where it lies about the line.
+    /// Pose of the plane about the line.
     pub pose: PoseAboutAxis,
-    /// Angle of its arm about the line, from a direction that is the same in all keyframes.
+    /// Angle of the plane's arm about the line, radians, from a direction that is the same in all keyframes.
     pub turn: f64,
     /// Unit normal, base frame.
     pub normal: Vector3<f64>,
-    /// Samples on it.
+    /// Number of samples on the plane.
     pub samples: usize,
-    /// The face that looks to where the part turns.
+    /// True if the face faces the way the part turns.
     pub fore: bool,
 }
 
-/// A plane along the line but not beside it, at a keyframe: the part's edge, or anything else.
+/// A plane along the line but not beside it, in a keyframe: the part's edge, or anything else.
 pub struct Edge {
     /// Frame number.
     pub frame: usize,
-    /// Angle of its middle about the line, from a direction that is the same in all keyframes.
+    /// Angle of the plane's middle about the line, radians, from a direction that is the same in all keyframes.
     pub turn: f64,
-    /// From the line along the normal, metres.
+    /// Distance of the plane from the line along the normal, metres.
     pub distance: f64,
-    /// Middle along the line, metres.
+    /// Position of the plane's middle along the line, metres.
     pub along: f64,
-    /// Across the line, metres: as wide as a strip of that deviation.
+    /// Width across the line, metres: that of a uniform strip with the same variance.
     width: f64,
-    /// Samples on it.
+    /// Number of samples on the plane.
     pub samples: usize,
 }
 
 impl Edge {
-    /// Could be the same surface: as far from the line, at the same place along it, as wide.
+    /// True if both could be the same surface: about the same distance from the line, position along it, and width.
     pub fn alike(&self, other: &Self) -> bool {
         (self.distance - other.distance).abs() < SAME_DISTANCE_M
             && (self.along - other.along).abs() < SAME_PLACE_M
@@ -97,13 +101,13 @@ impl Edge {
     }
 }
 
-/// Angle of a direction across the line.
+/// Angle of a direction about an axis, radians, from a direction that depends only on the axis.
 fn angle(direction: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
     let (u, v) = orthonormal_basis(axis);
     direction.dot(&v).atan2(direction.dot(&u))
 }
 
-/// The planes beside the line.
+/// The patches whose planes are beside the line.
 pub fn plane_observations(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<PlaneObservation> {
     let (axis, origin) = (line.axis.into_inner(), line.origin);
     patches
@@ -122,7 +126,7 @@ pub fn plane_observations(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<P
         .collect()
 }
 
-/// The planes along the line that are not beside it.
+/// The patches whose planes are along the line but not beside it.
 pub fn edges(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Edge> {
     let (axis, origin) = (line.axis.into_inner(), line.origin);
     patches
@@ -146,7 +150,7 @@ pub fn edges(line: &JointGeometry, patches: &[PlanePatch]) -> Vec<Edge> {
         .collect()
 }
 
-/// The angle, whole turns from `angle`, that lies nearest to `to`.
+/// The angle that differs from `angle` by whole turns and lies nearest to `to`, radians.
 pub fn near(angle: f64, to: f64) -> f64 {
     to + wrapped(angle - to)
 }

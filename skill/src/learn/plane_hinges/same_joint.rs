@@ -1,35 +1,35 @@
-//! Do two joints show the same motion? Tracks and planes may show one part each in their way.
+//! Tests whether two joints show the same motion: tracks and planes may each show one part.
 
 use crate::learn::learned_joint::LearnedJoint;
 use crate::math::rigid::{distance_to_line, line_angle};
 use crate::math::robust::Moments;
 use crate::object::model::Joint;
 
-/// Largest angle between the axes of a hinge that tracks showed and of a plain part's hinge that is
-/// the same, radians.
+/// Largest angle between the axes of one hinge from tracks and from planes, radians.
 const SAME_DIRECTION_RAD: f64 = 0.2;
-/// Largest distance between their lines, metres.
+/// Largest distance between the lines of one hinge from tracks and from planes, metres.
 const SAME_PLACE_M: f64 = 0.15;
 /// Squared correlation of two configurations above which one joint is a consequence of the other.
 const MAX_CORRELATION: f64 = 0.8;
-/// Fewest common times that tell how two configurations correlate.
+/// Fewest common times that determine how two configurations correlate.
 const MIN_COMMON: usize = 5;
-/// Gain up to which a joint of tracks gives way to a plain part that moves together with it.
+/// Gain in log-likelihood below which a joint of tracks gives way to a plain part that moves
+/// together with it.
 pub const MEAGRE_GAIN: f64 = 1000.0;
-/// Times of one frame differ by less than this, seconds.
+/// Difference below which two times are of one frame, seconds.
 const SAME_TIME_S: f64 = 1e-4;
 
-/// A joint that is known already shows what a plain part does.
+/// True if a known joint shows what a plain part does.
 pub fn is_known(joint: &LearnedJoint, plain: &LearnedJoint) -> bool {
     is_same_hinge(&joint.joint, &plain.joint) || !is_meagre(joint) && moves_together(joint, plain)
 }
 
-/// Few tracks show the joint.
+/// True if few tracks show the joint: its gain is small.
 pub fn is_meagre(learned: &LearnedJoint) -> bool {
     learned.joint.log_likelihood < MEAGRE_GAIN
 }
 
-/// The configuration of one joint is a function of the other's.
+/// True if the configuration of one joint is nearly a linear function of the other's.
 pub fn moves_together(a: &LearnedJoint, b: &LearnedJoint) -> bool {
     let of_b = &b.joint.configuration;
     let at = |time: f64| of_b.iter().find(|[t, _]| (t - time).abs() < SAME_TIME_S);
@@ -39,7 +39,7 @@ pub fn moves_together(a: &LearnedJoint, b: &LearnedJoint) -> bool {
         && Moments::of(&common).correlation_sq().is_some_and(|share| share > MAX_CORRELATION)
 }
 
-/// Both are hinges about much the same line.
+/// True if both joints are of one kind and have about the same line.
 pub fn is_same_hinge(tracked: &Joint, plain: &Joint) -> bool {
     let axis = tracked.axis.into();
     tracked.kind == plain.kind

@@ -10,7 +10,7 @@ use linkage_frames::RgbdFrame;
 
 /// Width of the door, metres.
 pub const WIDTH_M: f64 = 0.6;
-/// Where its hinge is: vertical, at this x and z in the camera frame, metres.
+/// Place of the door's hinge: vertical, at this x and z in the camera frame, metres.
 pub const HINGE_M: [f64; 2] = [-0.3, 2.0];
 
 /// Turn of a door that rests, is opened, and rests again, radians.
@@ -41,12 +41,12 @@ fn door(turn: f64, pulled: Option<f64>) -> RgbdFrame {
     })
 }
 
-/// A recording of the door in a front, by its turn in each frame. All frames are kept.
+/// A recording of the door in a front, with the door's turn in each frame. All frames are kept.
 pub fn door_recording(frames: usize, turn: impl Fn(usize) -> f64) -> Recording {
     recording((0..frames).map(|f| door(turn(f), None)).collect())
 }
 
-/// A recording of the door of a cupboard that is pulled forwards, by both in each frame.
+/// A recording of the door of a cupboard that is pulled forwards, with the turn and the shift in each frame.
 pub fn pulled_door_recording(
     frames: usize,
     turn: impl Fn(usize) -> f64,

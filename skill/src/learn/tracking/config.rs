@@ -32,8 +32,8 @@ explained_config! {
         /// Descriptor that verifies a feature at its predicted place: "none", "sift" or "surf" (the
         /// paper's). Set by the profiles and the ablation.
         pub descriptor: DescriptorKind = DescriptorKind::None,
-        /// A fresh corner within this distance of a prediction replaces it, in pixels; 0: off. Set by
-        /// the profiles.
+        /// Distance within which a fresh corner moves a prediction half way to itself, pixels; 0: off.
+        /// Set by the profiles.
         pub reinforce_px: f64 = 0.0,
         /// How depth is read at a feature: "robust_mean" (ours), or from the bilaterally filtered
         /// picture (the paper's, III-A), bilateral.sigma_s_px wide in pixels and bilateral.sigma_r_m

@@ -1,4 +1,9 @@
-//! Good features to track (Shi & Tomasi 1994) at several scales, spread by a mask.
+//! Detects corners at several scales, spread over the image by a mask.
+//!
+//! In: a grey image, and the places of the features that are tracked, pixels.
+//! Out: new corners, pixels.
+//! From: good features to track (Shi & Tomasi 1994), as in the paper's section III-A; the limit per
+//! cell is ours.
 
 use super::config::TrackConfig;
 use crate::image::gray::{Gray, empty_mask};
@@ -7,15 +12,15 @@ use opencv::core::{Mat, Point, Point2f, Scalar, Size, Vector};
 use opencv::imgproc;
 use opencv::prelude::*;
 
-/// Free radius round a feature, in pixels: the detection mask.
+/// Radius around a feature in which no other feature starts, pixels: the detection mask.
 const SPACING_PX: f64 = 6.0;
 /// Side of a cell of [`TrackConfig::max_per_cell`], pixels.
 const CELL_PX: usize = 32;
-/// Pixels at the border in which no feature starts.
+/// Width of the image border in which no feature starts, pixels.
 const BORDER_PX: f32 = 8.0;
 
-/// Corners away from `occupied` places, strongest first within each scale, finest scale
-/// first; at most `wanted`.
+/// At most `wanted` corners away from the `occupied` places: the finest scale first, and the
+/// strongest first within each scale.
 pub fn corners(
     gray: &Gray,
     occupied: &[Point2<f32>],
@@ -67,7 +72,7 @@ fn level_corners(
     imgproc::good_features_to_track(
         level,
         &mut corners,
-        // Cells may refuse some: ask for more than are wanted.
+        // Full cells may refuse some: more are detected than are wanted.
         (wanted * 2) as i32,
         config.quality,
         (SPACING_PX / f64::from(factor)).max(2.0),
@@ -101,7 +106,7 @@ impl CellCount {
         Self { columns, limit, counts: vec![0; columns * (gray.height() / CELL_PX + 1)] }
     }
 
-    /// Takes a place in the cell of `p`; false when it is full.
+    /// Counts a corner in the cell of `p`; false if the cell is full.
     fn take(&mut self, p: &Point2<f32>) -> bool {
         let cell = (p.y.max(0.0) as usize / CELL_PX) * self.columns
             + (p.x.max(0.0) as usize / CELL_PX).min(self.columns - 1);

@@ -1,7 +1,9 @@
-//! Prediction of features by dense flow, with median filtering, as the paper has it.
+//! Predicts features by dense optical flow with median filtering.
 //!
-//! In: two pictures of one size and points of the first, pixels. Out: their places in the second, and
-//! how far the flow back from there misses its start.
+//! In: two images of one size, and points of the first, pixels.
+//! Out: their places in the second, and how far the flow back from there misses its start, pixels.
+//! From: paper, section III-A: Farneback 2003, with the median filter of Wang et al. 2011. The
+//! dense inverse search of Kroeger et al. 2016 is not the paper's.
 
 use super::prediction::Prediction;
 use crate::image::gray::Gray;
@@ -10,7 +12,7 @@ use opencv::core::{self, DataType, Mat, Size, Vec2f, Vector};
 use opencv::prelude::*;
 use opencv::{imgproc, video};
 
-/// By polynomial expansion (Farneback 2003) at half resolution.
+/// Predicts points by polynomial expansion (Farneback 2003) at half resolution.
 pub fn predict_by_farneback(
     previous: &Gray,
     next: &Gray,
@@ -19,7 +21,7 @@ pub fn predict_by_farneback(
     predict_dense(previous, next, points, 2, farneback)
 }
 
-/// By dense inverse search (Kroeger et al. 2016) at full resolution.
+/// Predicts points by dense inverse search (Kroeger et al. 2016) at full resolution.
 pub fn predict_by_dis(
     previous: &Gray,
     next: &Gray,
@@ -63,7 +65,8 @@ fn shrunk(gray: &Gray, shrink: i32) -> opencv::Result<Mat> {
     Ok(small)
 }
 
-/// Bilinear flow at a full-resolution pixel, in full-resolution pixels.
+/// Flow at a full-resolution pixel, interpolated bilinearly, in full-resolution pixels; `None`
+/// outside the image.
 fn sample(flow: &Mat, pixel: &Point2<f32>, scale: f32) -> Option<[f32; 2]> {
     let x = (pixel.x + 0.5) / scale - 0.5;
     let y = (pixel.y + 0.5) / scale - 0.5;

@@ -1,4 +1,4 @@
-//! Descriptions of features, as unit vectors compared by Euclidean distance.
+//! Descriptors of features, as unit vectors that are compared by Euclidean distance.
 
 #[cfg(feature = "paper")]
 use super::surf::{SURF_LENGTH, Surf, SurfPoint};
@@ -9,24 +9,24 @@ use opencv::features2d::SIFT;
 use opencv::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Scale at which tracked features are described, pixels (the described square is 20 wide).
+/// SURF scale of tracked features, pixels; the described square is 20 times as wide.
 #[cfg(feature = "paper")]
 const SURF_SCALE: f32 = 1.2;
 
-/// Which descriptor verifies a tracked feature.
+/// The descriptor that verifies a tracked feature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DescriptorKind {
-    /// Upright SURF, the paper's choice (between two frames nothing rolls).
+    /// Upright SURF, the paper's choice; features do not turn between two frames.
     #[cfg(feature = "paper")]
     Surf,
     /// SIFT, upright.
     Sift,
-    /// None: flow and its failure detection alone.
+    /// No descriptor: optical flow and its failure detection alone.
     None,
 }
 
-/// One unit vector a point, or nothing.
+/// One unit vector for each point; empty for [`DescriptorKind::None`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Descriptors {
     length: usize,
@@ -34,18 +34,18 @@ pub struct Descriptors {
 }
 
 impl Descriptors {
-    /// The `i`-th description; empty for [`DescriptorKind::None`].
+    /// The `i`-th descriptor; empty for [`DescriptorKind::None`].
     pub fn get(&self, i: usize) -> &[f32] {
         &self.values[i * self.length..(i + 1) * self.length]
     }
 }
 
-/// Euclidean distance; 0 between empty descriptions.
+/// Euclidean distance between two descriptors; 0 between empty ones.
 pub fn distance(a: &[f32], b: &[f32]) -> f64 {
     f64::from(a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f32>()).sqrt()
 }
 
-/// Describes given points.
+/// Computes the descriptors of given points.
 pub fn describe(
     kind: DescriptorKind,
     gray: &Gray,

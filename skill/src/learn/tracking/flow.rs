@@ -1,5 +1,9 @@
-//! Prediction of features into the next frame by optical flow, with the backward flow that
-//! shows where it failed (Kalal et al. 2010).
+//! Predicts features into the next frame by optical flow; the backward flow shows where the
+//! prediction failed.
+//!
+//! In: two images, and points of the first, pixels.
+//! Out: the predicted place of each point with its forward-backward error, pixels.
+//! From: paper, section III-A; forward-backward error of Kalal et al. 2010.
 
 #[cfg(feature = "paper")]
 use super::dense_flow;
@@ -11,12 +15,12 @@ use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// The flow that predicts features.
+/// The optical flow that predicts features.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FlowMethod {
-    /// Dense polynomial expansion (Farneback 2003) at half resolution with median
-    /// filtering, as the paper has it.
+    /// Dense polynomial expansion (Farneback 2003) at half resolution with median filtering: the
+    /// paper's choice.
     #[cfg(feature = "paper")]
     Farneback,
     /// Sparse pyramidal Lucas-Kanade.
@@ -26,18 +30,18 @@ pub enum FlowMethod {
     Dis,
 }
 
-/// A picture made ready for one flow.
+/// An image that is prepared for one optical flow.
 pub struct Picture {
     #[cfg(feature = "paper")]
     method: FlowMethod,
-    /// As features are found and described in.
+    /// Grey image in which features are detected and described.
     pub gray: Gray,
-    /// None for a dense flow.
+    /// Image pyramid; `None` for a dense flow.
     pyramid: Option<Pyramid>,
 }
 
 impl Picture {
-    /// Of a grey picture.
+    /// Prepares a grey image.
     pub fn new(gray: Gray, method: FlowMethod) -> opencv::Result<Self> {
         let sparse = method == FlowMethod::LucasKanade;
         let pyramid = sparse.then(|| Pyramid::of(&gray)).transpose()?;
@@ -49,8 +53,8 @@ impl Picture {
         })
     }
 
-    /// Predicts every point of this picture into the next; `None` where the flow itself gave up,
-    /// and for all where the next is of another size.
+    /// Predicts every point of this image into the next one; `None` where the flow fails, and for
+    /// all points if the next image is of another size.
     pub fn predict(
         &self,
         next: &Self,
@@ -78,7 +82,7 @@ impl Picture {
         }
     }
 
-    /// Without the paper's flows a picture that has no pyramid predicts nothing.
+    /// Without the paper's flows an image that has no pyramid predicts nothing.
     #[cfg(not(feature = "paper"))]
     fn predict_dense(
         &self,

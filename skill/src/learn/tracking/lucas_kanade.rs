@@ -1,6 +1,10 @@
-//! Sparse pyramidal Lucas-Kanade flow (Bouguet 2000): loops over windows that are as wide as the
-//! processor allows, with the same results on all. Debian's OpenCV has it for the narrowest
+//! Sparse pyramidal Lucas-Kanade flow. Its loops run over windows that are as wide as the processor
+//! allows, with the same results on all processors. Debian's OpenCV has it for the narrowest
 //! processors alone, and takes nearly twice as long (`benches/frame.rs`).
+//!
+//! In: two grey images of one size, as pyramids, and a point of the first, pixels.
+//! Out: the place of the point in the second image, pixels; `None` if it cannot be followed.
+//! From: Bouguet 2000.
 
 use crate::image::gray::Gray;
 use nalgebra::Point2;
@@ -8,37 +12,39 @@ use opencv::core::{BORDER_REFLECT_101, Mat, Scalar, Size};
 use opencv::prelude::*;
 use opencv::{core, imgproc};
 
-/// Levels of the pyramid, each half as wide as the one before.
+/// Number of levels of the pyramid, each half as wide as the one before.
 const LEVELS: usize = 4;
-/// Pixels across the window round a point.
+/// Width of the window around a point, pixels.
 const SIDE: usize = 13;
 const HALF: f32 = (SIDE / 2) as f32;
-/// Steps at each level, and the length of a step that is the last one, pixels.
+/// Largest number of steps at each level.
 const STEPS: usize = 15;
+/// Length of a step from which the search at a level ends, pixels.
 const LAST_STEP_PX: f32 = 0.03;
-/// Two steps that cancel each other to this are a swing about the goal, pixels.
+/// Largest sum, in columns and in rows, of two successive steps that cancel each other, pixels:
+/// they oscillate about the goal.
 const SWING_PX: f32 = 0.01;
-/// Least eigenvalue of the mean product of gradients that tells a motion, grey values² per
-/// pixel².
+/// Smallest eigenvalue of the mean product of gradients from which a motion is determined, grey
+/// values² per pixel².
 const MIN_EIGENVALUE: f32 = 0.1;
-/// How far outside the picture a point may be at any level, pixels.
+/// Largest distance of a point outside the image at any level, pixels.
 const OUTSIDE_PX: f32 = 7.0;
-/// Pixels round each level: as many as a window at the farthest point reaches over.
+/// Width of the border around each level, pixels: a window at the farthest point stays within it.
 const PADDING: i32 = 32;
 
-/// Floats of a row: a window's, what its gradients need beside it, and what fills a register.
+/// Number of floats in a row: those of a window, those that its gradients need beside it, and those
+/// that fill a register.
 const LANES: usize = 16;
 type Row = [f32; LANES];
-/// A point's surroundings, row after row; the floats after the last row stand for what gradients
-/// read beside it.
+/// Grey values around a point, row after row; gradients read the floats after the last row too.
 type Patch<const FLOATS: usize> = [f32; FLOATS];
 const TEMPLATE: usize = (SIDE + 2) * LANES + 2;
 const WINDOW: usize = SIDE * LANES;
 
-/// A picture at all levels.
+/// An image at all levels of the pyramid.
 pub struct Pyramid(Vec<Level>);
 
-/// A picture with a border, as reflected in a mirror.
+/// An image with a border of reflected pixels.
 struct Level {
     width: usize,
     height: usize,
@@ -47,7 +53,7 @@ struct Level {
 }
 
 impl Pyramid {
-    /// Of a picture.
+    /// Builds the pyramid of an image.
     pub fn of(gray: &Gray) -> opencv::Result<Self> {
         let mut levels = vec![Level::of(gray.mat())?];
         let mut half = gray.mat().try_clone()?;
@@ -88,7 +94,8 @@ impl Level {
         within(p[0], self.width) && within(p[1], self.height)
     }
 
-    /// Grey values at whole pixels right of and below `corner`, between pixels as it is.
+    /// Grey values at whole pixels right of and below `corner`, which may be between pixels;
+    /// interpolated bilinearly.
     #[inline(always)]
     fn sample<const ROWS: usize, const FLOATS: usize>(&self, corner: [f32; 2]) -> Patch<FLOATS> {
         let (left, top) = (corner[0].floor(), corner[1].floor());
@@ -107,7 +114,8 @@ impl Level {
         patch
     }
 
-    /// Grey values of a row from a byte on, `a` of the way to the next ones.
+    /// Grey values of a row from the byte `from` on, interpolated by the share `a` towards the next
+    /// bytes.
     #[inline(always)]
     fn between(&self, from: usize, a: f32) -> Row {
         let bytes: &[u8; LANES + 1] = self.bytes[from..].first_chunk().expect("padding is wider");
@@ -119,8 +127,8 @@ impl Level {
     }
 }
 
-/// Where a point of `from` is in `to`; `None` where its surroundings tell no motion or it leaves
-/// the picture.
+/// The place in `to` of a point of `from`; `None` if its surroundings determine no motion, or it
+/// leaves the image.
 pub fn track(from: &Pyramid, to: &Pyramid, point: &Point2<f32>) -> Option<Point2<f32>> {
     let mut shift = [0.0; 2];
     for level in (0..LEVELS).rev() {
@@ -138,7 +146,7 @@ pub fn track(from: &Pyramid, to: &Pyramid, point: &Point2<f32>) -> Option<Point2
     Some(Point2::new(point.x + shift[0], point.y + shift[1]))
 }
 
-/// The shift at one level, from one that is roughly right.
+/// The shift at one level, refined from a rough one.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn refine(from: &Level, to: &Level, start: [f32; 2], shift: [f32; 2]) -> Option<[f32; 2]> {
     if !from.reaches(start) {
@@ -173,17 +181,17 @@ fn refine(from: &Level, to: &Level, start: [f32; 2], shift: [f32; 2]) -> Option<
     Some(shift)
 }
 
-/// What is sought: grey values and gradients of a window, and the sums of their products.
+/// The window that is sought: grey values, gradients, and the sums of products of gradients.
 struct Template {
     grey: Patch<WINDOW>,
     gradient_x: Patch<WINDOW>,
     gradient_y: Patch<WINDOW>,
-    /// Sums of xx, xy and yy.
+    /// Sums of the products xx, xy and yy of the gradients.
     products: [f32; 3],
 }
 
 impl Template {
-    /// Of a window with a pixel round it; gradients are Scharr's.
+    /// Builds the template from a window with one pixel around it; the gradients are Scharr's.
     #[inline(always)]
     fn of(patch: &Patch<TEMPLATE>) -> Self {
         let mut grey = [0.0; WINDOW];
@@ -205,14 +213,15 @@ impl Template {
         Self { grey, gradient_x, gradient_y, products }
     }
 
-    /// Sums over the window of what it misses, times its gradients.
+    /// Sums over the window of the differences in grey value, times the gradients along x and along
+    /// y.
     #[inline(always)]
     fn mismatch(&self, window: &Patch<WINDOW>) -> [f32; 2] {
         let mut missing = self.grey;
         for (missing, seen) in missing.iter_mut().zip(window) {
             *missing -= seen;
         }
-        // Not a closure: the compiler would leave it behind, for any processor.
+        // Not a closure: the compiler would compile that for the narrowest processors only.
         [sum_of_products(&missing, &self.gradient_x), sum_of_products(&missing, &self.gradient_y)]
     }
 }
@@ -228,7 +237,7 @@ const INSIDE: Row = {
     inside
 };
 
-/// Gradients along three rows, of the middle one.
+/// Gradients along x of the middle one of three rows.
 #[inline(always)]
 fn across(above: &[f32; LANES + 2], here: &[f32; LANES + 2], below: &[f32; LANES + 2]) -> Row {
     let mut gradient = [0.0; LANES];
@@ -239,7 +248,7 @@ fn across(above: &[f32; LANES + 2], here: &[f32; LANES + 2], below: &[f32; LANES
     gradient
 }
 
-/// Gradients from one row to the next but one.
+/// Gradients along y of a row, from the row above and the row below.
 #[inline(always)]
 fn down(above: &[f32; LANES + 2], below: &[f32; LANES + 2]) -> Row {
     let mut gradient = [0.0; LANES];
@@ -250,8 +259,9 @@ fn down(above: &[f32; LANES + 2], below: &[f32; LANES + 2]) -> Row {
     gradient
 }
 
-/// A sum for each column first: the same additions in the same order, however wide the processor.
-/// Products are taken in a loop of their own, as the compiler fills whole registers only then.
+/// Sum of the products, by columns first: the same additions in the same order, however wide the
+/// processor. The products are computed in a separate loop, as the compiler fills whole registers
+/// only then.
 #[inline(always)]
 fn sum_of_products(a: &Patch<WINDOW>, b: &Patch<WINDOW>) -> f32 {
     let mut products = *a;

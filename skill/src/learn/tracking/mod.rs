@@ -1,7 +1,10 @@
-//! Spatio-temporal feature tracking (paper, section III-A): corners are found at several
-//! scales, predicted by optical flow, checked by flow failure detection and by their
-//! description, reinforced by fresh detections, replaced where none are left, and lifted to
-//! 3-D with position and normal.
+//! Spatio-temporal feature tracking: corners are detected, predicted by optical flow, checked by
+//! flow failure detection and by their descriptors, corrected by new detections, replaced where
+//! none are left, and lifted to 3-D with position and normal.
+//!
+//! In: RGB-D frames in the order of time.
+//! Out: tracks, in pixels and in the camera frame of each frame, metres ([`TrackSet`]).
+//! From: paper, section III-A. [`TrackConfig`] names the paper's values and ours.
 
 pub(crate) mod config;
 mod corners;

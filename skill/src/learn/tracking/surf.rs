@@ -1,26 +1,28 @@
-//! The SURF descriptor at given key points (Bay, Ess, Tuytelaars, Van Gool 2008): box
-//! filters on an integral picture, 64 values, upright or turned to the dominant gradient.
+//! The SURF descriptor at given key points: box filters on an integral image, 64 values, upright or
+//! turned to the dominant gradient. Debian's OpenCV does not contain it.
 //!
-//! Debian's OpenCV leaves SURF out, and the paper describes features with it.
+//! In: a grey image, and key points with their scales, pixels.
+//! Out: descriptors of unit length.
+//! From: Bay, Ess, Tuytelaars, Van Gool 2008; the paper (III-A) describes features with SURF.
 
 use crate::image::gray::Gray;
 use rayon::prelude::*;
 
-/// Values in a descriptor.
+/// Number of values in a descriptor.
 pub const SURF_LENGTH: usize = 64;
 
-/// Where to describe.
+/// A key point that is described.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfPoint {
-    /// Column.
+    /// Column, pixels.
     pub x: f32,
-    /// Row.
+    /// Row, pixels.
     pub y: f32,
-    /// The scale s of the paper, in pixels: the described square is 20 s wide.
+    /// Scale s of the SURF paper, pixels: the described square is 20 s wide.
     pub scale: f32,
 }
 
-/// The integral picture from which descriptors are read.
+/// The integral image from which descriptors are computed.
 pub struct Surf {
     width: i32,
     height: i32,
@@ -28,7 +30,7 @@ pub struct Surf {
 }
 
 impl Surf {
-    /// Sums a picture.
+    /// Computes the integral image.
     pub fn new(gray: &Gray) -> opencv::Result<Self> {
         let (width, height) = (gray.width(), gray.height());
         let bytes = gray.bytes()?;
@@ -44,7 +46,7 @@ impl Surf {
         Ok(Self { width: width as i32, height: height as i32, integral })
     }
 
-    /// Descriptors of all points, each of unit length (or zero on a flat patch).
+    /// Descriptors of all points, each of unit length, or zero on a flat patch.
     pub fn describe(&self, points: &[SurfPoint], upright: bool) -> Vec<[f32; SURF_LENGTH]> {
         points
             .par_iter()
@@ -76,8 +78,8 @@ impl Surf {
         (right - left, bottom - top)
     }
 
-    /// Dominant gradient direction: the 60-degree sector with the longest summed response
-    /// within 6 s.
+    /// Direction of the dominant gradient, radians: that of the 60-degree sector with the longest
+    /// summed response within 6 s.
     fn orientation(&self, p: &SurfPoint) -> f32 {
         let s = p.scale;
         let size = even(4.0 * s);

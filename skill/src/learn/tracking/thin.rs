@@ -1,19 +1,22 @@
-//! Which frames of a long demonstration are kept: memory is bounded, and frames in which nothing moves
-//! show nothing that the frame before them did not.
+//! Chooses the frames of a long demonstration that are kept: memory is bounded, and a frame in
+//! which nothing moves shows nothing that the frame before it did not.
+//!
+//! In: all tracks, pixels, and the times of the frames. Out: a mark for each frame that is kept.
 
 use super::track::{Track, TrackSet};
 
-/// Fewest features that have moved in a picture that has changed: fewer are features that slip.
+/// A frame counts as changed if at least this many features moved; fewer are tracking errors.
 const MIN_MOVED: usize = 6;
-/// Least share of the features that have moved then.
+/// A frame counts as changed if at least this share of the features moved.
 const MOVED_SHARE: f64 = 0.005;
-/// Motion between two kept frames, pixels: as little as suffices to drop enough frames.
+/// Motions between two kept frames that are tried, pixels; the smallest that drops enough frames is
+/// taken.
 const STEPS_PX: [f32; 10] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, f32::INFINITY];
-/// Longest time between two kept frames where there is room for it, microseconds.
+/// Longest time between two kept frames if there is room for it, microseconds.
 const LONGEST_GAP_US: i64 = 1_000_000;
 
 /// Marks at most `most` frames (at least 2): the first, the last, and between them those that
-/// differ most from the kept one before.
+/// differ enough from the kept frame before.
 pub fn informative_frames(set: &TrackSet, most: usize) -> Vec<bool> {
     let n = set.frames();
     let most = most.max(2);
@@ -29,7 +32,7 @@ pub fn informative_frames(set: &TrackSet, most: usize) -> Vec<bool> {
     marked.into_iter().find(few).unwrap_or_else(|| evenly(n, most))
 }
 
-/// At most `most` frames, the first and the last among them.
+/// Marks `most` evenly spaced frames, the first and the last among them.
 fn evenly(n: usize, most: usize) -> Vec<bool> {
     let mut marks = vec![false; n];
     (0..most).for_each(|i| marks[i * (n - 1) / (most - 1)] = true);
@@ -51,8 +54,8 @@ impl<'s> Alive<'s> {
         Self { set, by_frame }
     }
 
-    /// Frames that are `step` pixels of motion or `gap` microseconds away from the marked one
-    /// before, and the last.
+    /// Marks the first and the last frame, and each frame with more than `step` pixels of motion,
+    /// or at least `gap` microseconds, since the marked frame before.
     fn apart(&self, step: f32, gap: i64) -> Vec<bool> {
         let n = self.set.frames();
         let mut marks = vec![false; n];
@@ -68,8 +71,8 @@ impl<'s> Alive<'s> {
         marks
     }
 
-    /// How far features have moved from one frame to another, pixels: the most that some of them
-    /// have. Infinite where too few are seen in both.
+    /// Motion of the features from one frame to another, pixels: the largest distance that as many
+    /// features have moved as a changed frame needs. Infinite if too few features are seen in both.
     fn motion(&self, from: usize, to: usize) -> f32 {
         let moved = |number: &u32| {
             let track = &self.set.tracks[*number as usize];
@@ -86,12 +89,12 @@ impl<'s> Alive<'s> {
 }
 
 impl TrackSet {
-    /// Forgets the frames that are not marked, and tracks that were seen in these alone. Gives the
-    /// new number of each track that stays.
+    /// Removes the frames that are not marked, and the tracks that were seen in these alone.
+    /// Returns the new number of each track that stays.
     pub fn keep_frames(&mut self, marks: &[bool]) -> Vec<Option<usize>> {
         let mut marked = marks.iter();
         self.frame_utimes.retain(|_| *marked.next().unwrap_or(&true));
-        // How many frames stay before each.
+        // Number of kept frames before each frame.
         let mut before = Vec::with_capacity(marks.len());
         let mut count = 0;
         for mark in marks {
@@ -178,7 +181,7 @@ mod tests {
         let mut set = recording(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
         set.tracks[3].first_frame = 2;
         set.tracks[3].observations.drain(..2);
-        // BaseObservation in frame 1 alone.
+        // Seen in frame 1 alone.
         set.tracks[4].first_frame = 1;
         set.tracks[4].observations.truncate(1);
         let before = set.clone();

@@ -1,13 +1,13 @@
-//! Tracks: features that were followed from frame to frame, in pixels and, where the depth image has
-//! a reading, in metres in the camera frame.
+//! Tracks: features that were followed from frame to frame, in pixels and, where the depth image
+//! has a reading, in metres in the camera frame.
 
 use crate::math::rigid::Pose;
 use nalgebra::{Point2, Point3, Vector3};
 
-/// What was seen of a feature in one frame.
+/// Observation of a feature in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// Place in the picture, pixels.
+    /// Place in the image, pixels.
     pub pixel: Point2<f32>,
     /// Place in the camera frame, metres; `None` where depth has no reading or an edge.
     pub point_in_camera: Option<Point3<f64>>,
@@ -23,31 +23,31 @@ pub struct TrackId(pub usize);
 /// A feature followed through consecutive frames.
 #[derive(Debug, Clone)]
 pub struct Track {
-    /// Which track it is.
+    /// Identity of the track.
     pub id: TrackId,
-    /// Index of its first frame.
+    /// Number of the first frame.
     pub first_frame: usize,
-    /// One observation a frame from there on.
+    /// One observation for each frame from `first_frame` on.
     pub observations: Vec<Observation>,
 }
 
 impl Track {
-    /// What was seen in a frame; `None` before the track's birth and after its end.
+    /// The observation in a frame; `None` before the track's birth and after its end.
     pub fn at(&self, frame: usize) -> Option<&Observation> {
         self.observations.get(frame.checked_sub(self.first_frame)?)
     }
 
-    /// Frame after the last.
+    /// Number of the frame after the last observation.
     pub fn end_frame(&self) -> usize {
         self.first_frame + self.observations.len()
     }
 
-    /// Lifted in at least `min_length` frames.
+    /// True if the track has depth in at least `min_length` frames.
     pub fn is_long(&self, min_length: usize) -> bool {
         self.lifted().nth(min_length.saturating_sub(1)).is_some()
     }
 
-    /// Frames in which the track has a place in 3-D.
+    /// Frames in which the track has depth, with the place in the camera frame, metres.
     pub fn lifted(&self) -> impl Iterator<Item = (usize, Point3<f64>)> + '_ {
         self.observations
             .iter()
@@ -66,12 +66,12 @@ pub struct TrackSet {
 }
 
 impl TrackSet {
-    /// Frames seen.
+    /// Number of frames.
     pub fn frames(&self) -> usize {
         self.frame_utimes.len()
     }
 
-    /// `[t, q]` of configurations in frames: seconds and configuration.
+    /// Pairs `[t, q]` of time, seconds, and configuration, for the configurations in some frames.
     pub fn timed(&self, frames: &[usize], configuration: &[f64]) -> Vec<[f64; 2]> {
         frames
             .iter()
@@ -80,13 +80,13 @@ impl TrackSet {
             .collect()
     }
 
-    /// Keeps tracks that were lifted in at least `min_length` frames.
+    /// Keeps the tracks that have depth in at least `min_length` frames.
     pub fn retain_long(&mut self, min_length: usize) {
         self.tracks.retain(|t| t.is_long(min_length));
     }
 }
 
-/// A pose for each frame in which one is known.
+/// Pose in each frame; `None` where it is not known.
 pub type Trajectory = Vec<Option<Pose>>;
 
 #[cfg(test)]

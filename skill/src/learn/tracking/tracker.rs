@@ -1,4 +1,8 @@
-//! The tracker: one frame in, all tracks one frame longer.
+//! Follows features from frame to frame, and starts new ones where there are none.
+//!
+//! In: RGB-D frames in the order of time.
+//! Out: tracks, in pixels and in the camera frame of each frame, metres.
+//! From: paper, section III-A.
 
 use super::config::TrackConfig;
 use super::corners;
@@ -12,14 +16,15 @@ use linkage_frames::RgbdFrame;
 use nalgebra::{Point2, Point3};
 use std::collections::HashSet;
 
-/// Largest distance between unit descriptors of one feature. Ours.
+/// Largest distance between the unit descriptors of one feature in two frames. Ours.
 const MAX_DESCRIPTOR_DISTANCE: f64 = 0.45;
-/// Fewest observations of a track that takes part in learning. Original code: 5.
+/// Smallest number of observations with depth of a track that takes part in learning. Original
+/// code: 5.
 const MIN_LENGTH: usize = 6;
-/// Pixels at the border in which a feature is given up.
+/// Width of the image border in which a feature is given up, pixels.
 const BORDER_PX: f32 = 5.0;
 
-/// A live feature: its track and its description when it was last confirmed.
+/// A live feature: its track, and its descriptor when the feature was last confirmed.
 struct Feature {
     track: usize,
     pixel: Point2<f32>,
@@ -32,17 +37,17 @@ pub struct Tracker {
     previous: Option<Picture>,
     live: Vec<Feature>,
     set: TrackSet,
-    /// Tracks that were ever started.
+    /// Number of tracks that were ever started.
     born: usize,
 }
 
 impl Tracker {
-    /// A tracker that has seen nothing yet.
+    /// Creates a tracker without frames.
     pub fn new(config: TrackConfig) -> Self {
         Self { config, previous: None, live: Vec::new(), set: TrackSet::default(), born: 0 }
     }
 
-    /// Follows all features into `frame` and starts new ones where none are.
+    /// Follows all features into `frame`, and starts new ones where there are none.
     pub fn push(&mut self, frame: &RgbdFrame) -> opencv::Result<()> {
         let gray = Gray::from_color(&frame.color)?.blurred(0.7)?;
         let picture = Picture::new(gray, self.config.flow)?;
@@ -57,23 +62,23 @@ impl Tracker {
         Ok(())
     }
 
-    /// Features alive in the newest frame.
+    /// Number of features alive in the newest frame.
     pub fn live_count(&self) -> usize {
         self.live.len()
     }
 
-    /// Frames seen so far.
+    /// Number of frames so far.
     pub fn frames(&self) -> usize {
         self.set.frames()
     }
 
-    /// What was seen so far.
+    /// All tracks so far, the short ones too.
     pub fn seen(&self) -> &TrackSet {
         &self.set
     }
 
-    /// Forgets the frames that are not marked (the newest must be), and ended tracks that are too
-    /// short to learn from. Gives the new number of each track that stays.
+    /// Removes the frames that are not marked (the newest must be marked), and ended tracks that
+    /// are too short to learn from. Returns the new number of each track that stays.
     pub fn keep_frames(&mut self, marks: &[bool]) -> Vec<Option<usize>> {
         let is_alive: HashSet<usize> = self.live.iter().map(|f| f.track).collect();
         for (number, track) in self.set.tracks.iter_mut().enumerate() {
@@ -92,19 +97,19 @@ impl Tracker {
         numbers
     }
 
-    /// Places and track numbers of the features alive in the newest frame.
+    /// Track number and place, pixels, of each feature alive in the newest frame.
     pub fn live(&self) -> impl Iterator<Item = (usize, Point2<f32>)> + '_ {
         self.live.iter().map(|f| (f.track, f.pixel))
     }
 
-    /// Features lifted out of the newest frame: numbers of their tracks, and places in the camera
-    /// frame.
+    /// Features of the newest frame that have depth: the numbers of their tracks, and their places
+    /// in the camera frame, metres.
     pub fn lifted(&self) -> Vec<(usize, Point3<f64>)> {
         let place = |f: &Feature| self.set.tracks[f.track].observations.last()?.point_in_camera;
         self.live.iter().filter_map(|f| Some((f.track, place(f)?))).collect()
     }
 
-    /// Tracks that are long enough to learn from already.
+    /// The tracks that are long enough to learn from already.
     pub fn snapshot(&self) -> TrackSet {
         let long = |t: &&Track| t.is_long(MIN_LENGTH);
         TrackSet {
@@ -145,7 +150,8 @@ impl Tracker {
         Ok(())
     }
 
-    /// Combats drift: a fresh corner close to a prediction takes its place.
+    /// Reduces drift: moves a feature half way to a new corner that is close to its predicted
+    /// place.
     fn reinforce(&self, gray: &Gray, features: &mut [Feature]) -> opencv::Result<()> {
         if self.config.reinforce_px <= 0.0 {
             return Ok(());
@@ -161,7 +167,7 @@ impl Tracker {
         Ok(())
     }
 
-    /// Drops features that no longer look like themselves.
+    /// Drops features whose descriptor has changed too much since they were last confirmed.
     fn verified(&self, gray: &Gray, features: Vec<Feature>) -> opencv::Result<Vec<Feature>> {
         let descriptions = self.describe(gray, &features)?;
         let mut kept = Vec::with_capacity(features.len());
@@ -181,7 +187,7 @@ impl Tracker {
         describe(self.config.descriptor, gray, &pixels)
     }
 
-    /// Adds features in regions that are not yet occupied, up to the constant number.
+    /// Adds features in regions that are not yet occupied, up to the configured number.
     fn replenish(&mut self, gray: &Gray) -> opencv::Result<()> {
         let wanted = self.config.max_features.saturating_sub(self.live.len());
         if wanted == 0 {
@@ -212,7 +218,7 @@ impl Tracker {
     }
 }
 
-/// Corners by cell, for nearest-neighbour queries of a pixel or two.
+/// Corners in cells of 4 x 4 pixels, for nearest-neighbour queries within 4 pixels at most.
 struct PixelGrid {
     cells: std::collections::HashMap<(i32, i32), Vec<Point2<f32>>>,
 }

@@ -1,6 +1,11 @@
-//! A joint's line and its configurations by least squares over all keyframes: each point of the surface that
-//! faces the camera goes to the moving reading next to it. The configurations are eliminated (Schur
-//! complement), as bundle adjustment eliminates points.
+//! Aligns a joint's line and its configurations to all keyframes at once. Each point of the surface that faces the
+//! camera is paired with the nearest moving reading.
+//!
+//! In: a surface at rest, a joint, its configuration in each keyframe, and the moving readings; base frame, metres
+//! and radians.
+//! Out: the line with the information of its four unknowns, and the configurations.
+//! From: point-to-point ICP by Gauss-Newton; the configurations are eliminated (Schur complement), as bundle
+//! adjustment eliminates points.
 
 use super::moving_points::{MAX_DISTANCE_M, MovingPoints};
 use super::rest_surface::RestSurface;
@@ -9,47 +14,47 @@ use crate::math::rigid::{nearest_on_line, orthonormal_basis};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Matrix3x4, Matrix4, Point3, Vector3, Vector4};
 
-/// Gauss-Newton steps.
+/// Most Gauss-Newton steps.
 const STEPS: usize = 8;
-/// Fewest pairs of a keyframe, as a share of the points.
+/// Fewest pairs of a keyframe that counts, as a share of the surface's points.
 const MIN_PAIRS: f64 = 0.1;
-/// Step for derivatives, radians or metres.
+/// Step of numerical derivatives, radians or metres.
 const DIFFERENCE: f64 = 1e-5;
 /// Largest change of a configuration in a step, radians or metres.
 const MAX_CHANGE: f64 = 0.1;
-/// Error of a keyframe's pairs that all of them share, metres: a hand on the part counts as its surface.
+/// Error that all pairs of a keyframe share, metres: a hand on the part counts as the part's surface.
 const SHARED_M: f64 = 0.004;
-/// Independent keyframes: a hand keeps its grip.
+/// Largest number of independent keyframes: a hand keeps its grip.
 const INDEPENDENT: f64 = 8.0;
-/// Standard deviation of a step of a line's place, metres: damps what the pictures do not tell.
+/// Standard deviation of a step of a hinge's place, metres: damps what the images do not determine.
 const PLACE_M: f64 = 0.5;
 /// Standard deviation of the place of a line that is that of a known joint, metres.
 const KNOWN_PLACE_M: f64 = 0.01;
-/// The same for a slide, whose place is any.
+/// Standard deviation of a step of a slide's place, metres: a slide has no place, so that it must not move.
 const NO_PLACE_M: f64 = 1e-6;
 
-/// A line that was aligned.
+/// A line that was aligned to all keyframes.
 pub struct Aligned {
-    /// The line.
+    /// The aligned line, base frame.
     pub geometry: JointGeometry,
-    /// One configuration a keyframe.
+    /// One configuration per keyframe, radians or metres.
     pub q: Vec<f64>,
     /// Information of the line's four unknowns.
     pub information: Matrix4<f64>,
 }
 
-/// What is known of a line before anything is seen.
+/// What is known of a line before the alignment; base frame.
 #[derive(Debug, Clone, Copy)]
 pub struct LinePrior {
-    /// Unit vector.
+    /// Unit vector along the line.
     pub direction: Vector3<f64>,
-    /// Its standard deviation, radians.
+    /// Standard deviation of the direction, radians.
     pub direction_sigma: f64,
-    /// A point that it goes through, where that is known, to within [`KNOWN_PLACE_M`].
+    /// A point on the line, if one is known to within [`KNOWN_PLACE_M`].
     pub place: Option<Point3<f64>>,
 }
 
-/// Aligns a joint to all keyframes, from its configurations in them.
+/// Aligns a joint to all keyframes, starting from the configurations `q`, one per keyframe.
 pub fn align(
     surface: &RestSurface,
     geometry: &JointGeometry,
@@ -88,7 +93,7 @@ pub fn align(
     Aligned { geometry: line, q, information }
 }
 
-/// Normal equations of one keyframe, for the line's unknowns and its configuration.
+/// Normal equations of one keyframe, for the unknowns of the line and the keyframe's configuration.
 struct Normal {
     left: Matrix4<f64>,
     right: Vector4<f64>,
@@ -97,6 +102,7 @@ struct Normal {
     own_right: f64,
 }
 
+/// Normal equations of a keyframe; `None` if it has too few pairs.
 fn normal_equations(
     surface: &RestSurface,
     line: &JointGeometry,
@@ -136,7 +142,8 @@ fn normal_equations(
     if (pairs as f64) < MIN_PAIRS * surface.points.len() as f64 || all.own < 1e-6 {
         return None;
     }
-    // All pairs of a keyframe count as one: they share the errors of what is taken for the surface.
+    // All pairs of a keyframe count as one measurement, because they share the error of what is taken for the
+    // surface.
     let scale = 1.0 / (weights * SHARED_M.powi(2));
     all.left *= scale;
     all.right *= scale;
@@ -146,8 +153,7 @@ fn normal_equations(
     Some(all)
 }
 
-/// Normal equations of what is known of a line before anything is seen, with the damping of its place. A slide has
-/// no place.
+/// Normal equations of the prior, with the damping of the line's place.
 fn prior(line: &JointGeometry, expected: &LinePrior) -> (Matrix4<f64>, Vector4<f64>) {
     let sense = if expected.direction.dot(&line.axis) < 0.0 { -1.0 } else { 1.0 };
     let turned = sense * expected.direction - line.axis.into_inner();

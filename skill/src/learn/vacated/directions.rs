@@ -1,33 +1,41 @@
-//! Directions that an axis may have: across or along the surfaces around a part. People build hinges square
-//! to what they are in; the alignment later corrects a direction that is off by some degrees.
+//! Finds directions that an axis may have: across or along the surfaces around a part. People build hinges square to
+//! what they are in; the alignment later corrects a direction that is off by some degrees.
+//!
+//! In: a surface at rest, the keyframe that shows it, and directions of known axes and of turning planes; base frame.
+//! Out: unit directions, base frame.
+//! From: clusters of surface normals, and principal axes.
 
 use super::rest_surface::RestSurface;
 use super::view::View;
 use crate::math::rigid::{line_angle, plane_through};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Pixels between the patches whose normals are taken, and from their middle to their border.
+/// Distance between the patches whose normals are estimated, pixels.
 const PATCH_STEP_PX: usize = 10;
+/// Distance from the middle of a patch to its border, pixels.
 const PATCH_HALF_PX: usize = 6;
-/// Most patches.
+/// Most patches whose normals are estimated.
 const MAX_PATCHES: usize = 1500;
-/// Largest range of depth in a patch, metres: more is an edge.
+/// Largest range of depth in a patch, metres; a larger one is an edge.
 const MAX_RANGE_M: f64 = 0.08;
-/// How much farther than the part itself its surroundings reach, metres.
+/// How far the surroundings reach beyond the radius of the part, metres.
 const SURROUNDINGS_M: f64 = 0.4;
-/// Normals that close are of one surface or of parallel ones, radians.
+/// Largest angle between normals of one surface or of parallel ones, radians.
 const SAME_NORMAL_RAD: f64 = 0.2;
-/// Most main normals, and the least share of all normals that one of them has.
+/// Most main normals.
 const MAX_NORMALS: usize = 4;
+/// Smallest share of all normals that one main normal has.
 const MIN_SHARE: f64 = 0.05;
-/// Directions closer than this are one, radians.
+/// Largest angle between two directions that count as one, radians.
 const SAME_DIRECTION_RAD: f64 = 0.17;
 
-/// Directions that planes tell closer than this are one, radians: their normals tell them to half of that.
+/// Largest angle between a direction of turning planes and another direction that count as one, radians: the planes'
+/// normals determine a direction to half of that.
 const SAME_DIRECTION_OF_PLANES_RAD: f64 = 0.05;
 
-/// The directions, those of `known` axes first, and last those `of_planes` that turn nearby. What stands askew to its
-/// surroundings, as a round bin does, is square to none of them; its planes tell its direction.
+/// The directions: first those of `known` axes, then those square to the surroundings and the principal axes of the
+/// surface, last those `of_planes` that turn nearby. A part that stands askew to its surroundings, as a round bin
+/// does, is square to none of them; its planes give its direction.
 pub fn axis_directions(
     surface: &RestSurface,
     view: &View,
@@ -51,7 +59,7 @@ pub fn axis_directions(
     directions
 }
 
-/// Normals of small patches around a part.
+/// Normals of small patches around a part, base frame.
 fn normals_around(surface: &RestSurface, view: &View) -> Vec<Vector3<f64>> {
     let depth = &view.picture.depth;
     let (centre, radius) = (surface.centre(), surface.radius() + SURROUNDINGS_M);
@@ -81,7 +89,7 @@ fn normal_of_patch(view: &View, u: usize, v: usize) -> Option<Vector3<f64>> {
     (far - near < MAX_RANGE_M).then(|| plane_through(&places).1)
 }
 
-/// The means of the normals that most others are close to, the most frequent first.
+/// The means of the largest clusters of normals, the largest first.
 fn main_normals(mut normals: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
     let all = normals.len();
     let mut main = Vec::new();
@@ -104,7 +112,7 @@ fn main_normals(mut normals: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
     main
 }
 
-/// The three principal axes of a cloud.
+/// The three principal axes of a point cloud.
 fn principal_axes(points: &[Point3<f64>]) -> Vec<Vector3<f64>> {
     let mean: Vector3<f64> =
         points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
@@ -120,7 +128,7 @@ mod tests {
     use super::super::test_data::{lever, turn};
     use super::*;
 
-    /// So many normals to each side, each turned away from it by less than three degrees.
+    /// The given number of normals for each direction, each turned away from it by less than three degrees.
     fn normals(of: &[(Vector3<f64>, usize)]) -> Vec<Vector3<f64>> {
         let about = |&(n, count): &(Vector3<f64>, usize)| {
             (0..count).map(move |i| {

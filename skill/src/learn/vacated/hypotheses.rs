@@ -1,5 +1,9 @@
-//! Joints that could have moved a surface from its rest to where it is when its place is empty: all hinges
-//! of a coarse grid of lines, and slides, along some directions.
+//! Proposes joints that could have moved a surface from its rest to where it is when its place is empty: all hinges
+//! of a coarse grid of lines, and slides, along given directions.
+//!
+//! In: a surface at rest, directions, lines of known joints, and the moving readings of each keyframe; base frame.
+//! Out: the best hypotheses with their scores.
+//! From: exhaustive search, coarse to fine.
 
 use super::moving_points::{Evidence, MovingPoints};
 use super::rest_surface::RestSurface;
@@ -8,46 +12,51 @@ use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 
-/// Lines of the grid in either direction across an axis.
+/// Lines of the grid in each of the two directions across an axis.
 const GRID: usize = 13;
-/// How far the grid goes beyond the surface: a share of its size, and metres.
+/// How far the grid extends beyond the surface, as a share of its size.
 const BEYOND: f64 = 0.5;
+/// How much farther the grid extends beyond the surface, metres.
 const BEYOND_M: f64 = 0.04;
-/// Largest turn, radians, and shift, metres, from the rest.
+/// Largest turn from the rest, radians.
 const MAX_TURN_RAD: f64 = 2.5;
+/// Largest shift from the rest, metres.
 const MAX_SHIFT_M: f64 = 0.7;
-/// Least and greatest distance of a surface from its line, metres: a line far away is a slide.
+/// Smallest reach of a surface from its line, metres; a smaller one counts as this.
 const MIN_REACH_M: f64 = 0.02;
+/// Largest reach of a surface from its line, metres; about a line farther away the surface slides.
 const MAX_REACH_M: f64 = 3.0;
-/// Distance that the surface goes between two configurations that are tried, metres.
+/// Distance that the surface moves between two configurations that are tried, metres.
 const STEP_M: f64 = 0.025;
-/// Points of the surface, and keyframes, by which hinges are told.
+/// Number of points of the surface, and of keyframes, by which hypotheses are scored.
 struct Effort {
     points: usize,
     keyframes: usize,
 }
-/// All hinges of the grid; then the best of them, the known lines and the slides.
+/// Effort for all hinges of the grid.
 const COARSE: Effort = Effort { points: 20, keyframes: 3 };
+/// Effort for the best hinges of the grid, the known lines and the slides.
 const FINE: Effort = Effort { points: 60, keyframes: 6 };
-/// Share of the hinges of the grid that are the best by few points and keyframes.
+/// Share of the grid's hinges that is kept after coarse scoring.
 const BEST: f64 = 0.2;
-/// Share of the points that a keyframe must see through at their rest for the surface to be elsewhere.
+/// Smallest share of the points at rest that a keyframe must see through for the surface to be elsewhere.
 const ELSEWHERE: f64 = 0.35;
-/// Lines that make less than this angle and are less than so many steps of the grid apart are one.
+/// Angle below which two lines may count as one, radians.
 const SAME_RAD: f64 = 0.1;
+/// Distance below which two lines may count as one, in steps of the grid.
 const SAME_STEPS: f64 = 1.2;
 
-/// A joint that is tried, with its score: the mean share of the surface's points that are found, less
-/// those that are seen through, at the best configuration for each keyframe.
+/// A joint that is tried, with its score: the mean over keyframes of the share of the surface's points that are
+/// found, less those that are seen through, at the best configuration.
 #[derive(Debug, Clone, Copy)]
 pub struct Hypothesis {
-    /// Its line; configuration 0 is the rest.
+    /// Line of the joint; configuration 0 is the rest.
     pub geometry: JointGeometry,
-    /// From -1 to 1.
+    /// Score, from -1 to 1.
     pub score: f64,
-    /// The line is that of a known joint.
+    /// True if the line is that of a known joint.
     pub is_known: bool,
-    /// Distance between lines of its grid, metres.
+    /// Distance between the lines of the grid, metres; 0 for a line that is not of the grid.
     step: f64,
 }
 
@@ -66,7 +75,7 @@ fn elsewhere<'m, 'v, 'r>(
     moving.iter().filter(is_vacated).collect()
 }
 
-/// So many of some keyframes, evenly chosen.
+/// At most `most` of the keyframes, evenly chosen.
 fn evenly<'m, 'v, 'r>(
     all: &[&'m MovingPoints<'v, 'r>],
     most: usize,
@@ -75,8 +84,8 @@ fn evenly<'m, 'v, 'r>(
     (0..n).map(|k| all[k * (all.len() - 1) / (n - 1).max(1)]).collect()
 }
 
-/// The best hypotheses, at most `hinges` hinges that differ and `slides` slides; the lines of known joints are tried
-/// before the grid.
+/// The best hypotheses: at most `hinges` distinct hinges and `slides` distinct slides. Lines of known joints come
+/// before those of the grid.
 pub fn best_hypotheses(
     surface: &RestSurface,
     directions: &[Vector3<f64>],
@@ -121,6 +130,7 @@ pub fn best_hypotheses(
     chosen
 }
 
+/// True if two hypotheses of one kind have about the same line.
 fn is_same(a: &Hypothesis, b: &Hypothesis) -> bool {
     let (a_line, b_line) = (&a.geometry, &b.geometry);
     line_angle(&a_line.axis, &b_line.axis) < SAME_RAD
@@ -129,7 +139,7 @@ fn is_same(a: &Hypothesis, b: &Hypothesis) -> bool {
                 < SAME_STEPS * a.step.max(b.step))
 }
 
-/// Hinges along a direction, at all places across it near the surface, with the distance between them.
+/// Hinges along a direction, on a grid across it near the surface, each with the distance between lines, metres.
 fn hinges_along(
     direction: &Vector3<f64>,
     surface: &RestSurface,
@@ -151,7 +161,8 @@ fn hinges_along(
     pairs.map(move |pair| (hinge(pair), step_u.max(step_v)))
 }
 
-/// Distance from a joint's line that its surface reaches, metres, at most [`MAX_REACH_M`]; 1 for a slide.
+/// Distance from a hinge's line to the farthest point of its surface, metres, within [`MIN_REACH_M`] and
+/// [`MAX_REACH_M`]; 1 for a slide.
 pub fn reach(geometry: &JointGeometry, points: &[Point3<f64>]) -> f64 {
     if geometry.kind != JointKind::Revolute {
         return 1.0;
@@ -160,7 +171,8 @@ pub fn reach(geometry: &JointGeometry, points: &[Point3<f64>]) -> f64 {
     distances.fold(MIN_REACH_M, f64::max).min(MAX_REACH_M)
 }
 
-/// Configurations from the least to the greatest that are so far apart that the surface goes `step_m`.
+/// Configurations from the smallest to the largest, between which the surface moves by at most `step_m`, and the
+/// difference between two of them; radians or metres.
 pub fn configurations(
     geometry: &JointGeometry,
     points: &[Point3<f64>],
@@ -173,8 +185,8 @@ pub fn configurations(
     ((-n..=n).map(|k| step * f64::from(k)).collect(), step)
 }
 
-/// One keyframe is asked about all configurations before the next one, so that its readings stay in the processor's
-/// cache.
+/// Score of a joint. All configurations are scored in one keyframe before the next one, so that its readings stay in
+/// the processor's cache.
 fn score(geometry: &JointGeometry, few: &RestSurface, targets: &[&MovingPoints]) -> f64 {
     let (configurations, _) = configurations(geometry, &few.points, STEP_M);
     let motions: Vec<Pose> = configurations.into_iter().map(|q| geometry.motion(q)).collect();

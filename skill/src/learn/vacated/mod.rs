@@ -1,10 +1,12 @@
-//! Parts that have neither features nor planes to be followed by: a lever, the spokes of a valve's wheel.
+//! Learns parts that have neither features nor planes to follow: a lever, the spokes of a valve's wheel.
 //!
-//! In: the joints that are known, and the recording. Out: these joints and those of other parts. A part is at
-//! rest before or after it is moved, and other keyframes see through the place where it was: its surface is
-//! what was vacated (`rest_surface.rs`). Joints that could have moved it are tried (`hypotheses.rs`) against
-//! what moves in the other keyframes (`moving_points.rs`), the best are aligned (`alignment.rs`), and one is
-//! believed where all keyframes bear it out (`vacated_part.rs`).
+//! A part rests before or after it is moved, and other keyframes see through the place where it was: its surface is
+//! what was vacated (`rest_surface.rs`). Joint hypotheses (`hypotheses.rs`) are scored against what moves in the
+//! other keyframes (`moving_points.rs`), the best are aligned (`alignment.rs`), and one is accepted if all keyframes
+//! confirm it (`vacated_part.rs`).
+//!
+//! In: the known joints, and the recording.
+//! Out: these joints and those of other parts; base frame, metres and radians.
 
 mod alignment;
 mod directions;
@@ -20,7 +22,7 @@ mod vacated_part;
 mod view;
 
 use super::free_space::{FreeSpaceCounts, count_free_space};
-use super::learned_joint::{LearnedJoint, LearnedJoints, TurningPlane};
+use super::learned_joint::{LearnedJoint, LearnedJoints, RejectedCandidate, TurningPlane};
 use super::plane_hinges::{is_same_hinge, moves_together};
 use super::recording::Recording;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
@@ -37,51 +39,65 @@ use stillness::sways;
 use vacated_part::{PARALLEL_RAD, Rivals, VacatedPart};
 use view::View;
 
-/// Most surfaces that are tried at either end of the recording, the greatest first.
+/// Most surfaces that are tried at each end of the recording, the largest first.
 const MOST_SURFACES: usize = 4;
-/// Largest radius of a surface, metres: what is greater has features or planes.
+/// Most surfaces that are reported with the reason for which they are no parts.
+const MOST_REJECTIONS: usize = 3;
+/// Largest radius of a surface, metres; a larger one has features or planes.
 const MAX_RADIUS_M: f64 = 0.8;
-/// Hinges and slides that are aligned, the best first.
+/// Most hinges and most slides that are aligned, the best first.
 const MOST_ALIGNED: [usize; 2] = [10, 2];
-/// How far a part may go, in radii of its surface, and metres.
+/// How far a part may move, in radii of its surface.
 const TRAVEL_RADII: f64 = 3.0;
+/// How much farther a part may move, metres.
 const TRAVEL_M: f64 = 0.1;
-/// A slide that agrees nearly as well as a hinge is the simpler of both, and so is a hinge on the line of a known one:
-/// doors above each other hang on one line.
+/// Smallest ratio of a slide's agreement to a hinge's at which the slide is preferred, because it is simpler. A hinge
+/// on the line of a known one is preferred likewise: doors above each other hang on one line.
 const SIMPLER: f64 = 0.97;
-/// Standard deviations of a direction from one that is square to the surroundings, radians: of a hinge that
-/// is built square, and of any.
+/// Standard deviation of the direction of a hinge that is built square to its surroundings, radians.
 const SQUARE_RAD: f64 = 0.035;
+/// Standard deviation of a free direction, radians.
 const ANY_RAD: f64 = 0.3;
-/// Largest angle between a slide and the normal of its flat front, or a known slide, for which it is pulled along
-/// that, and standard deviation of the angle then, radians.
+/// Largest angle between a slide and the normal of its flat front, or a known slide, for the slide to take that
+/// direction, radians.
 const ALONG_RAD: f64 = 0.15;
+/// Standard deviation of a slide's direction that is that of a front's normal or of a known slide, radians.
 const FRONT_RAD: f64 = 0.012;
-/// Agreement that any direction must have more than the square one, as a factor.
+/// Ratio of agreement above which a free direction is taken instead of a square one, or a plate with two faces
+/// instead of one face.
 const BETTER: f64 = 1.03;
-/// Thicknesses of a part that are tried where it shows its other face, metres: sheet metal to a copier's lid. A reading
-/// counts for a place up to 12 mm beside it.
+/// Thicknesses that are tried for a part that shows its other face, metres: sheet metal to a copier's lid. A reading
+/// supports a point up to 12 mm away.
 const THICKNESSES_M: [f64; 5] = [0.0, 0.012, 0.024, 0.036, 0.05];
-/// A part that is shown in so many times as many keyframes is better known.
+/// Ratio of keyframes that show a part, above which a new joint replaces the known one.
 const MANY_MORE: f64 = 1.2;
-/// Lines that make a smaller angle and are closer are one, radians and metres.
+/// Angle below which two lines may count as one, radians.
 const SAME_LINE_RAD: f64 = 0.2;
+/// Distance below which two lines may count as one, metres.
 const SAME_LINE_M: f64 = 0.06;
-/// Share of a part's places at either end along its line that are left out.
+/// Share of a part's points at each end along its line that is left out.
 const OUTERMOST: f64 = 0.05;
-/// Largest distance of a plane from the middle of a surface with which it may turn, in radii of the surface.
+/// Largest distance from the middle of a surface to a plane that may turn with it, in radii of the surface.
 const PLANES_RADII: f64 = 2.0;
-/// Largest share of a surface's points that may be seen through where a known joint puts them, and least
-/// share that must be found there, for the surface to be of its part.
+/// Largest share of a surface's visible points that may be seen through where a known joint puts them, for the
+/// surface to be of the joint's part.
 const EXPLAINED_THROUGH: f64 = 0.2;
+/// Smallest share of a surface's points that must be found where a known joint puts them, for the surface to be of
+/// the joint's part.
 const EXPLAINED_FOUND: f64 = 0.3;
 
-/// Adds the joints of parts that were seen to leave their places, and that no joint explains.
+/// Adds the joints of parts that were seen to leave their places and that no joint explains.
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
-    let LearnedJoints { joints, rejections, turning } = found;
+    let LearnedJoints { joints, mut rejections, turning } = found;
     let views = View::all(recording);
-    let mut search =
-        Search { joints, waiting: Vec::new(), turning: &turning, recording, views: &views };
+    let mut search = Search {
+        joints,
+        waiting: Vec::new(),
+        refused: Vec::new(),
+        turning: &turning,
+        recording,
+        views: &views,
+    };
     for end in [End::First, End::Last] {
         let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
         for surface in vacated_surfaces(&views, end, |frame| places_on(&search.joints, frame))
@@ -95,27 +111,36 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
         }
     }
     search.consider_waiting();
-    LearnedJoints { joints: search.joints, rejections, turning }
+    let Search { joints, refused, .. } = search;
+    // The largest come first.
+    for candidate in refused.into_iter().take(MOST_REJECTIONS) {
+        if !rejections.contains(&candidate) {
+            rejections.push(candidate);
+        }
+    }
+    LearnedJoints { joints, rejections, turning }
 }
 
-/// What is known while surfaces are considered.
+/// Joints and surfaces known so far, and the data of the search.
 struct Search<'r> {
     joints: Vec<LearnedJoint>,
-    /// Slides that nothing holds: another drawer of the cabinet may be found later.
+    /// Slides that are not confirmed yet: another drawer of the cabinet may be found later.
     waiting: Vec<(RestSurface, LearnedJoint)>,
+    /// Surfaces that are no parts, and why.
+    refused: Vec<RejectedCandidate>,
     turning: &'r [TurningPlane],
     recording: &'r Recording,
     views: &'r [View<'r>],
 }
 
 impl Search<'_> {
-    /// A known joint's part is there.
+    /// True if the surface is of a known joint's part.
     fn explains(&self, surface: &RestSurface) -> bool {
         self.joints.iter().any(|j| explains(j, surface, self.recording, self.views))
     }
 
-    /// A surface that is no part, or sways, may be several pieces, the first of which was not put back before the next
-    /// one left.
+    /// Considers a surface, and if that is rejected its pieces by the time at which they left: a surface may be
+    /// several parts, the first of which was not put back before the next one left.
     fn consider_whole_or_parted(&mut self, surface: &RestSurface, end: End) {
         if self.consider(surface, end) {
             return;
@@ -126,7 +151,7 @@ impl Search<'_> {
         }
     }
 
-    /// Adds the joint of a surface, if it is believed; whether it is, or waits for another one.
+    /// Adds the joint of a surface if it is accepted, or keeps it until another slide is known. True in both cases.
     fn consider(&mut self, surface: &RestSurface, end: End) -> bool {
         let Self { recording, views, turning, .. } = *self;
         if sways(surface, end, views) {
@@ -135,8 +160,12 @@ impl Search<'_> {
         }
         let frame = RestFrame::of(surface, views);
         tracing::debug!(?frame, "what is beside it");
-        let Some(part) = part_of(surface, frame, &self.joints, turning, recording, views) else {
-            return false;
+        let part = match part_of(surface, frame, &self.joints, turning, recording, views) {
+            Ok(part) => part,
+            Err(refused) => {
+                self.refused.extend(refused);
+                return false;
+            }
         };
         let learned = part.to_learned(surface, recording);
         let is_drawer = frame.is_set_in() || part.is_clearly_a_slide() && !frame.is_open();
@@ -148,24 +177,34 @@ impl Search<'_> {
         true
     }
 
-    /// Adds the slides that another one speaks for by now.
+    /// Adds the waiting slides that another slide confirms by now.
     fn consider_waiting(&mut self) {
         for (surface, learned) in std::mem::take(&mut self.waiting) {
             if may_be_of(&learned.joint, &self.joints) && !self.explains(&surface) {
                 add(learned, &mut self.joints);
+            } else if !self.explains(&surface) {
+                let reason =
+                    "nothing holds it: it closes no opening, and no other slide is parallel to it";
+                let frames = learned.joint.configuration.len();
+                self.refused.push(refused(learned.joint.kind, frames, reason));
             }
         }
     }
 }
 
-/// Adds a joint, if it is none of the known ones. One that shows a plain part in many more keyframes takes the
-/// place of that which is known of it.
+/// A surface that is no part, in the report.
+fn refused(kind: JointKind, frames: usize, reason: &str) -> RejectedCandidate {
+    RejectedCandidate { kind, tracks: 0, frames, reason: reason.to_owned(), needs_more: false }
+}
+
+/// Adds a joint, unless it is one of the known ones. A joint that shows a plain part in many more keyframes replaces
+/// the known joint of that part.
 fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     // A hand that pulls a drawer slides along with it.
     let is_hand = |j: &LearnedJoint| {
         learned.joint.kind == JointKind::Prismatic && moves_together(j, &learned)
     };
-    // The planes may have told one face of a thick lid, and the new joint is of its other face.
+    // Planes may have found one face of a thick lid, and the new joint is of its other face.
     let is_other_face =
         |j: &LearnedJoint| is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned);
     let is_same = |j: &LearnedJoint| {
@@ -189,7 +228,7 @@ fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     }
 }
 
-/// A known joint turns about the line of a new hinge, or slides on the track of a new slide.
+/// True if both joints have about the same line; a known slide matches only a new slide.
 fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
     let axis = known.axis.into();
     (known.kind != JointKind::Prismatic || new.kind == JointKind::Prismatic)
@@ -197,8 +236,8 @@ fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
         && distance_to_line(&known.origin.into(), &axis, &new.origin.into()) < SAME_LINE_M
 }
 
-/// Two parts on one line, each at its own place along it: doors above each other. What is elsewhere on the line, but
-/// not clearly apart, is more often the known part, badly followed.
+/// True if two parts are clearly apart along one line and do not move together: doors above each other. A part
+/// elsewhere on the line, but not clearly apart, is more often the known part, badly followed.
 fn are_beside_each_other(known: &LearnedJoint, new: &LearnedJoint) -> bool {
     let axis = Vector3::from(known.joint.axis);
     let along = |j: &LearnedJoint| {
@@ -211,7 +250,7 @@ fn are_beside_each_other(known: &LearnedJoint, new: &LearnedJoint) -> bool {
     known.joint.kind == JointKind::Revolute && (c > b || a > d) && !moves_together(known, new)
 }
 
-/// A surface goes where a known joint's part goes.
+/// True if a surface goes where a known joint's part goes.
 fn explains(
     learned: &LearnedJoint,
     surface: &RestSurface,
@@ -234,7 +273,7 @@ fn explains(
     seen.share_through() < EXPLAINED_THROUGH && seen.agrees as f64 > EXPLAINED_FOUND * asked as f64
 }
 
-/// The part that a surface is of, with its joint, if it is believed.
+/// The part that a surface is of, with its joint; else the best candidate and why it was refused, if there is one.
 fn part_of(
     surface: &RestSurface,
     frame: RestFrame,
@@ -242,7 +281,7 @@ fn part_of(
     turning: &[TurningPlane],
     recording: &Recording,
     views: &[View],
-) -> Option<VacatedPart> {
+) -> Result<VacatedPart, Option<RejectedCandidate>> {
     let radius = TRAVEL_RADII * surface.radius() + TRAVEL_M;
     let moving =
         MovingPoints::near(&surface.centre(), radius, views, &|frame| places_on(joints, frame));
@@ -254,7 +293,7 @@ fn part_of(
             JointGeometry::hinge(axis, Point3::from(j.joint.origin))
         })
         .collect();
-    // The drawers of a cabinet go in parallel.
+    // The drawers of a cabinet slide in parallel.
     let axes = joints.iter().filter(|j| j.joint.parent == 0).map(|j| Vector3::from(j.joint.axis));
     let of_planes = turning_near(surface, turning);
     let directions = axis_directions(surface, &views[surface.keyframe], axes, of_planes);
@@ -271,7 +310,7 @@ fn part_of(
     best_part(surface, frame, &slides, &hypotheses, &moving, recording)
 }
 
-/// The lines that planes near a surface turned about. A part's other faces turn with it.
+/// Directions of the lines about which planes near a surface turned: the other faces of a part turn with it.
 fn turning_near(
     surface: &RestSurface,
     turning: &[TurningPlane],
@@ -280,25 +319,25 @@ fn turning_near(
     turning.iter().filter(move |t| (t.middle - centre).norm() < radius).map(|t| t.axis)
 }
 
-/// A hinge shows what holds it; a slide does not, and a person who steps aside slides as well. The drawers of a
-/// cabinet are parallel: a slide is believed where another one is known along the same direction. (That its
-/// surface closes an opening is another reason to believe it, see [`RestFrame::is_set_in`], and so is that it turns
-/// about nothing and is not in the open: [`VacatedPart::is_clearly_a_slide`].)
+/// True if the joint is a hinge, or a slide parallel to a known slide. Images show what holds a hinge, but not what
+/// holds a slide, and a person who steps aside slides as well; the drawers of a cabinet are parallel. (A slide is
+/// also accepted if its surface closes an opening, see [`RestFrame::is_set_in`], or if no hinge explains it and it is
+/// not in the open, see [`VacatedPart::is_clearly_a_slide`].)
 fn may_be_of(joint: &Joint, joints: &[LearnedJoint]) -> bool {
     let axis = joint.axis.into();
     joint.kind == JointKind::Revolute
         || known_slides(joints).any(|slide| line_angle(&slide, &axis) < PARALLEL_RAD)
 }
 
-/// The directions of the base's slides.
+/// Directions of the base's known slides.
 fn known_slides(joints: &[LearnedJoint]) -> impl Iterator<Item = Vector3<f64>> {
     let of_base = joints.iter().filter(|j| j.joint.parent == 0);
     of_base.filter(|j| j.joint.kind == JointKind::Prismatic).map(|j| j.joint.axis.into())
 }
 
-/// Of the parts that a surface may be of, that which explains most, if it is believed. Where nothing beside the
-/// surface is open, a line far away is no rival of a slide: what hardly turns about it moves as what slides. `slides`:
-/// directions of the slides that are known.
+/// The part of a surface that explains most, if it is accepted. Where the surroundings close the surface in, hinges
+/// that hardly turn do not compete with a slide: about a line far away the surface slides. `slides`: directions of
+/// known slides.
 fn best_part(
     surface: &RestSurface,
     frame: RestFrame,
@@ -306,7 +345,7 @@ fn best_part(
     hypotheses: &[Hypothesis],
     moving: &[MovingPoints],
     recording: &Recording,
-) -> Option<VacatedPart> {
+) -> Result<VacatedPart, Option<RejectedCandidate>> {
     let follow = |h: &Hypothesis, direction_sigma: f64| {
         VacatedPart::follow(surface, h, direction_sigma, moving, recording)
     };
@@ -330,7 +369,8 @@ fn best_part(
     let (hypothesis, square) = square
         .into_iter()
         .filter(|(_, part)| !(may_slide && part.hardly_turns()))
-        .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))?;
+        .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))
+        .ok_or(None)?;
     let any = follow(&hypothesis, ANY_RAD).beside(&rivals, slides);
     any.trace();
     let is_any = value(&any) > BETTER * value(&square);
@@ -339,11 +379,14 @@ fn best_part(
         let part = VacatedPart::follow(surface, &hypothesis, sigma, moving, recording);
         part.beside(&rivals, slides)
     });
-    best.doubt().is_none().then_some(best)
+    match best.doubt() {
+        None => Ok(best),
+        Some(reason) => Err(Some(refused(best.geometry().kind, best.shown().count(), reason))),
+    }
 }
 
-/// A part that shows its other face, such as a lid that stands open: followed by both faces, where it is believed then
-/// and agrees better; else as it was. What may as well slide does not turn, so that it has no other face to show.
+/// The part followed by both faces, if it shows its other face, as a lid that stands open does, and is accepted and
+/// agrees better then; else the part as it was. What may as well slide does not turn, and has no other face to show.
 fn with_other_face(
     part: VacatedPart,
     surface: &RestSurface,
@@ -360,7 +403,7 @@ fn with_other_face(
     best.filter(|plate| value(plate) > BETTER * value(&part)).unwrap_or(part)
 }
 
-/// Places on the plain parts that are known, in a frame.
+/// Points on the known plain parts in a frame, base frame.
 fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
     let of = |j: &LearnedJoint| {
         let pose = j.base_from_part[frame]?;
@@ -369,17 +412,18 @@ fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
     joints.iter().filter_map(of).flatten().collect()
 }
 
-/// How well a part's joint explains what was seen.
+/// Agreement of a part, with the preference for simpler joints.
 fn value(part: &VacatedPart) -> f64 {
     part.agreement() / if is_slide(part) || part.is_on_known_line { SIMPLER } else { 1.0 }
 }
 
-/// A slide along a direction.
+/// True if a hypothesis is a slide about along a direction.
 fn is_along(hypothesis: &Hypothesis, direction: &UnitVector3<f64>) -> bool {
     hypothesis.geometry.kind == JointKind::Prismatic
         && line_angle(&hypothesis.geometry.axis, direction) < ALONG_RAD
 }
 
+/// True if the part's joint is a slide.
 fn is_slide(part: &VacatedPart) -> bool {
     part.geometry().kind == JointKind::Prismatic
 }
@@ -387,7 +431,7 @@ fn is_slide(part: &VacatedPart) -> bool {
 #[cfg(test)]
 mod tests {
     use super::test_data::{
-        FRAMES, PIVOT_M, drawer, flap, lever, recording as recording_with, slider, turn,
+        FRAMES, PIVOT_M, drawer, flap, lever, recording as recording_with, slider, swaying, turn,
     };
     use super::*;
 
@@ -407,7 +451,7 @@ mod tests {
         // A reading is 9 mm from the next one in these pictures.
         assert!(off < 0.015, "{off} m off");
         assert!((joint.range[1] - joint.range[0] - 1.2).abs() < 0.05, "{:?}", joint.range);
-        // Known well, but not better than depth readings can tell.
+        // The uncertainty is small, but not smaller than depth readings allow.
         let sigma = joint.known_covariance().unwrap().diagonal().map(f64::sqrt);
         assert!(sigma.max() > 0.003 && sigma.max() < 0.05, "{sigma}");
     }
@@ -422,7 +466,7 @@ mod tests {
         assert!((high - low - open(FRAMES - 1)).abs() < 0.1, "{low} to {high}");
     }
 
-    /// What is added to a slide along some direction that tracks showed.
+    /// Joints that are added to a known slide along this direction.
     fn beside_a_slide(recording: &Recording, direction: [f64; 3]) -> Vec<LearnedJoint> {
         beside_a_moving_slide(recording, direction, |_| 0.0)
     }
@@ -444,6 +488,31 @@ mod tests {
         };
         let known = LearnedJoints { joints: vec![known], ..Default::default() };
         complete(known, recording).joints.split_off(1)
+    }
+
+    #[test]
+    fn what_sways_is_no_part_though_the_places_that_it_leaves_show_one() {
+        // It nods by half a centimetre while it rests.
+        let nods = |frame: usize| 0.005 * f64::from(!(7..17).contains(&frame) && frame % 2 == 1);
+        let recording = swaying(turn, nods);
+        let views = View::all(&recording);
+        let surface = vacated_surfaces(&views, End::First, |_| Vec::new()).remove(0);
+        let frame = RestFrame::of(&surface, &views);
+        assert!(part_of(&surface, frame, &[], &[], &recording, &views).is_ok());
+        assert!(joints(&recording).is_empty());
+        assert_eq!(joints(&swaying(turn, |_| 0.0)).len(), 1);
+    }
+
+    #[test]
+    fn a_surface_that_is_no_part_is_reported_with_its_reason() {
+        let told = |recording: &Recording| {
+            let all = complete(LearnedJoints::default(), recording).rejections;
+            all.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+        };
+        let aside = told(&slider(|frame| 0.25 * turn(frame)));
+        // Both ends of the recording show it.
+        assert_eq!(aside, "a plain revolute candidate (24 frames): nothing holds its line");
+        assert_eq!(told(&lever(turn)), "", "it is a part");
     }
 
     #[test]
@@ -544,7 +613,7 @@ mod tests {
     fn what_turns_about_the_line_of_a_known_joint_is_its_part() {
         let recording = lever(turn);
         let mut known = joints(&recording);
-        // Badly followed: it explains nothing.
+        // Without poses the known joint explains nothing.
         known[0].base_from_part = vec![None; known[0].base_from_part.len()];
         known[0].joint.origin[0] += 0.02;
         let again = complete(LearnedJoints { joints: known, ..Default::default() }, &recording);

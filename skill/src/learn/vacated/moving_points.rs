@@ -1,6 +1,9 @@
-//! What moves near a surface, keyframe by keyframe: the readings through which other keyframes see. A part
-//! that was moved is among them, and the hand that moved it. Where a joint puts the part, there must be such
-//! a reading: one of a wall that was always there is none of the part.
+//! Finds what moves near a surface, keyframe by keyframe: the readings through which other keyframes see. A part that
+//! was moved is among them, and the hand that moved it. Where a joint puts the part, there must be such a reading; a
+//! reading of a wall that was always there does not support it.
+//!
+//! In: the keyframes with the camera's poses, a place, a radius, and points on known parts; base frame, metres.
+//! Out: the moving readings of each keyframe, base frame, and what they show of a point of a part.
 
 use super::point_grid::{PointGrid, cell_of};
 use super::view::View;
@@ -11,46 +14,46 @@ use nalgebra::{IsometryMatrix3, Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Pixels between two readings that are asked about: they are the cells of [`DepthBounds`].
+/// Distance between two readings that are tested, pixels: a cell of [`DepthBounds`].
 const STRIDE_PX: usize = DepthBounds::STRIDE_PX;
-/// Pixels at the border of a picture that are not asked.
+/// Width of the image border that is not used, pixels.
 const BORDER_PX: f64 = 4.0;
-/// Fewest keyframes that must see through a reading.
+/// Fewest keyframes that must see through a moving reading.
 const MIN_THROUGH: usize = 2;
-/// Fewest of the eight readings around one that must move as well: edges of what rests flicker.
+/// Fewest of the eight readings around a moving one that must move as well: edges of what rests flicker.
 const MIN_BESIDE: usize = 4;
-/// A reading that near to a known part is the part's, metres.
+/// Largest distance from a known part at which a reading is the part's, metres.
 pub const KNOWN_M: f64 = 0.03;
-/// Edge of the cells that thin the readings, metres.
+/// Edge of the cells that keep one reading each, metres.
 const THIN_M: f64 = 0.008;
-/// Largest distance of a place from the reading that is its own, metres.
+/// Largest distance from a point to the reading that is its own, metres.
 pub const MAX_DISTANCE_M: f64 = 0.025;
-/// Least cosine of the angle between a normal and the direction to the camera for which a surface is seen.
+/// Smallest cosine of the angle between a normal and the direction to the camera at which a surface is seen.
 const MIN_FACING: f64 = 0.15;
 
-/// What a keyframe says about a place of a part.
+/// What a keyframe shows of a point of a part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Evidence {
-    /// A reading around it moves, and none that is behind it excludes it.
+    /// A reading at the point or beside it moves, and the depths there do not exclude the point.
     Found,
-    /// Something behind it is seen.
+    /// Something behind the point is seen.
     Through,
-    /// Hidden, outside, no reading, or a surface that was always there.
+    /// The point is occluded or outside the image, has no reading, or lies on a surface that was always there.
     Unknown,
 }
 
 /// The moving readings of one keyframe.
 pub struct MovingPoints<'v, 'r> {
     view: &'v View<'r>,
-    /// One of the readings around these cells moves.
+    /// Cells that move, and the cells beside them.
     next_to_moving: CellSet,
-    /// The readings that move, base frame.
+    /// Moving readings, thinned, base frame.
     readings: PointGrid,
 }
 
 impl<'v, 'r> MovingPoints<'v, 'r> {
-    /// Those within `radius` metres of a place, in each of the keyframes. `known` gives places on plain parts that
-    /// are known already, by keyframe.
+    /// The moving readings within `radius` metres of a place, in each keyframe. Readings on known plain parts are
+    /// left out; `known` gives points on these, by frame.
     pub fn near(
         centre: &Point3<f64>,
         radius: f64,
@@ -81,7 +84,7 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         let moves = CellSet::of(view, readings.iter().map(|(cell, _)| *cell));
         let is_speck = |cell: Cell| beside(cell).filter(|c| moves.holds(*c)).count() < MIN_BESIDE;
         readings.retain(|(cell, _)| !is_speck(*cell));
-        // The readings of a cell row by row, so that the first of them stays.
+        // Sorted row by row, so that the first reading of each spatial cell is kept.
         readings.sort_unstable_by_key(|(cell, _)| *cell);
         let mut thinned: BTreeMap<[i32; 3], Point3<f64>> = BTreeMap::new();
         for (_, place) in &readings {
@@ -101,12 +104,12 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.view.frame
     }
 
-    /// Pose of a part in the camera frame, from that in the base frame.
+    /// Pose of a part in the camera frame, from its pose in the base frame.
     pub fn camera_from_part(&self, base_from_part: &Pose) -> IsometryMatrix3<f64> {
         self.view.camera_from_base * matrix_pose(base_from_part)
     }
 
-    /// What the keyframe says about a place of a part whose surface has a normal there, in the part's frame.
+    /// What the keyframe shows of a point of a part and its normal, both in the part's frame.
     #[inline]
     pub fn evidence(
         &self,
@@ -131,18 +134,19 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         if is_found { Evidence::Found } else { Evidence::Unknown }
     }
 
-    /// The moving reading next to a place that faces the camera.
+    /// The moving reading nearest to a point, base frame; `None` if the point does not face the camera or no reading
+    /// is near.
     pub fn nearest(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> Option<Point3<f64>> {
         self.faces(place, normal).then(|| self.readings.nearest(place)).flatten()
     }
 
-    /// At least so many readings were free in another keyframe: something has come since.
+    /// True if at least `least` moving readings were free space in an earlier keyframe: something has come since.
     pub fn has_arrived_since(&self, earlier: &Self, least: usize) -> bool {
         let arrived = self.readings.points().iter().filter(|p| earlier.view.shows_behind(p));
         arrived.take(least).count() == least
     }
 
-    /// At least so many readings are farther than `apart` metres from all of some places.
+    /// True if at least `least` moving readings are farther than `apart` metres from all `places`.
     pub fn has_apart_from(&self, places: &[Point3<f64>], apart: f64, least: usize) -> bool {
         let places = PointGrid::new(places, apart);
         let is_apart = |p: &&Point3<f64>| places.nearest(p).is_none();
@@ -154,14 +158,14 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.view.picture.utime
     }
 
-    /// A surface with this normal is seen from its front; base frame.
+    /// True if a surface with this normal is seen from its front; base frame.
     pub fn faces(&self, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
         let camera_from_base = &self.view.camera_from_base;
         faces_camera(&(camera_from_base * place), &(camera_from_base * normal))
     }
 }
 
-/// A surface with this normal is seen from its front; camera frame.
+/// True if a surface with this normal is seen from its front; camera frame.
 pub fn faces_camera(place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
     -normal.dot(&place.coords) > MIN_FACING * place.coords.norm()
 }
@@ -169,7 +173,7 @@ pub fn faces_camera(place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
 /// Row and column of a cell.
 type Cell = (usize, usize);
 
-/// What is read in a cell, base frame.
+/// A cell and the point that is read in it, base frame.
 type Reading = (Cell, Point3<f64>);
 
 /// All cells of a keyframe.
@@ -184,21 +188,21 @@ fn pixel_of((row, column): Cell) -> [usize; 2] {
     [column * STRIDE_PX, row * STRIDE_PX]
 }
 
-/// The eight cells around one; those outside the picture have a row or a column that no picture has.
+/// The eight cells around one; those outside the image have a row or a column that no image has.
 fn beside((row, column): Cell) -> impl Iterator<Item = Cell> {
     let steps = (0..9).filter(|k| *k != 4).map(|k| (k / 3, k % 3));
     let step = |x: usize, d: usize| x.wrapping_add(d).wrapping_sub(1);
     steps.map(move |(dy, dx)| (step(row, dy), step(column, dx)))
 }
 
-/// Some cells of a keyframe.
+/// A set of cells of a keyframe.
 struct CellSet {
     columns: usize,
     marks: Vec<bool>,
 }
 
 impl CellSet {
-    /// Cells outside the picture are left out.
+    /// The set of the given cells; cells outside the image are left out.
     fn of(view: &View, cells: impl Iterator<Item = Cell>) -> Self {
         let bounds = view.picture.depth.bounds();
         let mut set = Self { columns: bounds.columns(), marks: vec![false; bounds.len()] };
@@ -214,7 +218,7 @@ impl CellSet {
         self.index(cell).is_some_and(|index| self.has(index))
     }
 
-    /// By its index in the grid, row by row.
+    /// True if the cell with this index, row by row, is in the set.
     #[inline]
     fn has(&self, index: usize) -> bool {
         self.marks[index]
@@ -226,9 +230,9 @@ impl CellSet {
     }
 }
 
-/// The readings of a keyframe, with their places, through which some of the others see. One cell of four is asked about
-/// first, then the cells up to two beside one that moves. What moves in two by two cells or more is found so; thinner
-/// pieces may be missed.
+/// The readings of a keyframe through which enough of the others see. One cell of four is tested first, then the
+/// cells up to two beside a moving one. Everything that moves in two by two cells or more is found so; thinner pieces
+/// may be missed.
 fn moving_readings(
     readings: impl Iterator<Item = Reading>,
     view: &View,
@@ -245,8 +249,8 @@ fn moving_readings(
     first.into_iter().chain(rest).collect()
 }
 
-/// Those of some readings through which enough of the other keyframes see. One of the others is asked
-/// about all readings before the next one, so that its picture stays in the processor's cache.
+/// The readings through which enough of the other keyframes see. One of the others is tested on all readings before
+/// the next one, so that its image stays in the processor's cache.
 fn seen_through(readings: Vec<Reading>, view: &View, others: &[&View]) -> Vec<Reading> {
     let mut through = Vec::new();
     let mut undecided: Vec<(usize, Cell, Point3<f64>)> = Vec::new();
@@ -285,7 +289,7 @@ mod tests {
         ask(&MovingPoints::near(&Point3::from(PIVOT_M), 0.6, &views, &|_| Vec::new()));
     }
 
-    /// A place on the bar when it is turned by so much.
+    /// A point on the bar at this turn, radians.
     fn on_bar(turn: f64) -> Point3<f64> {
         Point3::from(PIVOT_M) + 0.25 * Vector3::new(turn.cos(), turn.sin(), 0.0)
     }

@@ -1,23 +1,23 @@
-//! Points in a grid of cubes, to find the nearest of them to a place. Only cells with points take memory.
+//! Stores points in a grid of cubes, to find the nearest of them to a place. Only cells with points take memory.
 
 use nalgebra::Point3;
 
-/// Points in the order of their cells.
+/// Points, sorted by their cells.
 pub struct PointGrid {
-    /// Edge of a cell, metres: the largest distance that is asked for.
+    /// Edge of a cell, metres: the largest distance at which a point is found.
     edge: f64,
-    /// The cell of each point, the coordinate along x last.
+    /// The cell of each point, as z, y, x.
     cells: Vec<[i32; 3]>,
     points: Vec<Point3<f64>>,
 }
 
-/// The cell of a place in a grid of cubes.
+/// The cell of a place in a grid of cubes, as z, y, x.
 pub fn cell_of(place: &Point3<f64>, edge: f64) -> [i32; 3] {
     [place.z, place.y, place.x].map(|x| (x / edge).floor() as i32)
 }
 
 impl PointGrid {
-    /// A grid of points for places up to `edge` metres from them.
+    /// A grid that finds points up to `edge` metres from a place.
     pub fn new(points: &[Point3<f64>], edge: f64) -> Self {
         let mut order: Vec<([i32; 3], usize)> =
             points.iter().enumerate().map(|(i, p)| (cell_of(p, edge), i)).collect();

@@ -1,9 +1,10 @@
-//! Is a surface at rest set into something? The front of a drawer closes its opening: beside its border there
-//! is what stays, as near to the camera. A person stands before things: beside the border is only what is far
-//! behind.
+//! Tests whether a surface at rest is set into something. The front of a drawer closes its opening: beside its border
+//! a static surface is as near to the camera. A person stands before things: beside the border only the far
+//! background is seen.
 //!
-//! In: a surface at rest and the keyframes. Out: of the directions from its middle to all sides, in how many its
-//! border meets something that stays, and in how many there is only what is far behind.
+//! In: a surface at rest (base frame) and the keyframes.
+//! Out: the number of directions, from its middle to all sides, in which its border meets something that stays, and
+//! in which there is only what is far behind.
 
 use super::rest_surface::RestSurface;
 use super::view::View;
@@ -12,36 +13,38 @@ use crate::math::rigid::{orthonormal_basis, plane_through};
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::TAU;
 
-/// Directions that are asked about.
+/// Directions from the middle of the surface that are tested.
 const DIRECTIONS: usize = 16;
-/// How far beside the border something is sought, and steps to there, metres.
+/// How far beside the border another surface is searched for, metres.
 const BESIDE_M: f64 = 0.05;
+/// Steps from the border to the farthest place beside it.
 const BESIDE_STEPS: usize = 5;
-/// Largest distance of what meets the border from where the surface would go on, metres: fronts stand out by
-/// their thickness.
+/// Largest distance between a surface that meets the border and where the surface at rest would continue, metres:
+/// fronts stand out by their thickness.
 const MEETS_M: f64 = 0.035;
-/// Fewest directions in which something must meet what is set in, and most in which nothing does, as a share of
-/// these.
+/// Fewest directions in which something must meet a surface that is set in.
 const MIN_MEETS: usize = 3;
+/// Largest ratio of the directions in which nothing meets a closed surface to those in which something does.
 const MAX_FREE: f64 = 0.5;
-/// Share of the surface's points that a keyframe must see through for the surface to be away.
+/// Smallest share of the surface's points that a keyframe must see through for the surface to be away.
 const AWAY: f64 = 0.5;
-/// Largest share of the keyframes in which the surface is away that may see through what stays.
+/// Largest share of the keyframes in which the surface is away that may see through a place that stays.
 const MAX_THROUGH: f64 = 0.05;
-/// Least share of them that must show it.
+/// Smallest share of the keyframes in which the surface is away that must show a place that stays.
 const LEAST_SHOWN: f64 = 0.25;
 
 /// What is beside the border of a surface at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RestFrame {
-    /// Directions in which something meets it that stays when it goes away.
+    /// Directions in which something meets the surface and stays when the surface goes away.
     pub meets: usize,
-    /// Directions in which nothing meets it.
+    /// Directions in which nothing meets the surface.
     pub free: usize,
 }
 
 impl RestFrame {
-    /// Of a surface at rest. What meets it and is not seen once it is away counts for neither: it may be more of it.
+    /// The frame of a surface at rest. Something that meets the surface but is not seen once the surface is away
+    /// counts for neither: it may be more of the same surface.
     pub fn of(surface: &RestSurface, views: &[View]) -> Self {
         let centre = surface.centre();
         let (_, normal) = plane_through(&surface.points);
@@ -60,23 +63,23 @@ impl RestFrame {
         frame
     }
 
-    /// Something holds the surface at several sides, and few are open.
+    /// True if something meets the surface at several sides and few are open.
     pub fn is_set_in(self) -> bool {
         self.meets >= MIN_MEETS && self.is_closed()
     }
 
-    /// Nothing is beside it at more sides than something is: it may be a person.
+    /// True if more sides are open than something meets: the surface may be a person.
     pub fn is_open(self) -> bool {
         self.free > self.meets
     }
 
-    /// There is something at most of its sides.
+    /// True if at most half as many sides are open as something meets.
     pub fn is_closed(self) -> bool {
         self.free as f64 <= MAX_FREE * self.meets as f64
     }
 }
 
-/// The surface's farthest place in a direction, of those near the line from its middle.
+/// The surface's farthest point in the sector around a direction.
 fn border(
     surface: &RestSurface,
     centre: &Point3<f64>,
@@ -93,7 +96,7 @@ fn border(
     in_sector.copied().max_by(|a, b| along(a).total_cmp(&along(b)))
 }
 
-/// What is seen beside the border, about where the surface would go on.
+/// The points that are seen beside the border, about where the surface would continue; base frame.
 fn places_beside(border: &Point3<f64>, direction: &Vector3<f64>, rest: &View) -> Vec<Point3<f64>> {
     let beside = |k| border + direction * (BESIDE_M * k as f64 / BESIDE_STEPS as f64);
     let near = |wanted: Point3<f64>| {
@@ -102,12 +105,13 @@ fn places_beside(border: &Point3<f64>, direction: &Vector3<f64>, rest: &View) ->
     (1..=BESIDE_STEPS).map(beside).filter_map(near).collect()
 }
 
+/// True if a keyframe sees through most of the surface's points.
 fn is_away(surface: &RestSurface, view: &View) -> bool {
     let through = surface.points.iter().filter(|p| view.probe(p) == Probe::Through).count();
     through as f64 >= AWAY * surface.points.len() as f64
 }
 
-/// While the surface is away, keyframes show a place, and hardly one sees through it.
+/// True if keyframes in which the surface is away show a place, and hardly any sees through it.
 fn stays(place: &Point3<f64>, away: &[&View]) -> bool {
     let share = |holds: &dyn Fn(&View) -> bool| {
         away.iter().filter(|view| holds(view)).count() as f64 / away.len().max(1) as f64

@@ -1,8 +1,11 @@
-//! Surfaces that were vacated: something was at rest at one end of the recording, nobody before it, and
-//! other keyframes see through the place where it was. No texture is needed, and no plane.
+//! Finds surfaces that were vacated: something rested at one end of the recording, with no occluder before it, and
+//! other keyframes see through the place where it was. Neither texture nor a plane is needed.
 //!
-//! In: keyframes. Out: pieces of surface, each with the keyframe that shows it at rest; the greatest first. The
-//! drawers of one front touch: a piece is divided by when its places were vacated.
+//! The drawers of one front touch, so a piece is divided by the episodes in which its points were vacated.
+//!
+//! In: the keyframes with the camera's poses.
+//! Out: pieces of surface, base frame, metres, each with the keyframe that shows it at rest; the largest first.
+//! From: free-space test between keyframes, and connected components.
 
 use super::moving_points::{Evidence, KNOWN_M, MovingPoints, faces_camera};
 use super::point_grid::{PointGrid, cell_of};
@@ -13,44 +16,46 @@ use crate::math::rigid::{Pose, plane_through};
 use nalgebra::{IsometryMatrix3, Point3, UnitVector3, Vector3};
 use std::collections::BTreeMap;
 
-/// Keyframes on end in which a surface must rest.
+/// Consecutive keyframes in which a surface must rest.
 const REST_KEYFRAMES: usize = 4;
-/// Fewest keyframes that must see through it.
+/// Fewest keyframes that must see through a vacated place.
 const MIN_THROUGH: usize = 3;
-/// Pixels between two places that are asked about.
+/// Distance between two places that are tested, pixels.
 const STRIDE_PX: usize = 2;
-/// Edge of the cells that make places one piece where they touch, metres.
+/// Edge of the cells that connect a piece, metres: points in touching cells are one piece.
 const CELL_M: f64 = 0.05;
-/// Fewest places of a piece.
+/// Fewest points of a piece.
 const MIN_PLACES: usize = 50;
-/// A column or row of the picture has readings where one pixel in so many has one.
+/// A column or row of the image has readings if at least one in this many pixels has one.
 const LEAST_OF_A_LINE: usize = 20;
-/// So near to the border of the readings a place is at it, pixels.
+/// Distance from the border of the readings below which a place is at the border, pixels.
 const BORDER_PX: f64 = 8.0;
-/// Most places of a piece that are looked for elsewhere.
+/// Most points of a piece that are kept.
 const MAX_POINTS: usize = 100;
-/// Radius of the neighbourhood that tells a normal, metres, and its fewest places.
+/// Radius of the neighbourhood that determines a normal, metres.
 const NORMAL_RADIUS_M: f64 = 0.015;
+/// Fewest points that determine a normal.
 const NORMAL_PLACES: usize = 5;
 
-/// Keyframes between those in which two parts of a surface left their places, and least share of the places in either.
+/// Fewest keyframes between those in which two parts of a surface left their places.
 const PARTED_KEYFRAMES: usize = 3;
+/// Smallest share of a surface's points in either of two parts.
 const LEAST_PARTED: f64 = 0.25;
 
-/// Four fifths of the places of a flat surface are no farther from its plane, metres.
+/// Largest distance of four fifths of a flat surface's points from its plane, metres.
 const FLAT_M: f64 = 0.01;
 
 /// The end of a recording at which a surface rests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum End {
-    /// It rests first, and is moved later.
+    /// The surface rests first, and is moved later.
     First,
-    /// It was moved, and rests at the end.
+    /// The surface was moved, and rests at the end.
     Last,
 }
 
 impl End {
-    /// The `k`-th of `len` keyframes from this end on.
+    /// Index of the `k`-th of `len` keyframes, counted from this end.
     pub fn at(self, k: usize, len: usize) -> usize {
         if self == Self::First { k } else { len - 1 - k }
     }
@@ -59,23 +64,23 @@ impl End {
 /// A piece of surface at rest, base frame.
 #[derive(Debug, Clone)]
 pub struct RestSurface {
-    /// Place of the keyframe that shows it in the list of keyframes.
+    /// Index of the keyframe that shows the surface at rest.
     pub keyframe: usize,
-    /// Places, evenly spread.
+    /// Points of the surface, evenly spread, metres.
     pub points: Vec<Point3<f64>>,
-    /// Unit normals there, towards the camera.
+    /// Unit normals at the points, towards the camera.
     pub normals: Vec<Vector3<f64>>,
-    /// How far behind these places the other face is, metres; `None` where only one face is known.
+    /// Distance of the other face behind the points, metres; `None` if only one face is known.
     pub thickness: Option<f64>,
 }
 
 impl RestSurface {
-    /// The same with another face so many metres behind: a lid that is opened shows its underside.
+    /// The surface with another face, `thickness` metres behind: a lid that is opened shows its underside.
     pub fn with_other_face(&self, thickness: f64) -> Self {
         Self { thickness: Some(thickness), ..self.clone() }
     }
 
-    /// The same with at most `most` points.
+    /// The surface with at most `most` points.
     pub fn thinned(&self, most: usize) -> Self {
         let step = self.points.len().div_ceil(most).max(1);
         let points = self.points.iter().copied().step_by(step).collect();
@@ -83,8 +88,8 @@ impl RestSurface {
         Self { points, normals, ..*self }
     }
 
-    /// What a keyframe says about one of its places. Of a plate only the face that is turned to the camera is seen, or
-    /// seen through.
+    /// What a keyframe shows of one of the surface's points. Of a plate, only the face that is turned to the camera
+    /// can be found or seen through.
     #[inline]
     pub fn evidence(
         &self,
@@ -101,8 +106,8 @@ impl RestSurface {
         }
     }
 
-    /// Places that a keyframe shows where a motion puts them, less those that it sees through, as a share of those of
-    /// one face.
+    /// Points that a keyframe finds where a motion puts them, less those that it sees through, as a share of the
+    /// points of one face.
     pub fn margin(&self, view: &MovingPoints, motion: &Pose) -> f64 {
         let camera_from_part = view.camera_from_part(motion);
         let worth = |(place, normal)| match self.evidence(view, &camera_from_part, &place, &normal)
@@ -114,20 +119,20 @@ impl RestSurface {
         self.places().map(worth).sum::<f64>() / self.points.len().max(1) as f64
     }
 
-    /// Places and normals of both its faces, as far as they are known.
+    /// Points and normals of both faces, as far as they are known.
     pub fn places(&self) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> + '_ {
         let front = || self.points.iter().zip(&self.normals).map(|(p, n)| (*p, *n));
         let other = self.thickness.map(|t| front().map(move |(p, n)| (p - t * n, -n)));
         front().chain(other.into_iter().flatten())
     }
 
-    /// The middle of its places.
+    /// Mean of the points.
     pub fn centre(&self) -> Point3<f64> {
         let sum: Vector3<f64> = self.points.iter().map(|p| p.coords).sum();
         Point3::from(sum / self.points.len().max(1) as f64)
     }
 
-    /// The normal of a flat surface, towards the camera; `None` for one that is not flat.
+    /// The normal of a flat surface, towards the camera; `None` for a surface that is not flat.
     pub fn flat_normal(&self) -> Option<UnitVector3<f64>> {
         let (mean, normal) = plane_through(&self.points);
         let mut off: Vec<f64> = self.points.iter().map(|p| normal.dot(&(p - mean)).abs()).collect();
@@ -137,8 +142,8 @@ impl RestSurface {
         (*most < FLAT_M).then(|| UnitVector3::new_normalize(normal * sense))
     }
 
-    /// The two parts of a surface, one of which left its place later than the other; none where all of it left
-    /// together, or bit by bit as a door does from its handle on.
+    /// The two parts of a surface, one of which left its place later than the other; none if all of it left together,
+    /// or gradually, as a door does from its handle on.
     pub fn parted_by_time(&self, views: &[View], end: End) -> Vec<Self> {
         let at = |k: usize| end.at(k, views.len());
         let left = |place: &Point3<f64>| {
@@ -162,15 +167,15 @@ impl RestSurface {
         [false, true].map(of).into()
     }
 
-    /// Largest distance of a place from the middle, metres.
+    /// Largest distance of a point from the centre, metres.
     pub fn radius(&self) -> f64 {
         let centre = self.centre();
         self.points.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max)
     }
 }
 
-/// The pieces of surface that rest at one end of the recording and are vacated at other times. `known` gives
-/// places on plain parts that are known already, by frame: these are left out.
+/// The pieces of surface that rest at one end of the recording and are vacated at other times. Surface on known plain
+/// parts is left out; `known` gives points on these, by frame.
 pub fn vacated_surfaces(
     views: &[View],
     end: End,
@@ -201,12 +206,13 @@ pub fn vacated_surfaces(
     pieces.into_iter().map(surface).collect()
 }
 
-/// The border of what a keyframe has readings of. What it cuts is not whole: most often a person, of whom the
-/// rest is outside the picture.
+/// The border of the region in which a keyframe has readings. A piece that it cuts is not whole: most often a person,
+/// the rest of whom is outside the image.
 struct ReadingsBorder<'v, 'r> {
     view: &'v View<'r>,
-    /// First and last column, and row.
+    /// First and last column with readings.
     columns: [usize; 2],
+    /// First and last row with readings.
     rows: [usize; 2],
 }
 
@@ -227,6 +233,7 @@ impl<'v, 'r> ReadingsBorder<'v, 'r> {
         }
     }
 
+    /// True if a point is at the border of the readings, or outside the image.
     fn is_at(&self, place: &Point3<f64>) -> bool {
         let Some(pixel) = self.view.pixel_of(place) else { return true };
         let near = |x: f64, [first, last]: [usize; 2]| {
@@ -236,12 +243,12 @@ impl<'v, 'r> ReadingsBorder<'v, 'r> {
     }
 }
 
-/// Places that rest and are seen through at other times, by their cell in the grid of pixels.
+/// Points that rest and are seen through at other times, by their cell in the grid of pixels.
 fn vacated_places(rest: &[&View], others: &[&View]) -> BTreeMap<(usize, usize), Point3<f64>> {
     let depth = &rest[0].picture.depth;
     let (columns, rows) = (depth.width() / STRIDE_PX, depth.height() / STRIDE_PX);
     let is_vacated = |place: &Point3<f64>| {
-        // One reading tells most places that stay; the readings around it are asked of the others.
+        // One reading excludes most places that stay; only for the others the readings around it are tested as well.
         let behind = others.iter().filter(|view| view.shows_behind(place));
         behind.clone().take(MIN_THROUGH).count() >= MIN_THROUGH
             && rest.iter().all(|view| view.shows(place))
@@ -256,7 +263,7 @@ fn vacated_places(rest: &[&View], others: &[&View]) -> BTreeMap<(usize, usize), 
         .collect()
 }
 
-/// Without places that have fewer than two neighbours in the grid: noise at edges.
+/// Points without those that have fewer than two neighbours in the grid: noise at edges.
 fn without_specks(places: BTreeMap<(usize, usize), Point3<f64>>) -> Vec<Point3<f64>> {
     let has = |row: usize, column: usize| usize::from(places.contains_key(&(row, column)));
     let neighbours = |row: usize, column: usize| {
@@ -269,7 +276,7 @@ fn without_specks(places: BTreeMap<(usize, usize), Point3<f64>>) -> Vec<Point3<f
     kept.map(|(_, place)| *place).collect()
 }
 
-/// Places in pieces: those in cells that touch are in one.
+/// Connected components: points in cells that touch are one piece.
 fn connected(places: Vec<Point3<f64>>) -> Vec<Vec<Point3<f64>>> {
     let mut cells: BTreeMap<[i32; 3], Vec<Point3<f64>>> = BTreeMap::new();
     places
@@ -291,7 +298,8 @@ fn connected(places: Vec<Point3<f64>>) -> Vec<Vec<Point3<f64>>> {
     pieces
 }
 
-/// A piece by the episodes in which its places were vacated. `others`: keyframes in the order of time, or against it.
+/// Divides a piece by the episodes in which its points were vacated. `others`: keyframes in the order of time, or
+/// against it.
 fn divided(piece: Vec<Point3<f64>>, others: &[&View]) -> Vec<Vec<Point3<f64>>> {
     let stride = others.len().div_ceil(AwayKeyframes::BITS as usize).max(1);
     let asked: Vec<&View> = others.iter().copied().step_by(stride).collect();
@@ -314,7 +322,7 @@ fn neighbours([x, y, z]: [i32; 3]) -> impl Iterator<Item = [i32; 3]> {
     (0..27).map(move |k| [beside(x, k % 3), beside(y, k / 3 % 3), beside(z, k / 9)])
 }
 
-/// The normal of a surface at one of its places; towards the camera where too few places tell it.
+/// The normal of a surface at one of its points; the direction to the camera if too few points determine it.
 fn normal_at(place: &Point3<f64>, places: &[Point3<f64>], camera: &Point3<f64>) -> Vector3<f64> {
     let near = places.iter().filter(|p| (*p - place).norm() < NORMAL_RADIUS_M);
     let near: Vec<Point3<f64>> = near.copied().collect();

@@ -1,34 +1,38 @@
-//! Does a surface rest? What belongs to a thing rests exactly until it is moved; a person who stands, or an arm that
-//! hangs, sways by millimetres all the time.
+//! Tests whether a surface rests. A part of an object rests exactly until it is moved; a person who stands, or an arm
+//! that hangs, sways by millimetres all the time.
 //!
-//! Measured on 27 of the rendered demonstrations on which the limits were chosen, in standard deviations of a depth reading: the shifts of a part's surface
-//! had a spread of at most 0.65 while it rested, those of persons within 1.7 m 0.8 to 4 within five keyframes.
+//! In: a surface at rest (base frame), and the keyframes next to that end of the recording.
+//! Out: whether the surface sways.
+//! From: measured on 27 of the rendered demonstrations on which the limits were chosen, in standard deviations of a
+//! depth reading: the shifts of a part's surface had a spread of at most 0.65 while it rested, those of persons
+//! within 1.7 m 0.8 to 4 within five keyframes.
 
 use super::rest_surface::{End, RestSurface};
 use super::view::View;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Largest spread of the shifts of what rests, standard deviations of a reading.
+/// Largest spread of the shifts of a surface that rests, standard deviations of a depth reading.
 const MAX_SPREAD_SIGMAS: f64 = 0.75;
-/// The same as a factor of the spread of the shifts of the whole room, which is the error of the camera's poses.
+/// Largest ratio of the spread of a surface that rests to that of the whole room, which is the error of the camera's
+/// poses.
 const MAX_SPREAD_OF_ROOM: f64 = 2.0;
-/// What is still for so long rests, seconds.
+/// Time from which a surface that is still counts as resting, seconds.
 const STILL_S: f64 = 0.75;
-/// What sways is near to where it rested for so many further keyframes. What a hand moves is gone sooner, if it goes 5 cm
-/// in a second.
+/// Fewest further keyframes in which a surface that sways is near its rest. A surface that a hand moves is gone
+/// sooner, if it moves 5 cm in a second.
 const SWAYING_KEYFRAMES: usize = 3;
-/// Largest distance of a reading from a place, along the surface's normal there, that may be the surface's, metres.
+/// Largest distance of a surface's reading from a point, along the normal there, metres.
 const MAX_OFF_M: f64 = 0.02;
-/// Share of the places that a keyframe must show.
+/// Smallest share of the points that a keyframe must show.
 const LEAST_SHOWN: f64 = 0.5;
-/// Damping of a shift in directions in which the surface's shape tells little, as a share of its places.
+/// Damping of a shift in directions that the surface's shape hardly determines, as a share of the number of points.
 const DAMPING: f64 = 0.05;
-/// Pixels between two places of the room.
+/// Distance between two points of the room, pixels.
 const ROOM_STRIDE_PX: usize = 16;
-/// A place through which so many keyframes see does not belong to the room.
+/// Number of keyframes that see through a place from which the place does not belong to the room.
 const THROUGH_ROOM: usize = 2;
 
-/// The surface, which rests at an end of the recording, is shifted slowly in the keyframes next to that end.
+/// True if the surface, which rests at an end of the recording, shifts slowly in the keyframes next to that end.
 pub fn sways(surface: &RestSurface, end: End, views: &[View]) -> bool {
     let order: Vec<&View> = (0..views.len()).map(|k| &views[end.at(k, views.len())]).collect();
     let Some(rest) = order.first() else { return false };
@@ -44,7 +48,7 @@ pub fn sways(surface: &RestSurface, end: End, views: &[View]) -> bool {
     still_s < STILL_S && of_surface.len() >= still + SWAYING_KEYFRAMES
 }
 
-/// Places of what stays, with their normals, all over the picture: a person is a small share of it; base frame.
+/// Static points all over the image, with their normals; base frame. A person covers a small share of the image.
 fn room<'v>(
     rest: &'v View,
     views: &'v [View],
@@ -59,9 +63,9 @@ fn room<'v>(
     all.filter_map(|(u, v)| rest.patch_at(u, v)).filter(move |(place, _)| stays(place))
 }
 
-/// The spread of the shifts of some places up to each of the keyframes, metres: the distance between the farthest two of
-/// the shifts so far. `keyframes`: from that in which the places were found on, up to where they are not shown any more.
-/// The first one is left out: it has the noise of the places themselves.
+/// Spread of the shifts of some points up to each keyframe, metres: the largest distance between two shifts so far.
+/// `keyframes` begin with the one in which the points were found; the result ends where the points are not shown any
+/// more. The first keyframe is left out: it has the noise of the points themselves.
 fn spreads(points: &[Point3<f64>], normals: &[Vector3<f64>], keyframes: &[&View]) -> Vec<f64> {
     let (mut shifts, mut spread): (Vec<Vector3<f64>>, f64) = (Vec::new(), 0.0);
     let with = |shift: Vector3<f64>| {
@@ -72,7 +76,8 @@ fn spreads(points: &[Point3<f64>], normals: &[Vector3<f64>], keyframes: &[&View]
     keyframes.iter().skip(1).map_while(|view| shift(points, normals, view)).map(with).collect()
 }
 
-/// The shift that brings places to a keyframe's readings: least squares, point to plane. `None` where few are shown.
+/// The shift that brings points to a keyframe's readings, metres: least squares, point to plane. `None` if few points
+/// are shown.
 fn shift(points: &[Point3<f64>], normals: &[Vector3<f64>], view: &View) -> Option<Vector3<f64>> {
     let n = points.len() as f64;
     let (mut left, mut right) = (Matrix3::from_diagonal_element(DAMPING * n), Vector3::zeros());
@@ -97,7 +102,7 @@ mod tests {
     use super::*;
     use crate::learn::recording::Recording;
 
-    /// The surface that rests at an end sways.
+    /// True if the surface that rests at an end of the recording sways.
     fn is_seen_to_sway(recording: &Recording, end: End) -> bool {
         let views = View::all(recording);
         sways(&vacated_surfaces(&views, end, |_| Vec::new())[0], end, &views)

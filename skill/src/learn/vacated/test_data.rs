@@ -9,18 +9,19 @@ use crate::object::joint_geometry::JointGeometry;
 use crate::test_data::seen;
 use nalgebra::{Point3, Vector3};
 
-/// Where the bar turns, camera frame, metres.
+/// Pivot of the bar, camera frame, metres.
 pub const PIVOT_M: [f64; 3] = [-0.1, 0.05, 1.2];
-/// Its length to one side of the pivot, and its width, metres.
+/// Length of the bar to one side of the pivot, metres.
 const LENGTH_M: f64 = 0.3;
+/// Width of the bar, metres.
 const WIDTH_M: f64 = 0.06;
-/// Distance of the wall behind it.
+/// Distance of the wall behind the bar, metres.
 const WALL_M: f64 = 1.6;
-/// Distance of a drawer's cabinet.
+/// Distance of a drawer's cabinet, metres.
 const CABINET_M: f64 = 1.2;
 /// Time between two frames, microseconds.
 const FRAME_US: i64 = 100_000;
-/// Frames of a recording.
+/// Number of frames of a recording.
 pub const FRAMES: usize = 24;
 
 /// Turn of a bar that rests, is turned, and rests again, radians.
@@ -28,12 +29,12 @@ pub fn turn(frame: usize) -> f64 {
     0.12 * frame.saturating_sub(7).min(10) as f64
 }
 
-/// The line that it turns about.
+/// The line that the bar turns about.
 pub fn hinge() -> JointGeometry {
     JointGeometry::hinge(Vector3::z_axis(), Point3::from(PIVOT_M))
 }
 
-/// A recording of the bar, by its turn in each frame, and of a block at another place, by where its middle is.
+/// A recording of the bar and of a block elsewhere, with the bar's turn and the middle of the block in each frame.
 pub fn recording(
     turn: impl Fn(usize) -> f64,
     block: impl Fn(usize) -> Option<[f64; 2]>,
@@ -141,7 +142,7 @@ fn recorded<D: Fn(f64, f64) -> f64>(depth: impl Fn(usize) -> D) -> Recording {
     Recording { tracks, ego_motion, keyframes }
 }
 
-/// The same without a block.
+/// A recording of the bar alone, with its turn in each frame.
 pub fn lever(turn: impl Fn(usize) -> f64) -> Recording {
     recording(turn, |_| None)
 }
@@ -154,7 +155,7 @@ pub fn swaying(turn: impl Fn(usize) -> f64, nearer: impl Fn(usize) -> f64) -> Re
     })
 }
 
-/// Whether a place across the line of sight is on the bar when that is turned so far.
+/// True if a place across the line of sight is on the bar at this turn.
 fn is_on_bar([x, y]: [f64; 2], turn: f64) -> bool {
     let [dx, dy] = [x - PIVOT_M[0], y - PIVOT_M[1]];
     let along = turn.cos() * dx + turn.sin() * dy;

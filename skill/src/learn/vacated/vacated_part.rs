@@ -1,5 +1,9 @@
-//! A vacated surface as the part of a joint: it is followed through all keyframes, and believed where they
-//! bear it out.
+//! Follows a vacated surface as the part of a joint through all keyframes, and decides whether it is accepted.
+//!
+//! In: a surface at rest, a joint hypothesis, and the moving readings of each keyframe; base frame, metres.
+//! Out: the part with its line and one configuration per keyframe (radians or metres), and the reason against it, if
+//! any.
+//! From: dynamic programming (Viterbi) for the configurations; the limits were measured, see each constant.
 
 use super::alignment::{Aligned, LinePrior, align};
 use super::hypotheses::{Hypothesis, configurations, reach};
@@ -16,113 +20,121 @@ use crate::math::robust::median;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::{Matrix6, Point3, Vector3};
 
-/// Distance that the surface goes between two configurations that are tried, metres.
+/// Distance that the surface moves between two configurations that are tried, metres.
 const STEP_M: f64 = 0.015;
-/// Points of the surface by which its line is aligned first.
+/// Most points of the surface in the first alignment.
 const FEW_POINTS: usize = 40;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points.
 const COST_PER_METRE: f64 = 2.0;
-/// Greatest speed at which people open things: radians and metres a second.
+/// Largest speed at which people open hinges, radians a second.
 const MAX_SPEED_RAD_S: f64 = 4.0;
+/// Largest speed at which people open slides, metres a second.
 const MAX_SPEED_M_S: f64 = 1.5;
-/// Share of the points, less those seen through, by which a keyframe shows the part.
+/// Smallest share of the points found, less those seen through, in a keyframe that shows the part.
 const LEAST_SHOWN: f64 = 0.15;
-/// Share of the keyframes that must show it.
+/// Smallest share of the keyframes that must show the part.
 const LEAST_KEYFRAMES: f64 = 0.7;
-/// Keyframes at either end, as a share of all; most of them must show it.
+/// Share of the keyframes at either end of the recording; at least half of these must show the part.
 const END: f64 = 0.1;
-/// Largest share of its points that may be seen through.
+/// Largest share of the part's visible points that may be seen through.
 const MAX_VIOLATION: f64 = 0.1;
-/// Largest median distance of its points from the readings next to them, metres. It does not grow with the distance
-/// from the camera: of a gate 2.3 m away it was 6.6 mm, but of a person there 7.0.
+/// Largest median distance of the part's points from the readings next to them, metres. It does not grow with the
+/// distance from the camera: of a gate 2.3 m away it was 6.6 mm, but of a person there 7.0.
 const MAX_MEDIAN_M: f64 = 0.006;
-/// What is rigid keeps its shape as well away from its rest as at rest: it may be farther from the readings if that is
-/// so there too, up to a limit in metres. Away, doors and drawers 2.3 m from the camera had 0.75 to 1.08 times the
-/// distance that they had at rest; persons 1.25 to 1.75 times.
+/// Largest ratio of a rigid part's distance from the readings away from its rest to that at rest. At 2.3 m from the
+/// camera, doors and drawers had 0.75 to 1.08; persons 1.25 to 1.75.
 const SAME_AT_REST: f64 = 1.12;
+/// Largest median distance of a part that is as far from the readings at rest, or is clearly a slide, metres.
 const MAX_NOISY_MEDIAN_M: f64 = 0.008;
-/// A slide that agrees so much better than all hinges is none of a person: of those that turned in some way, hinges
-/// agreed 0.88 to 2 times as well, of drawers 0.4 to 0.8 times. It may be as far from the readings.
+/// A slide may be accepted as a drawer if the best supported hinge agrees at most this fraction as well. It may then
+/// be as far from the readings as [`MAX_NOISY_MEDIAN_M`]. Measured on those that turned in some way: drawers 0.4 to
+/// 0.8, persons 0.88 to 2.
 const CLEARLY_A_SLIDE: f64 = 0.75;
-/// Fewest points at rest that tell it, as a share of the points away.
+/// Smallest ratio of points seen at rest to points seen away, for their distances to be compared.
 const TELLING_REST: f64 = 0.1;
-/// Distance from which a reading next to a point says nothing for it, metres.
+/// Distance from which a reading does not support a point, metres.
 const OWN_M: f64 = 0.0125;
-/// Least agreement while it is away from its rest.
+/// Smallest agreement in the keyframes in which the part is away from its rest.
 const MIN_AGREEMENT: f64 = 0.25;
-/// Least motion, radians and metres of its farthest point.
+/// Smallest turn of a hinge, radians.
 const MIN_TURN_RAD: f64 = 0.35;
+/// Smallest motion of the part's farthest point, metres.
 const MIN_TRAVEL_M: f64 = 0.04;
-/// Least way of a slide, in radii of its surface: what goes as far about a line beside it turns by a radian, which
-/// is told from a slide. By a shorter way it looks much the same: then no hinge that something holds may agree more
-/// than a share as well. Of a cooker's drawer it was 0.87, of a screen on an arm 1.14.
+/// Smallest motion of a slide, in radii of its surface: in any case, and without comparison with hinges. A surface
+/// that moves as far about a line beside it turns by a radian, which is distinguishable from a slide; a shorter
+/// motion looks much the same.
 const MIN_SLIDE_RADII: [f64; 2] = [0.6, 1.0];
+/// Largest ratio of the best supported hinge's agreement to that of a short slide. Of a cooker's drawer it was 0.87,
+/// of a screen on an arm 1.14.
 const UNLIKE_A_HINGE: f64 = 0.9;
-/// A slide speaks against a hinge where it agrees so well, as a share of the hinge's agreement: in all keyframes, and
+/// Ratios of a slide's agreement to a hinge's, above which the slide speaks against the hinge: in all keyframes, and
 /// in those in which the part is away from its rest. Of seven parts that turned, the best slides had at most 0.83 and
-/// 0.71, of a locker's door 0.95 and 0.49; of nine surfaces of drawers, sliding doors and persons at least 0.94 and 0.59.
+/// 0.71, of a locker's door 0.95 and 0.49; of nine surfaces of drawers, sliding doors and persons at least 0.94 and
+/// 0.59.
 const AS_GOOD_AS_A_HINGE: [f64; 2] = [0.9, 0.55];
 /// Largest angle between slides that are parallel, radians: the alignment of a drawer's front is 2 degrees off.
 pub const PARALLEL_RAD: f64 = 0.08;
-/// A surface that has moved less than this is still at rest, metres.
+/// Motion below which a surface is still at rest, metres.
 const REST_M: f64 = 0.015;
-/// Keyframes that tell where it rests.
+/// Number of keyframes whose median configuration is the rest position.
 const REST_KEYFRAMES: usize = 3;
-/// Fewest readings of something that has come: a hand has more.
+/// Fewest readings of something that has come; a hand has more.
 const MIN_ARRIVED: usize = 30;
-/// Least time for which a hand moves before it moves the part, seconds. Of 24 parts it was 0.53 and more, of arms and
-/// of what hangs on them up to 0.40.
+/// Smallest time for which a hand moves before it moves the part, seconds. Of 24 parts it was 0.53 and more, of arms
+/// and of what hangs on them up to 0.40.
 const MIN_LEAD_S: f64 = 0.45;
-/// What is farther than this from the seen side of a part is none of it, metres and radii of the part.
+/// Readings farther than this from the part belong to something else, metres.
 const APART_M: f64 = 0.05;
+/// Readings farther than this from a large part belong to something else, in radii of the part.
 const APART_RADII: f64 = 0.5;
-/// Share of the keyframes in which nothing else moves where no person is.
+/// Without a person, nothing else moves near the part in at least this share of keyframes.
 const LEAST_ALONE: f64 = 0.9;
-/// Least share of the keyframes that show the other face of a part for it to be looked for.
+/// Share of the keyframes that show the other face of a part, above which that face is searched for.
 const LEAST_TURNED_AWAY: f64 = 0.1;
-/// Errors that all readings share: radians and metres.
-const SYSTEMATIC_RAD: f64 = 0.01;
-const SYSTEMATIC_M: f64 = 0.004;
+/// Error of a line's direction that all readings share, radians.
+const SYSTEMATIC_RAD: f64 = 0.011;
+/// Error of a line's place that all readings share, metres.
+const SYSTEMATIC_M: f64 = 0.011;
 
-/// A surface that was followed along a joint.
+/// A surface that was followed along a joint, with all that decides whether it is a part.
 pub struct VacatedPart {
-    /// The joint; configuration 0 is the rest.
+    /// The aligned joint; configuration 0 is the rest.
     aligned: Aligned,
-    /// What each keyframe shows.
+    /// What each keyframe shows of the surface.
     seen: Vec<Seen>,
     /// Distances of points from the readings next to them.
     distances: Distances,
-    /// Distance of the farthest point from the line; 1 for a slide.
+    /// Distance of the farthest point from the line, metres; 1 for a slide.
     reach: f64,
     /// Largest distance of a point from the middle of the surface, metres.
     radius: f64,
-    /// Its line is that of a known joint.
+    /// True if the line is that of a known joint.
     pub is_on_known_line: bool,
-    /// Share of the line that nothing holds.
+    /// Share of the line that is attached to no visible surface; 0 for a slide.
     unattached_ratio: f64,
-    /// How long something else moved near it while it still was at rest, seconds.
+    /// How long something else moved near the surface while it still was at rest, seconds.
     lead_s: f64,
-    /// Nothing else moves near it; asked only where nothing moved before it.
+    /// True if nothing else moves near the surface; tested only if nothing moved long enough before it.
     is_alone: bool,
-    /// Share of the keyframes in which its other face is towards the camera.
+    /// Share of the keyframes in which the other face is turned to the camera.
     turned_away: f64,
-    /// The other motions that the same surface may have.
+    /// Other motions that the same surface may have.
     rivals: Rivals,
-    /// It is parallel to a slide that is known.
+    /// True if the joint is a slide parallel to a known slide.
     is_parallel: bool,
 }
 
-/// How well keyframes agree with the other motions that a surface may have.
+/// How well the keyframes agree with other motions that a surface may have.
 #[derive(Debug, Clone, Default)]
 pub struct Rivals {
-    /// With the best of the hinges that something holds and about which it turns; 0 without any.
+    /// Agreement with the best hinge that is attached and turns; 0 without any.
     hinge: f64,
-    /// With each slide: all keyframes, and those in which it is away from its rest.
+    /// Agreement with each slide: in all keyframes, and in those in which the surface is away from its rest.
     slides: Vec<[f64; 2]>,
 }
 
 impl Rivals {
-    /// All that were followed.
+    /// The rivals among all motions that were followed.
     pub fn of<'p>(parts: impl Iterator<Item = &'p VacatedPart> + Clone) -> Self {
         let held = parts.clone().filter(|part| part.is_held_hinge());
         let slides = parts.filter(|part| !part.is_hinge() && part.turn() > MIN_TRAVEL_M);
@@ -133,14 +145,14 @@ impl Rivals {
     }
 }
 
-/// The surface in one keyframe.
+/// What one keyframe shows of the surface.
 #[derive(Debug, Clone, Copy, Default)]
 struct Seen {
     frame: usize,
-    /// Points whose surface is found, less those that are seen through, as a share of all.
+    /// Points that are found, less those that are seen through, as a share of all.
     margin: f64,
-    /// Points that are found next to a moving reading, the less the farther, less those that are seen
-    /// through, as a share of all.
+    /// Points next to a moving reading, weighted by their distance from it, less those that are seen through, as a
+    /// share of all.
     agreement: f64,
     found: usize,
     through: usize,
@@ -149,11 +161,13 @@ struct Seen {
 /// Median distances of points from the readings next to them, metres; infinite where there are none.
 #[derive(Debug, Clone, Copy)]
 struct Distances {
+    /// Median over all keyframes.
     all: f64,
-    /// In keyframes in which the part is at its rest, and in the others.
+    /// Median over the keyframes in which the part is at rest.
     at_rest: f64,
+    /// Median over the keyframes in which the part is away from its rest.
     away: f64,
-    /// Enough points were seen at rest to compare both.
+    /// True if enough points were seen at rest to compare both.
     is_rest_told: bool,
 }
 
@@ -166,19 +180,20 @@ impl Distances {
         Self { all, at_rest, away, is_rest_told }
     }
 
-    /// What is seen away is the surface that rested. The distances may be larger where they are so at rest too, and
-    /// where the motion tells that it is no person.
+    /// True if the surface that is seen away is the one that rested. The distances may be larger if they are so at
+    /// rest too, or if the motion excludes a person.
     fn are_of_one_shape(&self, is_clearly_a_slide: bool) -> bool {
         let is_as_at_rest = self.is_rest_told && self.away <= SAME_AT_REST * self.at_rest;
         let may_be_noisy = is_as_at_rest || is_clearly_a_slide;
-        // What rests for long is close to its readings on the whole, whatever it is away from its rest.
+        // The overall median of a part that rests for long is small, however far it is from its readings when away.
         let median = if self.is_rest_told { self.all.max(self.away) } else { self.all };
         median <= if may_be_noisy { MAX_NOISY_MEDIAN_M } else { MAX_MEDIAN_M }
     }
 }
 
 impl VacatedPart {
-    /// Follows a surface along a hypothesis and aligns the line to what is seen, first by some of its points.
+    /// Follows a surface along a hypothesis and aligns the line, first with some of the surface's points, then with
+    /// all.
     pub fn follow(
         surface: &RestSurface,
         hypothesis: &Hypothesis,
@@ -227,7 +242,7 @@ impl VacatedPart {
         }
     }
 
-    /// Beside the other motions of the same surface, and the slides that are known, by their directions.
+    /// The part, compared with the other motions of the same surface and with the directions of known slides.
     pub fn beside(self, rivals: &Rivals, slides: &[Vector3<f64>]) -> Self {
         let axis = self.geometry().axis;
         let is_parallel =
@@ -240,12 +255,12 @@ impl VacatedPart {
         &self.aligned.geometry
     }
 
-    /// How well all keyframes agree with it.
+    /// Mean agreement of all keyframes with the part.
     pub fn agreement(&self) -> f64 {
         self.seen.iter().map(|s| s.agreement).sum::<f64>() / self.seen.len().max(1) as f64
     }
 
-    /// Why it is no part; `None` where it is one.
+    /// Reason against the part; `None` if it is accepted.
     pub fn doubt(&self) -> Option<&'static str> {
         let keyframes = self.seen.len() as f64;
         let shown = self.shown().count() as f64;
@@ -271,53 +286,54 @@ impl VacatedPart {
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
     }
 
-    /// It is a hinge by which it shows its other face for a while.
+    /// True if the joint is a hinge about which the part shows its other face for a while.
     pub fn shows_other_face(&self) -> bool {
         self.is_hinge() && self.turned_away > LEAST_TURNED_AWAY
     }
 
-    /// It is a hinge about which hardly anything turns.
+    /// True if the joint is a hinge about which the part hardly turns.
     pub fn hardly_turns(&self) -> bool {
         self.is_hinge() && self.turn() < MIN_TURN_RAD
     }
 
-    /// It is a hinge about which it turns, and something holds its line.
+    /// True if the joint is a hinge about which the part turns, and the line is attached to something.
     pub fn is_held_hinge(&self) -> bool {
         self.is_hinge() && self.unattached_ratio <= MAX_UNATTACHED && !self.hardly_turns()
     }
 
-    /// A hinge of what slides nearly as well: a sliding door, whose depth does not change, may turn in its plane, and
-    /// so may a sleeve.
+    /// True if the joint is a hinge and a slide agrees nearly as well: a sliding door, whose depth does not change,
+    /// may turn in its plane, and so may a sleeve.
     pub fn may_as_well_slide(&self) -> bool {
         let hinge = [self.agreement(), self.agreement_elsewhere()];
         self.is_hinge() && self.rivals.slides.iter().any(|slide| is_as_good(hinge, *slide))
     }
 
-    /// It is a slide, and hinges that something holds agree much worse.
+    /// True if the joint is a slide, and attached hinges agree much worse.
     pub fn is_clearly_a_slide(&self) -> bool {
         !self.is_hinge() && is_unlike_a_hinge(self.agreement(), self.rivals.hinge)
     }
 
-    /// A slide whose way, in radii of its surface, is too short to tell it from a turn about the best hinge. The
-    /// drawers of a cabinet go in parallel: no hinge speaks against the second one.
+    /// True if the joint is a slide whose motion is too short to distinguish it from a turn about the best hinge. No
+    /// hinge speaks against a slide parallel to a known one: the drawers of a cabinet slide in parallel.
     fn may_as_well_turn(&self) -> bool {
         let way_in_radii = self.turn() / self.radius;
         let of_hinges = if self.is_parallel { 0.0 } else { self.rivals.hinge };
         !self.is_hinge() && is_too_short_to_tell(way_in_radii, self.agreement(), of_hinges)
     }
 
+    /// True if the joint is a hinge.
     fn is_hinge(&self) -> bool {
         self.geometry().kind == JointKind::Revolute
     }
 
-    /// Between the configurations that keyframes show, radians or metres.
+    /// Range of the configurations in keyframes that show the part, radians or metres.
     fn turn(&self) -> f64 {
         span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>())
     }
 
-    /// Agreement of the keyframes in which it is far from its rest. (Those that show the other face, as of a lid that
-    /// stands open, count too: without them one more lid of 80 was learned, with half of its range, and the ranges of
-    /// two others became 0.3 and 0.4 rad wrong.)
+    /// Mean agreement of the keyframes in which the part is far from its rest. (Those that show the other face, as of
+    /// a lid that stands open, count too: without them one more lid of 80 was learned, with half of its range, and
+    /// the ranges of two others became 0.3 and 0.4 rad wrong.)
     fn agreement_elsewhere(&self) -> f64 {
         let away = |q: f64| q.abs() * self.reach > MIN_TRAVEL_M;
         let seen = self.seen.iter().zip(&self.aligned.q).filter(|(_, q)| away(**q));
@@ -325,7 +341,8 @@ impl VacatedPart {
         sum / f64::from(n.max(1))
     }
 
-    /// Most keyframes of either end of the recording show it: parts stay, hands come and leave.
+    /// True if at least half of the keyframes at each end of the recording show the part: parts stay, hands come and
+    /// leave.
     fn is_there_throughout(&self) -> bool {
         let n = ((END * self.seen.len() as f64).ceil() as usize).clamp(1, self.seen.len());
         let (first, last) = (&self.seen[..n], &self.seen[self.seen.len() - n..]);
@@ -333,13 +350,13 @@ impl VacatedPart {
         [first, last].iter().all(|end| 2 * shown(end) >= n)
     }
 
-    /// Frames that show it, with its configuration.
-    fn shown(&self) -> impl Iterator<Item = (usize, f64)> {
+    /// Frames that show the part, with the configuration.
+    pub fn shown(&self) -> impl Iterator<Item = (usize, f64)> {
         let all = self.seen.iter().zip(&self.aligned.q);
         all.filter(|(s, _)| s.margin >= LEAST_SHOWN).map(|(s, q)| (s.frame, *q))
     }
 
-    /// For looking at what was found and why it is believed or not.
+    /// Logs what was found, and why it is accepted or not.
     pub fn trace(&self) {
         tracing::debug!(
             kind = self.geometry().kind.name(),
@@ -363,7 +380,7 @@ impl VacatedPart {
         );
     }
 
-    /// As a joint of the base.
+    /// The part as a joint of the base.
     pub fn to_learned(&self, surface: &RestSurface, recording: &Recording) -> LearnedJoint {
         let surface = FollowedSurface {
             geometry: *self.geometry(),
@@ -375,30 +392,32 @@ impl VacatedPart {
         surface.into_learned(recording)
     }
 
-    /// Covariance of (axis, origin), with the errors that all readings share.
+    /// Covariance of (axis, origin), including the errors that all readings share.
     fn covariance(&self) -> Matrix6<f64> {
         let covariance = line_covariance(self.geometry(), &self.aligned.information);
         with_shared_errors(covariance, self.geometry(), SYSTEMATIC_RAD, SYSTEMATIC_M)
     }
 }
 
-/// Of a slide, where there are hinges to compare it with, and the best agrees much worse.
+/// True if there are hinges to compare a slide with, and the best agrees much worse.
 fn is_unlike_a_hinge(agreement: f64, of_hinges: f64) -> bool {
     of_hinges > 0.0 && of_hinges < CLEARLY_A_SLIDE * agreement
 }
 
-/// Agreement with a slide that speaks against a hinge, both in all keyframes and away from the rest.
+/// True if a slide agrees so well that it speaks against a hinge, both in all keyframes and away from the rest.
 fn is_as_good(hinge: [f64; 2], slide: [f64; 2]) -> bool {
     (0..2).all(|k| slide[k] > AS_GOOD_AS_A_HINGE[k] * hinge[k])
 }
 
-/// A way, in radii of the surface, by which a slide is not told from a turn about the best hinge.
+/// True if a slide's motion, in radii of its surface, is too short to distinguish it from a turn about the best
+/// hinge.
 fn is_too_short_to_tell(way_in_radii: f64, agreement: f64, of_hinges: f64) -> bool {
     let [least, enough] = MIN_SLIDE_RADII;
     way_in_radii < least || way_in_radii < enough && of_hinges > UNLIKE_A_HINGE * agreement
 }
 
-/// The configuration in each keyframe that all of them together agree with best; 0 where the surface rests.
+/// The configuration in each keyframe that all keyframes together agree with best (Viterbi); about 0 where the
+/// surface rests.
 fn path(
     surface: &RestSurface,
     geometry: &JointGeometry,
@@ -416,7 +435,7 @@ fn path(
     };
     let table: Vec<Vec<f64>> = moving.iter().enumerate().map(row).collect();
     let cost = COST_PER_METRE * step * reach(geometry, &surface.points);
-    // A wheel with like spokes would jump from one to the next.
+    // Without a bound on the speed, a wheel with equal spokes would jump from one to the next.
     let is_hinge = geometry.kind == JointKind::Revolute;
     let speed = if is_hinge { MAX_SPEED_RAD_S } else { MAX_SPEED_M_S };
     let largest = recording.keyframes.largest_steps(speed);
@@ -424,7 +443,8 @@ fn path(
     best_path(&table, cost, &largest).into_iter().map(|i| configurations[i]).collect()
 }
 
-/// It has not moved since it was at rest, next to a keyframe. One keyframe alone tells badly where that was.
+/// True if the surface has moved less than `REST_M` from its rest. The rest position is the median of
+/// `REST_KEYFRAMES` keyframes, because one is too noisy.
 fn is_at_rest(q: &[f64], keyframe: usize, k: usize, reach: f64) -> bool {
     let first = keyframe.min(q.len().saturating_sub(REST_KEYFRAMES));
     let beside = &q[first..(first + REST_KEYFRAMES).min(q.len())];
@@ -432,9 +452,9 @@ fn is_at_rest(q: &[f64], keyframe: usize, k: usize, reach: f64) -> bool {
     (q[k] - rest).abs() * reach < REST_M
 }
 
-/// How long something else moved near the surface while that still was at rest, seconds: from the keyframe
-/// that shows it at rest on, or from there back in time where it rests last. A hand takes its time to come
-/// to a part; a limb moves when the hand does.
+/// Time for which something else moved near the surface while that still was at rest, seconds: after the keyframe
+/// that shows it at rest, or before it if the surface rests last. A hand takes its time to come to a part; a limb
+/// moves when the hand does.
 fn lead_of_others(surface: &RestSurface, q: &[f64], reach: f64, moving: &[MovingPoints]) -> f64 {
     let rest = &moving[surface.keyframe];
     let at_rest = |k: &usize| is_at_rest(q, surface.keyframe, *k, reach);
@@ -449,7 +469,7 @@ fn lead_of_others(surface: &RestSurface, q: &[f64], reach: f64, moving: &[Moving
     lead(before).max(lead(after))
 }
 
-/// Nothing moves near the surface but itself, in nearly all keyframes.
+/// True if nothing else moves near the surface in nearly all keyframes.
 fn is_alone(surface: &RestSurface, aligned: &Aligned, moving: &[MovingPoints]) -> bool {
     let apart = APART_M.max(APART_RADII * surface.radius());
     let others = moving.iter().zip(&aligned.q).filter(|(view, q)| {
@@ -461,7 +481,7 @@ fn is_alone(surface: &RestSurface, aligned: &Aligned, moving: &[MovingPoints]) -
     others.take(most + 1).count() <= most
 }
 
-/// Share of the keyframes towards whose camera most of the surface has its other face.
+/// Share of the keyframes in which most of the surface has its other face turned to the camera.
 fn share_turned_away(surface: &RestSurface, aligned: &Aligned, moving: &[MovingPoints]) -> f64 {
     let is_turned_away = |(view, q): &(&MovingPoints, &f64)| {
         let motion = aligned.geometry.motion(**q);
@@ -521,7 +541,7 @@ mod tests {
     use super::*;
     use crate::math::rigid::distance_to_line;
 
-    /// Looks at the part of a lever's surface at rest, followed along a line.
+    /// Gives `look` the part of a lever's surface at rest, followed along a line.
     fn followed<T>(
         recording: &Recording,
         geometry: &JointGeometry,

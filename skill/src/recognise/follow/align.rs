@@ -1,8 +1,8 @@
-//! Alignment of an object's surface with a frame, by depth and lightness, base pose and configurations
-//! together (Gauss-Newton over point-to-plane and photometric residuals).
+//! Alignment of an object's surface with a frame by depth and lightness, base pose and configurations together.
 //!
-//! In: a state near the right one. Out: the aligned state, and the standard deviation of each
-//! configuration there (rad or m).
+//! In: a frame, and a state near the right one (camera frame, metres and radians).
+//! Out: the aligned state, and the standard deviation of each configuration there (rad or m).
+//! From: Gauss-Newton over point-to-plane and photometric residuals.
 
 use super::lightness::{LightnessWindow, add_lightness};
 use crate::recognise::evidence::configuration_deviations;
@@ -12,37 +12,37 @@ use crate::recognise::normal_equations::{System, add_surface};
 use crate::recognise::render_cloud::Cloud;
 use crate::recognise::scene::Scene;
 
-/// Surfels below which nothing is aligned.
+/// Smallest number of surfels with which a state is aligned.
 const LEAST_SURFACE: usize = 20;
 /// Windows of the first and of the last step.
 const WINDOWS: [LightnessWindow; 2] = [
     LightnessWindow { gate_m: 0.05, reach_px: 5.0 },
     LightnessWindow { gate_m: 0.012, reach_px: 1.5 },
 ];
-/// Share of the steps from which all of the surface is used.
+/// Share of the steps from which the whole surface is used instead of the thinned one.
 const ALL_FROM: f64 = 0.7;
-/// Least evidence that fixes an unknown which nothing seen tells of.
+/// Information added to each unknown, so that an unknown without evidence keeps its value.
 const DAMPING: f64 = 30.0;
-/// Step of every unknown, metres or radians, below which the alignment has converged.
+/// Largest step of every unknown, metres or radians, at which the alignment has converged.
 const CONVERGED: f64 = 1e-4;
-/// Information that holds the pose, some tenths of a millimetre. Where the base is not seen, what
-/// moves is taken for a joint's motion, not for the base's.
+/// Information that holds the pose to some tenths of a millimetre or milliradian. If the base is not seen, motion is
+/// attributed to a joint, not to the base.
 const HOLD: f64 = 1e7;
 
-/// One object against one frame.
+/// Alignment of one object with one frame.
 pub struct Aligner<'a> {
-    /// The frame.
+    /// Prepared frame.
     pub scene: &'a Scene,
-    /// The object's tree.
+    /// Kinematic tree of the object.
     pub articulated: &'a Articulated,
-    /// The object.
+    /// Surface of the object.
     pub object: &'a KnownObject,
-    /// The base was seen in the last frame; else its pose is held.
+    /// True if the base was seen in the last frame; else its pose is held.
     pub base_seen: bool,
 }
 
 impl Aligner<'_> {
-    /// The state after at most so many steps.
+    /// State after at most this many steps.
     pub fn align(&self, mut state: State, steps: usize) -> State {
         let last = (steps - 1).max(1) as f64;
         for i in 0..steps {
@@ -64,21 +64,21 @@ impl Aligner<'_> {
         state
     }
 
-    /// Standard deviation of each configuration; of the base's those are `base_deviations`, from
-    /// when it was seen.
+    /// Standard deviation of each configuration, rad or m. If the base is not seen, `base_deviations`, from when it
+    /// was last seen, are added as variances.
     pub fn deviations(&self, state: &State, base_deviations: &[Option<f64>]) -> Vec<Option<f64>> {
         let (mut system, _) = self.system(&self.object.cloud, state, WINDOWS[1]);
         if self.base_seen {
             return configuration_deviations(self.articulated, &system);
         }
-        // The joints turn about a base that is no better known than when it was seen.
+        // The pose of the base is no better known than when the base was last seen.
         system.hold_pose(HOLD);
         let with_base = |(held, base): (Option<f64>, &Option<f64>)| Some(held?.hypot((*base)?));
         let held = configuration_deviations(self.articulated, &system);
         held.into_iter().zip(base_deviations).map(with_base).collect()
     }
 
-    /// Normal equations at a state, and how many surfels gave rows of depth.
+    /// Normal equations at a state, and the number of surfels that gave rows of depth.
     fn system(&self, cloud: &Cloud, state: &State, window: LightnessWindow) -> (System, usize) {
         let Self { scene, articulated, .. } = *self;
         let mut system = System::new(6 + articulated.joints.len());
@@ -89,7 +89,7 @@ impl Aligner<'_> {
     }
 }
 
-/// The window between that of the first and that of the last step.
+/// Window between the first and the last one; `done` is the share of the steps, 0 to 1.
 fn window_at(done: f64) -> LightnessWindow {
     let between = |first: f64, last: f64| first + (last - first) * done;
     let [first, last] = WINDOWS;

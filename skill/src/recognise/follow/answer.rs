@@ -1,30 +1,29 @@
-//! What recognition answers when a follower asks it again.
+//! The answer of recognition when a follower requests it again, carried to the present: recognition takes longer
+//! than a frame, so that its answer refers to an older frame.
 //!
-//! Recognition takes longer than a frame: its answer is about an older frame. In: the state when it
-//! was asked, and what it found there (camera frame, metres and radians). Out: what it found, moved on
-//! by what has been followed since.
+//! In: the followed state then and now, and what recognition found then (camera frame, metres and radians).
+//! Out: the found state, moved by what was followed since.
 
 use crate::math::rigid::{Pose, pose_from_array};
 use crate::recognise::kinematics::{Articulated, State};
 use crate::recognise::result::Recognised;
 
-/// Where the object was when recognition was asked again.
+/// State of the object when recognition was requested again.
 #[derive(Debug, Clone)]
 pub struct Asked(pub(super) State);
 
-/// A state that recognition found, brought to the present.
+/// A state that recognition found, carried to the present.
 pub struct Answer {
     /// Pose and configurations.
     pub state: State,
-    /// Joints whose configuration it told.
+    /// For each joint, true if recognition reported its configuration.
     told: Vec<bool>,
     /// Standard deviation of each configuration, rad or m.
     deviations: Vec<Option<f64>>,
 }
 
 impl Answer {
-    /// What was found in the frame in which the object was followed to `then`; it is `now` since.
-    /// `None` where that has no pose.
+    /// Carries `found` from the frame of the state `then` to the state `now`; `None` if the found pose is invalid.
     pub fn new(
         articulated: &Articulated,
         Asked(then): &Asked,
@@ -46,15 +45,15 @@ impl Answer {
         Some(Self { state, told: told_by(found), deviations })
     }
 
-    /// The standard deviation with which it confirms that a joint is at `q` now, if it told the
-    /// joint's configuration and that is no farther away than `limit`.
+    /// Standard deviation with which the answer confirms that a joint is at `q` now; `None` if recognition did not
+    /// report its configuration, or reported a value farther away than `limit`.
     pub fn confirms(&self, joint: usize, q: f64, limit: f64) -> Option<f64> {
         let told = self.told[joint] && (self.state.q[joint] - q).abs() <= limit;
         told.then_some(self.deviations[joint]?)
     }
 }
 
-/// The state that a recognition tells; joints that it does not tell are where it assumes them.
+/// State of a recognition; joints whose configuration is not reported are at the assumed one.
 pub fn state_of(found: &Recognised, articulated: &Articulated) -> Option<State> {
     let q = if found.assumed.len() == articulated.joints.len() {
         found.assumed.clone()
@@ -65,7 +64,7 @@ pub fn state_of(found: &Recognised, articulated: &Articulated) -> Option<State> 
     Some(State { camera_from_object, q })
 }
 
-/// The joints whose configuration a recognition tells.
+/// For each joint, true if a recognition reports its configuration.
 pub fn told_by(found: &Recognised) -> Vec<bool> {
     found.joints.iter().map(|j| j.configuration.is_some()).collect()
 }

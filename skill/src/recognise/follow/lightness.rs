@@ -1,44 +1,45 @@
-//! Rows of lightness for the normal equations (direct photometric alignment): depth alone does not
-//! see a sliding door slide, lightness tells where on its surface one is.
+//! Rows of lightness for the normal equations: depth alone does not determine how far a sliding door slid; the
+//! lightness on its surface does.
 //!
-//! In: the surface in a state (camera frame, metres) and the picture's lightness, 0 to 100. Out:
-//! residuals, and how they change with pose and configurations. Light differs between encounters: a
-//! gain and an offset per part are fitted first.
+//! In: the surface in a state (camera frame, metres) and the lightness of the image, 0 to 100.
+//! Out: residuals with their rows of the Jacobian. Light differs between encounters, so that a gain and an offset
+//! are fitted for each part first.
+//! From: direct photometric alignment.
 
 use crate::recognise::kinematics::{Articulated, State};
 use crate::recognise::normal_equations::System;
 use crate::recognise::render_cloud::{Cloud, visible};
 use crate::recognise::scene::Scene;
 
-/// Samples below which the light of a part is not fitted.
+/// Smallest number of samples with which the light of a part is fitted.
 const LEAST_SAMPLES: usize = 20;
-/// Standard deviation of lightness that light and noise explain, of 100.
+/// Standard deviation of lightness, of 100, that light and noise explain.
 const LIGHTNESS_SIGMA: f64 = 6.0;
-/// All of the lightness weighs as much as so many independent surfels.
+/// Number of independent surfels as which all residuals of lightness together count at most.
 const LIGHTNESS_WORTH: f64 = 200.0;
 
-/// A surfel in the picture.
+/// A surfel in the image, with its learned and its seen lightness.
 struct Sample {
     part: usize,
     /// Learned lightness, of 100.
     learned: f64,
     /// Seen lightness, of 100.
     seen: f64,
-    /// How the seen lightness changes with each unknown: its row of the Jacobian.
+    /// Row of the Jacobian: how the seen lightness changes with each unknown.
     row: Vec<f64>,
 }
 
-/// Where lightness is compared.
+/// Limits within which a surfel is compared with the image.
 #[derive(Clone, Copy)]
 pub struct LightnessWindow {
-    /// Distance in depth between a surfel and what is seen at its pixel, metres, up to which they are
-    /// compared.
+    /// Largest distance of a surfel from the surface seen at its pixel, metres; for lightness, of the depths, with
+    /// 0.02 m added.
     pub gate_m: f64,
-    /// Pixels to either side between which lightness is differenced.
+    /// Distance to either side over which lightness is differenced, pixels.
     pub reach_px: f64,
 }
 
-/// Adds the differences of lightness at visible surfels, after each part's light is accounted for.
+/// Adds the differences of lightness at visible surfels, after gain and offset of the light on each part.
 pub fn add_lightness(
     system: &mut System,
     scene: &Scene,
@@ -104,7 +105,7 @@ fn lightness_samples(
         .collect()
 }
 
-/// Gain and offset of the light by which a part is seen.
+/// Gain and offset of the light on a part, by least squares; the gain is 0.3 to 3.
 fn light(samples: &[&Sample]) -> (f64, f64) {
     let n = samples.len() as f64;
     let mean = |f: fn(&Sample) -> f64| samples.iter().map(|s| f(s)).sum::<f64>() / n;

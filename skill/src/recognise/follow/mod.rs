@@ -1,17 +1,16 @@
-//! A recognised object followed from frame to frame.
+//! Following of a recognised object from frame to frame.
 //!
-//! In: a recognition, then one frame after the other. Out: for each the object's pose, and the
-//! configurations that are told (camera frame, metres and radians).
+//! In: a recognition, then successive frames.
+//! Out: for each frame, the pose of the object and the configurations that are determined (camera frame, metres and
+//! radians).
 //!
-//! What recognition told is kept while the picture agrees with it: a configuration stays told as
-//! long as surface stands on both sides of its joint, and its standard deviation stays small. A
-//! part need not look like itself in every frame for that, which a door that is seen at an angle
-//! hardly ever does. Where neither depth nor lightness tells how far a joint has moved, its
-//! deviation grows with time. [`Follower::is_unsure`] then says that recognition should be asked
-//! again, and [`Follower::consider`] takes its answer. A configuration that was not told before is
-//! tested for ambiguity, as in recognition. A base that the moving part hides is where it was as long
-//! as the camera stands still ([`EdgeView`]). A part that is not where it was expected, as one that
-//! turned its edge to the camera and then shows its other side, is looked for along all of its joint.
+//! A reported configuration stays reported while surface stands on both sides of its joint and its standard
+//! deviation stays small. The colour of the part need not correlate in each frame, since that of a door seen at an
+//! angle hardly does. If neither depth nor lightness determines a joint, its deviation grows with time;
+//! [`Follower::is_unsure`] then reports that recognition should be requested again, and [`Follower::consider`] takes
+//! the answer. A configuration that was not reported before is tested for ambiguity. An occluded base is where it
+//! was while the camera stands still ([`EdgeView`]). A part that is not where it was predicted, e.g. because it was
+//! edge-on and now shows its other side, is searched along its joint.
 
 mod align;
 mod answer;
@@ -38,25 +37,25 @@ use answer::{Answer, state_of, told_by};
 use linkage_frames::RgbdFrame;
 use std::sync::Arc;
 
-/// Where the object is in a frame.
+/// The object in one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Followed {
-    /// Pose, joints, and a score by surface alone; joints that are hidden tell nothing.
+    /// Pose, joints, and a score by surface alone; occluded joints have no configuration.
     pub recognised: Recognised,
-    /// False where the frame does not show the object and its last state is held.
+    /// False if the frame does not show the object, so that its last state is held.
     pub seen: bool,
 }
 
-/// Why following ends.
+/// Why following stopped.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Lost {
-    /// The object has not been seen for too long.
+    /// The object was not seen for too many frames.
     #[error("{object} has not been seen for {frames} frames; recognise it again")]
     Unseen {
-        /// The object.
+        /// Name of the object.
         object: String,
-        /// For how long.
+        /// Number of consecutive frames that do not show the object.
         frames: usize,
     },
     /// The vision library failed.
@@ -64,63 +63,63 @@ pub enum Lost {
     Vision(#[from] VisionError),
 }
 
-/// Follows one object.
+/// Follower of one object.
 pub struct Follower {
     object: Arc<KnownObject>,
     articulated: Articulated,
-    /// Where the object was in the last frame that showed it.
+    /// Pose and configurations in the last frame that showed the object.
     state: State,
-    /// Last step of each configuration.
+    /// Change of each configuration in the last frame, rad or m.
     step: Vec<f64>,
-    /// Frames in a row that do not show the object.
+    /// Number of consecutive frames that do not show the object.
     unseen: usize,
-    /// The last frame showed the base.
+    /// True if the last frame showed the base.
     base_seen: bool,
-    /// The picture in which the base was seen last.
+    /// Edges of the last image in which the base stood where it should; of the first image before that.
     base_view: Option<EdgeView>,
-    /// Standard deviation of each configuration in that picture, rad or m.
+    /// Standard deviation of each configuration in the last frame that showed the base, rad or m.
     base_deviations: Vec<Option<f64>>,
-    /// Joints whose configuration was told in the last frame.
+    /// For each joint, true if its configuration was reported in the last frame.
     told: Vec<bool>,
-    /// Joints whose configuration was told at any time.
+    /// For each joint, true if its configuration was reported in any frame.
     ever_told: Vec<bool>,
     /// Standard deviation of each configuration in the last frame, rad or m.
     deviations: Vec<Option<f64>>,
-    /// Time stamp of the last frame.
+    /// Time stamp of the last frame, microseconds.
     last_utime: Option<i64>,
-    /// What recognition found meanwhile.
+    /// Answer of recognition that no frame has used yet.
     answer: Option<Answer>,
 }
 
-/// A state that was aligned with a picture.
+/// A state that was aligned with a frame, its fit in surfels, and its verdict.
 struct Aligned {
     fit: f64,
     state: State,
     verdict: Verdict,
 }
 
-/// Most steps along a joint whose part is looked for.
+/// Largest number of steps along a joint whose part is searched.
 const MOST_ALONG: f64 = 60.0;
-/// Steps of the alignment a frame.
+/// Largest number of alignment steps in a frame.
 const STEPS: usize = 8;
-/// Share of the last step of a configuration that is expected again.
+/// Share of the last step of a configuration that is predicted again.
 const PERSISTENCE: f64 = 0.8;
-/// Score below which a frame does not show the object.
+/// Smallest score of a frame that shows the object.
 const MIN_SCORE: f64 = 0.2;
-/// How fast a hinge of which nothing in the picture tells may be moving meanwhile, rad/s.
+/// Assumed speed of a hinge for which the image gives no evidence, rad/s.
 const UNSEEN_TURN_RATE: f64 = 0.05;
-/// How fast a slide of which nothing in the picture tells may be moving meanwhile, m/s.
+/// Assumed speed of a slide for which the image gives no evidence, m/s.
 const UNSEEN_SLIDE_RATE: f64 = 0.015;
-/// Longest time between two frames that counts, seconds.
+/// Largest time between two frames that is taken into account, seconds.
 const LONGEST_GAP_S: f64 = 5.0;
-/// Share of the deviation up to which a configuration is told at which recognition is asked again.
+/// Share of the largest reported deviation above which recognition is requested again.
 const UNSURE_SHARE: f64 = 0.5;
 
 impl Follower {
-    /// Frames in a row without the object after which it is lost.
+    /// Largest number of consecutive frames without the object; after more it is lost.
     pub const PATIENCE: usize = 15;
 
-    /// Starts where an object was recognised; `None` if its pose is none.
+    /// Starts at a recognised state; `None` if its pose is invalid.
     #[must_use]
     pub fn new(object: Arc<KnownObject>, found: &Recognised) -> Option<Self> {
         let articulated = Articulated::new(&object.model);
@@ -144,7 +143,7 @@ impl Follower {
         })
     }
 
-    /// The configuration of a joint is not told, or hardly: recognition may know more.
+    /// True if a configuration is not determined, or hardly: recognition should be requested again.
     pub fn is_unsure(&self) -> bool {
         (0..self.told.len()).any(|j| {
             let limit = UNSURE_SHARE * self.limit(j);
@@ -152,28 +151,28 @@ impl Follower {
         })
     }
 
-    /// Deviation up to which a configuration is told, rad or m.
+    /// Largest standard deviation of a configuration that is reported, rad or m.
     fn limit(&self, joint: usize) -> f64 {
         told_within(self.articulated.joints[joint].geometry.kind)
     }
 
-    /// Remembers the present state for [`Self::consider`], when recognition is asked about the
-    /// newest frame.
+    /// Current state, to be kept for [`Self::consider`] when recognition is requested for the newest frame.
     pub fn ask(&self) -> Asked {
         Asked(self.state.clone())
     }
 
-    /// Takes what recognition found in the frame that it was asked about. The next frame judges
-    /// between that and what was followed since.
+    /// Takes what recognition found in the frame for which it was requested. The next frame decides between that and
+    /// what was followed since.
     pub fn consider(&mut self, asked: &Asked, found: &Recognised) {
         let answer = Answer::new(&self.articulated, asked, &self.state, found);
         self.answer = answer.or(self.answer.take());
     }
 
-    /// Takes the next frame.
+    /// Follows the object into the next frame.
     ///
     /// # Errors
-    /// [`Lost::Unseen`] after too many frames that do not show the object.
+    /// [`Lost::Unseen`] after too many frames that do not show the object, [`Lost::Vision`] if the vision library
+    /// fails.
     pub fn follow(&mut self, frame: &RgbdFrame) -> Result<Followed, Lost> {
         let scene = Scene::plain(frame)?;
         let answer = self.answer.take();
@@ -208,8 +207,8 @@ impl Follower {
         Ok(Followed { recognised: report(&self.object, &self.articulated, &found), seen })
     }
 
-    /// The state that fits the picture best. A hand may have let go: motion that goes on is a
-    /// guess, standing still another one, and what recognition found a third one.
+    /// State with the best fit from several starts: the motion continues, the motion has stopped, or the answer of
+    /// recognition. A joint without surface on both sides is searched along its range.
     fn best_state(&self, scene: &Scene, answer: Option<&Answer>) -> (State, Verdict) {
         let starts = [self.expected(), self.state.clone()];
         let starts = starts.into_iter().chain(answer.map(|c| c.state.clone()));
@@ -230,14 +229,14 @@ impl Follower {
         (best.state, best.verdict)
     }
 
-    /// A state, aligned with the picture.
+    /// Aligns a state with the frame.
     fn aligned(&self, scene: &Scene, start: State) -> Aligned {
         let state = self.aligner(scene).align(start, STEPS);
         let (fit, verdict) = self.judged(scene, &self.object.cloud, &state);
         Aligned { fit, state, verdict }
     }
 
-    /// The state with the configuration of one joint that explains most of the picture.
+    /// State with the configuration of one joint that explains most of the image.
     fn best_along(&self, scene: &Scene, state: &State, joint: usize) -> State {
         let j = &self.articulated.joints[joint];
         let steps = ((j.high - j.low) / self.limit(joint)).ceil().clamp(1.0, MOST_ALONG);
@@ -253,13 +252,13 @@ impl Follower {
             .map_or_else(|| state.clone(), |(_, state)| state)
     }
 
-    /// How well a state fits the picture.
+    /// Fit of a state in surfels, and its verdict.
     fn judged(&self, scene: &Scene, cloud: &Cloud, state: &State) -> (f64, Verdict) {
         let verdict = verify(scene, &self.articulated, cloud, state);
         (verdict.fit() - self.articulated.range_penalty(state), verdict)
     }
 
-    /// What the picture says of each joint.
+    /// Detection in this frame: the parts that are placed, and the configurations that are determined.
     fn evidence(
         &self,
         scene: &Scene,
@@ -267,13 +266,13 @@ impl Follower {
         seen: bool,
         answer: Option<&Answer>,
     ) -> Detection {
-        // Of a part that turns its edge to the camera nothing but its rim is seen.
+        // Of a part that is edge-on only the rim is seen.
         let edge_on = edge_on(&self.object.cloud, &self.articulated.poses(&self.state));
         let stands = |(part, edge_on): (&PartVerdict, &bool)| {
             seen && (part.stands() || *edge_on && !part.is_missing())
         };
         let mut stands: Vec<bool> = verdict.parts.iter().zip(&edge_on).map(stands).collect();
-        // A base that is hidden stays where it was while the camera does.
+        // An occluded base is where it was while the camera stands still.
         stands[0] |= seen && self.base_view.as_ref().is_some_and(|view| view.is_still(scene));
         let looks_right: Vec<bool> = verdict.parts.iter().map(|p| seen && p.is_seen()).collect();
         let standing = evident_joints(&self.articulated, &stands);
@@ -281,7 +280,7 @@ impl Follower {
         let joints = 0..self.articulated.joints.len();
         let is_held =
             |j: usize| standing[j] && self.deviations[j].is_some_and(|d| d <= self.limit(j));
-        // What was told is told on; what recognition tells is believed where it is held too.
+        // A reported configuration stays reported; one that recognition reports is accepted if it is held too.
         let is_confirmed = |j: usize| {
             answer.is_some_and(|c| c.confirms(j, self.state.q[j], self.limit(j)).is_some())
         };
@@ -302,7 +301,7 @@ impl Follower {
         found
     }
 
-    /// Joints that are not kept from before are told only where they are not ambiguous.
+    /// Withdraws ambiguous configurations, except those that are kept from before.
     fn withdraw_ambiguous(&self, scene: &Scene, found: &mut Detection, kept: &[bool]) {
         let KnownObject { cloud, coarse, .. } = &*self.object;
         let refiner = Refiner {
@@ -323,9 +322,9 @@ impl Follower {
         found.evident = (0..kept.len()).map(|j| kept[j] || hoped[j] && unambiguous[j]).collect();
     }
 
-    /// Standard deviation of each configuration: by depth and lightness in this frame, or by what
-    /// was known before and may have changed since, whichever is less. What was moving may have
-    /// stopped, or gone on.
+    /// Standard deviation of each configuration, rad or m: the smallest of that measured in this frame, that of the
+    /// last frame plus possible motion since, and that of the answer. Possible motion includes the last step, since
+    /// the motion may have stopped or continued.
     fn deviations(&self, scene: &Scene, answer: Option<&Answer>) -> Vec<Option<f64>> {
         let measured = self.aligner(scene).deviations(&self.state, &self.base_deviations);
         let gap_us = self.last_utime.map_or(0, |last| scene.frame.utime.saturating_sub(last));
@@ -348,7 +347,7 @@ impl Follower {
         Aligner { scene, articulated, object, base_seen: *base_seen }
     }
 
-    /// Where the object is if its joints move on as they last did.
+    /// State if the joints continue their last motion.
     fn expected(&self) -> State {
         let q = self
             .articulated
@@ -361,7 +360,7 @@ impl Follower {
     }
 }
 
-/// A verdict's score without features.
+/// Score of a verdict without features.
 fn surface_score(verdict: &Verdict) -> f64 {
     verdict.score(usize::MAX)
 }
@@ -412,7 +411,7 @@ mod tests {
         striped(depth)
     }
 
-    /// What has this depth, with stripes on all of it.
+    /// Frame with this depth, and stripes on all surface.
     fn striped(depth: impl Fn(f64, f64) -> f64) -> RgbdFrame {
         let frame = seen(0, &depth);
         let camera = &frame.camera;
@@ -427,7 +426,7 @@ mod tests {
         RgbdFrame { color, ..frame }
     }
 
-    /// What the follower tells of the slide, told or untold when it starts.
+    /// Configuration that the follower reports; `configuration`: reported or not when it starts.
     fn told(configuration: Option<f64>, stripes_end: bool) -> Option<f64> {
         let object = slider();
         let articulated = Articulated::new(&object.model);
@@ -520,7 +519,7 @@ mod tests {
         };
         let found = report(&object, &articulated, &found);
         let mut follower = Follower::new(object, &found).unwrap();
-        // The third picture shows its edge alone, to which it came too fast to be followed.
+        // In the third frame the gate is edge-on, after a motion too fast to be followed.
         for (q, is_told) in [(1.0, true), (2.2, true), (1.55, false), (0.7, true)] {
             let followed = follower.follow(&gate_at(q)).unwrap();
             let told = followed.recognised.joints[0].configuration;

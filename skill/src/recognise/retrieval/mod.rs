@@ -1,6 +1,9 @@
-//! Which of many objects may be in a picture: the paper's bag of words (section III-E) with
-//! what depth adds. A feature votes for the objects that have its word, in its metric size and
-//! with a like code; votes count together where they lie together in space.
+//! Selection of the objects, among many, that may be in an image. A feature votes for the objects that have its word
+//! at its metric size with a similar code; votes count together where they lie together in space.
+//!
+//! In: words of objects; described features of a frame (camera frame, metres).
+//! Out: objects, ranked by their votes.
+//! From: paper, section III-E (bag of words); metric size and place, from depth, are ours.
 
 mod postings;
 mod vocabulary;
@@ -19,35 +22,34 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use words::{SIZES, SMALLEST, list_of, size_step};
 
-/// Bits in which codes of one surface point may differ.
+/// Largest number of bits in which codes of one surface point differ.
 const MAX_BITS: u32 = 20;
-/// Standard deviation of that difference, in the weight of a vote.
+/// Scale of the number of differing bits in the weight of a vote, exp(-(bits / SIGMA_BITS)^2).
 const SIGMA_BITS: f64 = 12.0;
 /// Side of a region whose votes count together, metres.
 const REGION_M: f64 = 0.35;
 
-/// The inverted index of many objects. The postings of some may be kept elsewhere, and be read when
-/// they are asked for.
+/// Inverted index of many objects. The postings of some may be stored elsewhere and read on demand.
 pub struct Index {
     vocabulary: &'static Vocabulary,
     postings: Postings,
-    /// Numbers of the others, by the numbers that they have in postings that are read.
+    /// Numbers of the objects stored elsewhere, by their numbers in the postings that are read.
     others: HashMap<u32, u32>,
     objects: usize,
 }
 
-/// Where one feature's votes are looked for: lists and its codes in them.
+/// Lists in which one feature finds its votes, and its code in each.
 type Sought = Vec<(usize, u64)>;
 
 impl Index {
-    /// Of objects, which are numbered in their order.
+    /// Index of objects, which are numbered in their order.
     pub fn new(objects: impl IntoIterator<Item = Words>) -> Self {
         let objects: Vec<(u32, Words)> = (0..).zip(objects).collect();
         Self::of_some(&objects, HashMap::new())
     }
 
-    /// Of some objects by their numbers, and of others whose postings are read by
-    /// [`Self::rank_reading`]: their numbers by those that they have there.
+    /// Index of some objects by their numbers, and of others whose postings are read by [`Self::rank_reading`]:
+    /// their numbers by those in the postings that are read.
     pub(crate) fn of_some(some: &[(u32, Words)], others: HashMap<u32, u32>) -> Self {
         let objects = some.len() + others.len();
         let postings = Postings::of(some);
@@ -59,25 +61,25 @@ impl Index {
         self.objects
     }
 
-    /// True where nothing is known.
+    /// True if there is no object.
     pub fn is_empty(&self) -> bool {
         self.objects == 0
     }
 
-    /// Bytes that the postings in memory take.
+    /// Size of the postings in memory, bytes.
     pub fn bytes(&self) -> usize {
         self.postings.bytes()
     }
 
-    /// The first `places` objects by their votes, most first; those with few are left out.
+    /// The first `places` objects with their votes, most votes first; objects with few votes are left out.
     pub fn rank(&self, seen: &[DescribedFeature], places: usize) -> Vec<(usize, f64)> {
         let nothing = |_: &[usize]| Ok::<_, Infallible>(Vec::new());
         let Ok(ranked) = self.rank_reading(seen, places, nothing);
         ranked
     }
 
-    /// The same where postings of some objects are kept elsewhere: `read` is given numbers of
-    /// lists, each once and in order, and answers with theirs.
+    /// Ranks like [`Self::rank`] if postings of some objects are stored elsewhere: `read` gets the numbers of lists,
+    /// each once, ascending, and returns their postings.
     ///
     /// # Errors
     /// Those of `read`.
@@ -104,8 +106,8 @@ impl Index {
         seen: &[DescribedFeature],
         places: usize,
     ) -> Vec<(usize, f64)> {
-        // All votes of an object are no fewer than those of its best region: these alone are
-        // counted for objects that may come among the first.
+        // The votes of an object's best region are no more than all its votes. Regions are evaluated only for
+        // objects that may be among the first.
         let mut totals = vec![(0_u32, 0.0); self.objects];
         for vote in votes.iter().flatten() {
             let (count, total) = &mut totals[vote.object as usize];
@@ -131,7 +133,7 @@ impl Index {
         ranked
     }
 
-    /// Objects by the votes of their best regions, most first.
+    /// Objects with the votes of their best region, most votes first.
     fn in_regions(
         &self,
         votes: &[Vec<Vote>],
@@ -176,7 +178,7 @@ impl Index {
         lists.collect()
     }
 
-    /// Objects that a feature votes for, each once; `read` gives the lists that were read.
+    /// Votes of a feature, one per object; `read` gives the postings of a list that were read.
     fn votes_of<'p>(&self, sought: &Sought, read: impl Fn(usize) -> &'p [Posting]) -> Vec<Vote> {
         let mut fitting: Vec<(u32, u32)> = Vec::new();
         for &(list, code) in sought {
@@ -190,14 +192,14 @@ impl Index {
         }
         fitting.sort_unstable();
         fitting.dedup_by_key(|v| v.0);
-        // What many objects have tells little.
+        // A feature that many objects have carries little information.
         let rarity = (self.objects as f64 / fitting.len().max(1) as f64).ln() + 1.0;
         let weight = |bits: u32| rarity * (-(f64::from(bits) / SIGMA_BITS).powi(2)).exp();
         fitting.into_iter().map(|(object, bits)| Vote { object, weight: weight(bits) }).collect()
     }
 }
 
-/// All lists, each once and in order.
+/// Numbers of all lists that are sought, each once, ascending.
 fn lists_of(sought: &[Sought]) -> Vec<usize> {
     let mut lists: Vec<usize> = sought.iter().flatten().map(|(list, _)| *list).collect();
     lists.sort_unstable();
@@ -205,18 +207,18 @@ fn lists_of(sought: &[Sought]) -> Vec<usize> {
     lists
 }
 
-/// By weight, then by number.
+/// Order by weight, largest first, then by number.
 fn most_first(a: &(usize, f64), b: &(usize, f64)) -> Ordering {
     b.1.total_cmp(&a.1).then(a.0.cmp(&b.0))
 }
 
-/// A feature's vote for an object.
+/// Vote of a feature for an object.
 struct Vote {
     object: u32,
     weight: f64,
 }
 
-/// Where a feature is, in halves of a region.
+/// Place of a feature, in cells half as wide as a region.
 type Cell = [i32; 3];
 
 fn cell_of(feature: &DescribedFeature) -> Cell {
@@ -224,10 +226,10 @@ fn cell_of(feature: &DescribedFeature) -> Cell {
     feature.point.map_or([0; 3], |p| [p.x, p.y, p.z].map(number))
 }
 
-/// Fewest votes of an object that is ranked.
+/// Smallest number of votes of an object that is ranked.
 const LEAST_VOTES: u32 = 3;
 
-/// The greatest weight of an object's votes that lie in one region.
+/// Largest weight of an object's votes within one region.
 fn most_in_a_region(mut votes: Vec<(Cell, f64)>) -> f64 {
     votes.sort_by_key(|v| v.0);
     let cells: Vec<(Cell, f64)> = votes
@@ -260,7 +262,7 @@ mod tests {
 
     #[test]
     fn the_first_places_are_those_of_the_whole_ranking() {
-        // Of each object something is seen, the more of it in one place the lower its number.
+        // Features of all objects are seen: the lower the number of the object, the more in one place.
         let seen: Vec<DescribedFeature> = (0..20)
             .flat_map(|number| {
                 features_seen(number, 1.0).into_iter().enumerate().map(move |(i, feature)| {

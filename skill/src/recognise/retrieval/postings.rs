@@ -1,20 +1,20 @@
-//! The inverted index's postings: for each feature of an object its code and whose it is, in the
-//! list of its word, kind and size.
+//! Postings of the inverted index: for each feature of an object, its code and the number of the object, in the list
+//! of its word, kind and size.
 
 use super::words::{LISTS, Words};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A feature of an object.
+/// Code and object of one feature.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Posting {
-    /// The object's number.
+    /// Number of the object.
     pub object: u32,
-    /// In halves, the lower first: a whole one would leave gaps.
+    /// Code in two halves, the lower first: a u64 would leave gaps in memory.
     code: [u32; 2],
 }
 
-/// Bytes of a posting as it is kept.
+/// Size of a stored posting, bytes.
 #[cfg(any(test, feature = "store"))]
 const POSTING_BYTES: usize = 3 * size_of::<u32>();
 
@@ -23,13 +23,13 @@ impl Posting {
         Self { code: [code as u32, (code >> 32) as u32], object }
     }
 
-    /// Bits in which its code differs.
+    /// Number of bits in which the code differs from another one.
     pub(super) fn bits_apart(&self, code: u64) -> u32 {
         let [low, high] = self.code.map(u64::from);
         ((low | high << 32) ^ code).count_ones()
     }
 
-    /// As it is kept.
+    /// Stored form of the posting.
     #[cfg(any(test, feature = "store"))]
     pub fn to_bytes(self) -> [u8; POSTING_BYTES] {
         let [low, high] = self.code;
@@ -41,7 +41,7 @@ impl Posting {
         bytes
     }
 
-    /// Those whose [`Self::to_bytes`] follow each other; of what is damaged as many as are whole.
+    /// Postings whose [`Self::to_bytes`] follow each other; an incomplete last one is left out.
     #[cfg(any(test, feature = "store"))]
     pub fn all_from_bytes(bytes: &[u8]) -> impl Iterator<Item = Self> {
         let (postings, _) = bytes.as_chunks::<POSTING_BYTES>();
@@ -53,21 +53,21 @@ impl Posting {
     }
 }
 
-/// Postings of some objects in memory, by their lists.
+/// Postings of some objects in memory, by list.
 pub struct Postings {
     shelves: Vec<Shelf>,
 }
 
-/// Postings of some neighbouring lists, one list after the other.
+/// Postings of consecutive lists, one list after the other.
 struct Shelf {
     lists: Range<usize>,
-    /// Where the postings of each list begin, and where those of the last one end.
+    /// Index of the first posting of each list, then the end of the last list.
     starts: Vec<u32>,
     postings: Vec<Posting>,
 }
 
 impl Postings {
-    /// Of objects by their numbers; in each list they keep their order.
+    /// Postings of objects by their numbers; each list keeps the order of the objects.
     pub fn of(objects: &[(u32, Words)]) -> Self {
         let lists = LISTS.div_ceil(rayon::current_num_threads());
         let firsts: Vec<usize> = (0..LISTS).step_by(lists).collect();
@@ -75,20 +75,20 @@ impl Postings {
         Self { shelves: firsts.into_par_iter().map(shelf).collect() }
     }
 
-    /// Those of a list.
+    /// Postings of one list.
     pub(super) fn list(&self, list: usize) -> &[Posting] {
         let shelf = &self.shelves[list / self.shelves[0].lists.len()];
         let own = list - shelf.lists.start;
         &shelf.postings[shelf.starts[own] as usize..shelf.starts[own + 1] as usize]
     }
 
-    /// All lists with something in them, in their order.
+    /// All lists that are not empty, in order.
     #[cfg(any(test, feature = "store"))]
     pub fn lists(&self) -> impl Iterator<Item = (usize, &[Posting])> {
         (0..LISTS).map(|list| (list, self.list(list))).filter(|(_, postings)| !postings.is_empty())
     }
 
-    /// Bytes that they take.
+    /// Size of the postings in memory, bytes.
     pub(super) fn bytes(&self) -> usize {
         self.shelves.iter().map(|shelf| size_of_val(&shelf.postings[..])).sum()
     }

@@ -1,8 +1,10 @@
-//! The vocabulary: a tree of k-means centres (Nistér & Stewénius 2006; Gálvez-López & Tardós
-//! 2012 for the paper's bag of words), whose leaves are words, and for each descriptor a code
-//! of where it lies about its word (Hamming embedding, Jégou et al. 2008).
+//! The vocabulary: a tree of k-means centres whose leaves are words, and a code for each descriptor, by where it
+//! lies about its word. One vocabulary serves all stores, so that words of objects learned later are the same.
 //!
-//! One vocabulary serves all stores: words of what is learned tomorrow are the words of today.
+//! In: descriptors.
+//! Out: words and codes.
+//! From: tree by Nistér & Stewénius 2006, and Gálvez-López & Tardós 2012 for the paper's bag of words; code by
+//! Hamming embedding, Jégou et al. 2008.
 
 use crate::features::DESCRIPTOR_LENGTH;
 use crate::features::quantised::{Descriptor, product, products, quantise};
@@ -12,38 +14,37 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::sync::OnceLock;
 
-/// Branches of a node.
+/// Number of children of a node.
 const BRANCHES: usize = 16;
-/// Levels of branches.
+/// Number of levels below the root.
 const LEVELS: usize = 3;
-/// Nodes but the root.
+/// Number of nodes without the root.
 const NODES: usize = BRANCHES + BRANCHES * BRANCHES + WORDS;
-/// Leaves.
+/// Number of leaves.
 pub const WORDS: usize = BRANCHES.pow(LEVELS as u32);
-/// Bits of a code.
+/// Number of bits of a code.
 const BITS: usize = 64;
-/// Rounds of k-means in a node.
+/// Number of rounds of k-means in a node.
 const ROUNDS: usize = 10;
 
-/// The word of a descriptor, and its code about that word.
+/// Word of a descriptor, and its code about that word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Coded {
     /// Number of the word.
     pub word: u16,
-    /// Signs of the residual's projections.
+    /// Signs of the projections of the residual onto the directions of the code.
     pub code: u64,
 }
 
 /// A tree of words.
 pub struct Vocabulary {
-    /// Level by level; the children of node `n` of one level are nodes `16 n` to `16 n + 15` of
-    /// the next.
+    /// Centres level by level; the children of node `n` of one level are nodes `16 n` to `16 n + 15` of the next.
     centres: Vec<Descriptor>,
-    /// Directions of the code's bits, each of as many +1 as -1.
+    /// Directions of the code's bits, each with as many +1 as -1.
     directions: Vec<[i8; DESCRIPTOR_LENGTH]>,
 }
 
-/// Not a vocabulary.
+/// Error: these bytes are not a vocabulary.
 #[derive(Debug, thiserror::Error)]
 #[error("a vocabulary has {needed} bytes, not {found}")]
 pub struct NotAVocabulary {
@@ -52,7 +53,7 @@ pub struct NotAVocabulary {
 }
 
 impl Vocabulary {
-    /// The one that stores are indexed with, version 2: `linkage vocabulary` makes it again.
+    /// The vocabulary with which stores are indexed, version 2; `linkage vocabulary` computes it again.
     pub fn standard() -> &'static Self {
         static STANDARD: OnceLock<Vocabulary> = OnceLock::new();
         STANDARD.get_or_init(|| {
@@ -61,7 +62,7 @@ impl Vocabulary {
         })
     }
 
-    /// Trains on descriptors, at least one; the same ones in the same order give the same words.
+    /// Trains on descriptors, at least one; equal descriptors in equal order give equal words.
     pub fn train(descriptors: &[Descriptor]) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut centres = Vec::with_capacity(NODES);
@@ -79,7 +80,7 @@ impl Vocabulary {
         Self { centres, directions: directions() }
     }
 
-    /// As it is kept: all centres, level by level.
+    /// Stored form: all centres, level by level.
     pub fn to_bytes(&self) -> Vec<u8> {
         self.centres.concat()
     }
@@ -97,7 +98,7 @@ impl Vocabulary {
         Ok(Self { centres: centres.to_vec(), directions: directions() })
     }
 
-    /// The nearest words of a descriptor among those of one branch, nearest first.
+    /// The two nearest words of a descriptor among those of one branch, nearest first.
     pub fn words(&self, descriptor: &Descriptor) -> [Coded; 2] {
         let (mut level, mut node, mut second) = (0, 0, 0);
         let mut width = BRANCHES;
@@ -130,7 +131,7 @@ impl Vocabulary {
     }
 }
 
-/// A bit a direction: set where the residual points along it.
+/// One bit per direction: set if the residual points along it.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512vl", "x86_64+avx2"))]
 fn sides(residual: &[i16; DESCRIPTOR_LENGTH], directions: &[[i8; DESCRIPTOR_LENGTH]]) -> u64 {
     directions.iter().enumerate().fold(0, |code, (bit, direction)| {
@@ -140,7 +141,7 @@ fn sides(residual: &[i16; DESCRIPTOR_LENGTH], directions: &[[i8; DESCRIPTOR_LENG
     })
 }
 
-/// The directions of all vocabularies.
+/// Directions of the code, equal for all vocabularies.
 fn directions() -> Vec<[i8; DESCRIPTOR_LENGTH]> {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     (0..BITS)
@@ -153,8 +154,8 @@ fn directions() -> Vec<[i8; DESCRIPTOR_LENGTH]> {
         .collect()
 }
 
-/// Centres of a group and what is nearest to each. A group that is too small lends its members
-/// to several.
+/// Centres of a group, and the members that are nearest to each. In a group that is too small, several centres share
+/// a member.
 fn k_means(group: &[Descriptor], seed: u64) -> (Vec<Descriptor>, Vec<Vec<Descriptor>>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut order: Vec<usize> = (0..group.len()).collect();
@@ -182,7 +183,7 @@ fn k_means(group: &[Descriptor], seed: u64) -> (Vec<Descriptor>, Vec<Vec<Descrip
     (centres, parts)
 }
 
-/// The unit vector in the mean direction.
+/// Unit vector in the mean direction; `None` without members.
 fn middle_of(part: &[Descriptor]) -> Option<Descriptor> {
     let mut sum = [0.0_f32; DESCRIPTOR_LENGTH];
     for d in part {

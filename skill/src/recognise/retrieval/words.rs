@@ -1,5 +1,5 @@
-//! What the index needs of an object: for each of its features the word that it is listed under,
-//! with its kind and metric size, and a code of how it differs from others of that word.
+//! Words of an object, as the index needs them: for each feature its list (word, kind and metric size), and a code
+//! that distinguishes it from others of that word.
 
 use super::vocabulary::{Coded, Vocabulary, WORDS};
 use crate::features::FeatureKind;
@@ -8,20 +8,19 @@ use crate::object::appearance::{Appearance, ModelFeature};
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
 
-/// Steps of size in an octave.
+/// Number of size steps per octave.
 const SIZE_STEPS: f32 = 4.0;
 
-/// An object's features as the index needs them: for each the number of its list and its code,
-/// as they are kept.
+/// Features of an object as the index needs them: number of the list and code of each, as stored.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Words(Vec<u8>);
 
-/// Bytes of a list's number and a code.
+/// Size of a list's number and a code, bytes.
 const WORD_BYTES: usize = size_of::<u32>() + size_of::<u64>();
 
 impl Words {
-    /// Of an object's features: of each part those that most keyframes bear out, which come
-    /// first. Where a plain thing has few, those of its room fill up.
+    /// Words of an object: of each part the features that most keyframes confirm, which come first. If an object has
+    /// few, features of its room are added.
     pub fn of(appearance: &Appearance) -> Self {
         let vocabulary = Vocabulary::standard();
         let parts: HashSet<u16> = appearance.features.iter().map(|f| f.part).collect();
@@ -51,17 +50,17 @@ impl Words {
         Self(chosen.par_iter().map(word_of).collect::<Vec<_>>().concat())
     }
 
-    /// As they are kept.
+    /// Stored form of the words.
     pub fn as_bytes(&self) -> &[u8] {
         &self.0
     }
 
-    /// Reads [`Self::as_bytes`]; `None` where something is missing.
+    /// Reads [`Self::as_bytes`]; `None` if the last word is incomplete.
     pub fn from_bytes(bytes: Vec<u8>) -> Option<Self> {
         bytes.len().is_multiple_of(WORD_BYTES).then_some(Self(bytes))
     }
 
-    /// Lists and codes. A damaged word falls under another.
+    /// Lists and codes. A damaged word is assigned to another list.
     pub(super) fn iter(&self) -> impl Iterator<Item = (usize, u64)> {
         let (words, _) = self.0.as_chunks::<WORD_BYTES>();
         words.iter().map(|&[a, b, c, d, ref code @ ..]| {
@@ -70,7 +69,7 @@ impl Words {
     }
 }
 
-/// Features of an object that are indexed: rectified ones tell more.
+/// Largest number of an object's features of a kind that are indexed; rectified ones are more distinctive.
 fn most_of(kind: FeatureKind) -> usize {
     match kind {
         FeatureKind::Rectified => 320,
@@ -79,23 +78,23 @@ fn most_of(kind: FeatureKind) -> usize {
     }
 }
 
-/// Steps of size that are told apart.
+/// Number of size steps that are distinguished.
 pub const SIZES: i8 = 32;
-/// The smallest of them: 1 mm.
+/// Smallest size step: 1 mm.
 pub const SMALLEST: i8 = -8;
-/// Kinds that are compared.
+/// Number of kinds of features that are compared.
 const KINDS: usize = 2;
-/// Lists: one for each word, kind and size.
+/// Number of lists: one for each word, kind and size.
 pub const LISTS: usize = WORDS * KINDS * SIZES as usize;
 
-/// The list of a word, kind and size.
+/// Number of the list of a word, kind and size.
 pub fn list_of(word: u16, kind: FeatureKind, size: i8) -> usize {
     let kind = usize::from(kind == FeatureKind::Rectified);
     let size = size.saturating_sub(SMALLEST).clamp(0, SIZES - 1) as usize;
     (usize::from(word) * KINDS + kind) * SIZES as usize + size
 }
 
-/// Step of a size, for features of one to be compared.
+/// Size step of a feature, by its size in metres.
 pub fn size_step(size_m: f32) -> i8 {
     (SIZE_STEPS * (size_m.max(1e-6) / 0.004).log2()).round().clamp(-100.0, 100.0) as i8
 }

@@ -1,13 +1,14 @@
-//! Contours: places where a surface ends, of a known object and of a picture.
+//! Contours: places where a surface ends, of a known object and of a frame.
 //!
-//! In: the edges of an object (object frame at configuration 0), or a scene. Out: places with the
-//! normal of the surface and the direction in which it ends (the object frame, or the camera's; metres).
+//! In: the edges of an object (object frame at configuration 0, metres), or a scene.
+//! Out: contour points with the normal of the surface and the direction in which it ends (object frame, or camera
+//! frame; metres).
 
 use super::super::render_cloud::KnownEdge;
 use super::super::scene::Scene;
-use crate::learn::appearance::occlusion_edges::{INSET_M, is_empty};
-use crate::learn::appearance::occupancy::cell;
+use crate::math::grid::cell;
 use crate::math::rigid::orthonormal_basis;
+use crate::object::surface_end::{INSET_M, is_empty};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -16,34 +17,35 @@ use std::f64::consts::TAU;
 /// A place at which a surface ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContourPoint {
-    /// The part; 0 in a picture.
+    /// Index of the part; 0 in a frame.
     pub part: usize,
-    /// The place.
+    /// The place, metres.
     pub point: Point3<f64>,
     /// Unit normal of the surface.
     pub normal: Vector3<f64>,
     /// Unit direction, perpendicular to the normal, in which the surface ends.
     pub outward: Vector3<f64>,
-    /// Configurations of the part's joint between which that is known; 0 for the base and in a
-    /// picture.
+    /// Smallest and largest configuration of the part's joint at which the end is known, rad or m; 0 for the base
+    /// and in a frame.
     pub configurations: [f64; 2],
 }
 
-/// Side of a cell in which one place for each direction is kept, metres.
+/// Side of a cell in which one point for each direction is kept, metres.
 const SPACING_M: f64 = 0.02;
-/// Places this near tell the direction of an edge, metres: three metres away the places of a picture
-/// are 3 cm apart.
+/// Largest distance of points that determine the direction of an edge, metres: at a depth of three metres the points
+/// of a frame are 3 cm apart.
 const ALONG_M: f64 = 0.1;
-/// Least cosine between the normals of two places of one edge.
+/// Smallest cosine between the normals of two points of one edge.
 const SAME_NORMAL: f64 = 0.9;
-/// Least cosine between their directions outward, before the edge's own is known.
+/// Smallest cosine between the outward directions of two points of one edge, before the direction of the edge is
+/// known.
 const SAME_OUTWARD: f64 = 0.5;
-/// Places that tell the direction of an edge.
+/// Smallest number of points that determine the direction of an edge.
 const LEAST_ALONG: usize = 4;
-/// An edge is straight where its places spread this much more along it than across, as variances.
+/// Smallest ratio of the variance of an edge's points along it to that across it for the edge to be straight.
 const STRAIGHT: f64 = 4.0;
 
-/// Where an object's surface is known to end.
+/// Contour of an object, by its known edges.
 pub fn contour_of_object(edges: &[KnownEdge]) -> Vec<ContourPoint> {
     let place = |e: &KnownEdge| {
         let outward = (e.beyond - e.surface).try_normalize(1e-9)?;
@@ -58,20 +60,20 @@ pub fn contour_of_object(edges: &[KnownEdge]) -> Vec<ContourPoint> {
     thinned(&straightened(&edges.iter().filter_map(place).collect::<Vec<_>>()))
 }
 
-/// Pixels from one place that is looked at to the next.
+/// Distance between the examined pixels, pixels.
 const STEP_PX: usize = 4;
-/// Farther away depth is too noisy for contours, metres.
+/// Largest depth of contour points, metres: farther away depth is too noisy.
 const FARTHEST_M: f64 = 4.5;
-/// Directions in the tangent plane that are tried.
+/// Number of directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
-/// The surface is followed by steps of this length, metres, so many.
+/// Length of a step by which a surface is followed to its end, metres.
 const FOLLOW_M: f64 = 0.006;
-/// Steps by which a surface is followed to its end.
+/// Largest number of steps by which a surface is followed to its end.
 const FOLLOW_STEPS: usize = 6;
-/// Beyond the end these places must be empty, metres.
+/// Distances beyond the end at which there must be free space, metres.
 const BEYOND_M: [f64; 2] = [0.025, 0.04];
 
-/// Where the surfaces of a picture end: what lies beyond in the tangent plane is seen through.
+/// Contour of a scene: where a surface ends, and free space is seen beyond it in the tangent plane.
 pub fn contour_of_scene(scene: &Scene) -> Vec<ContourPoint> {
     let depth = &scene.frame.depth;
     let rows: Vec<usize> = (STEP_PX / 2..depth.height()).step_by(STEP_PX).collect();
@@ -85,7 +87,7 @@ pub fn contour_of_scene(scene: &Scene) -> Vec<ContourPoint> {
     thinned(&straightened(&thinned(&places)))
 }
 
-/// The ends of the surface that is seen at a pixel, near that pixel.
+/// Ends of the surface that is seen at a pixel, near that pixel.
 fn ends_beside(scene: &Scene, u: usize, v: usize) -> Vec<ContourPoint> {
     let frame = &scene.frame;
     let near = |z: f32| f64::from(z) < FARTHEST_M;
@@ -112,7 +114,8 @@ fn ends_beside(scene: &Scene, u: usize, v: usize) -> Vec<ContourPoint> {
     (0..DIRECTIONS).filter_map(end).collect()
 }
 
-/// Gives each place the direction outward of the edge that its neighbours lie on.
+/// Points with the outward direction of the edge on which their neighbours lie; points with too few neighbours are
+/// dropped.
 fn straightened(points: &[ContourPoint]) -> Vec<ContourPoint> {
     let cells = by_cell(points, ALONG_M);
     let of_edge = |p: &ContourPoint| {
@@ -134,7 +137,7 @@ fn straightened(points: &[ContourPoint]) -> Vec<ContourPoint> {
     points.iter().filter_map(of_edge).collect()
 }
 
-/// A place with the direction outward of its edge; `None` where too few places tell it.
+/// Point with the outward direction of its edge; `None` if too few points determine it.
 fn outward_of(p: &ContourPoint, edge: &[&ContourPoint]) -> Option<ContourPoint> {
     if edge.len() < LEAST_ALONG {
         return None;
@@ -157,7 +160,7 @@ fn outward_of(p: &ContourPoint, edge: &[&ContourPoint]) -> Option<ContourPoint> 
     Some(ContourPoint { outward, ..*p })
 }
 
-/// One place a cell for each of some directions.
+/// One point per cell and direction.
 fn thinned(points: &[ContourPoint]) -> Vec<ContourPoint> {
     let mut kept: Vec<ContourPoint> = Vec::new();
     let mut in_cell: HashMap<(usize, [i32; 3]), Vec<usize>> = HashMap::new();

@@ -1,38 +1,39 @@
-//! A picture's contour, by place: which of its places is near a point and ends in the same direction.
+//! The contour of a frame in a grid: which of its points is near a place and ends in the same direction.
 //!
-//! In: a contour in the camera frame, metres. Out: the nearest place that agrees with a pose.
+//! In: a contour in the camera frame, metres.
+//! Out: the nearest contour point that agrees with a place, normal and direction outward.
 
 use super::super::scene::Scene;
 use super::contour::{ContourPoint, contour_of_scene};
-use crate::learn::appearance::occupancy::cell;
+use crate::math::grid::cell;
 use linkage_frames::depth::DepthSensor;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
 /// Side of a cell, metres.
 const CELL_M: f64 = 0.04;
-/// Least cosine between normals of one edge.
+/// Smallest cosine between normals of one edge.
 const SAME_NORMAL: f64 = 0.87;
-/// Least cosine between directions outward of one edge.
+/// Smallest cosine between outward directions of one edge.
 const SAME_OUTWARD: f64 = 0.8;
 
-/// A contour that is asked for places near a point.
+/// Contour with a grid to find the points near a place.
 pub struct ContourGrid {
-    /// Its places.
+    /// Points of the contour.
     pub points: Vec<ContourPoint>,
-    /// How far from each an agreeing place may lie, metres.
+    /// For each point, largest distance of a place that agrees with it, metres.
     gates: Vec<f64>,
     cells: HashMap<[i32; 3], Vec<u32>>,
 }
 
 impl ContourGrid {
-    /// The contour of a picture.
+    /// Contour of a frame.
     pub fn of(scene: &Scene) -> Self {
         let camera = &scene.frame.camera;
         Self::new(contour_of_scene(scene), camera.depth_sensor, camera.fx)
     }
 
-    /// Of places seen by a camera of focal length `fx`, pixels.
+    /// Grid of contour points seen by a camera of focal length `fx`, pixels.
     pub fn new(points: Vec<ContourPoint>, sensor: DepthSensor, fx: f64) -> Self {
         let gate = |p: &ContourPoint| {
             let z = p.point.z;
@@ -54,7 +55,7 @@ impl ContourGrid {
         Self { points, gates, cells }
     }
 
-    /// The nearest place that ends as one at `point` with this normal and direction outward would.
+    /// Nearest contour point that agrees with an end at `point` with this normal and direction outward.
     pub fn nearest(
         &self,
         point: &Point3<f64>,
@@ -73,8 +74,8 @@ impl ContourGrid {
         agreeing.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p)| p)
     }
 
-    /// How exactly the picture ends as one at `point` with this normal and direction outward would: 1
-    /// there, 0 where it only just does; `None` where it does not.
+    /// How exactly the contour agrees with an end at `point` with this normal and direction outward: 1 on the edge,
+    /// 0 at the largest distance; `None` if no point agrees.
     pub fn closeness(
         &self,
         point: &Point3<f64>,
@@ -92,7 +93,7 @@ impl ContourGrid {
         closeness.max_by(f64::total_cmp)
     }
 
-    /// True where [`Self::nearest`] finds a place.
+    /// True if [`Self::nearest`] finds a point.
     pub fn has(&self, point: &Point3<f64>, normal: &Vector3<f64>, outward: &Vector3<f64>) -> bool {
         self.cells.get(&cell(point, CELL_M)).is_some_and(|near| {
             near.iter().any(|i| {

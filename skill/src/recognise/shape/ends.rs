@@ -1,7 +1,7 @@
-//! Whether a picture's surface ends where a contour says.
+//! Test whether the surface in the image ends where a contour predicts.
 //!
-//! In: a place of contour and the pose of its part (camera frame, metres), or a whole state. Out: yes, no,
-//! or not seen; by part, how many of each.
+//! In: a contour point and the pose of its part (camera frame, metres), or a whole state.
+//! Out: confirmed, not confirmed or not visible; by part, the number of each.
 
 use super::super::kinematics::{Articulated, State};
 use super::super::render_cloud::NEAREST_M;
@@ -11,12 +11,12 @@ use super::contour_grid::ContourGrid;
 use super::object_shape::Contours;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
-/// Least cosine between the normal of a place and the direction to the camera, for it to be seen.
+/// Smallest cosine between the normal of a contour point and the direction to the camera at which it is visible.
 pub const LEAST_COSINE: f64 = 0.2;
-/// What is seen this far before a place hides it, metres.
+/// Smallest distance before a contour point at which a reading occludes it, metres.
 const HIDDEN_M: f64 = 0.05;
 
-/// Whether the picture's surface ends as a place of contour says; `None` where it is not seen.
+/// True if the surface in the image ends as a contour point predicts; `None` if the point is not visible.
 pub fn ends(
     scene: &Scene,
     seen: &ContourGrid,
@@ -32,12 +32,12 @@ pub fn ends(
     (z > point.z - HIDDEN_M).then_some(false)
 }
 
-/// How exactly the picture ends as a place of contour says, 0 to 1.
+/// How exactly the image ends as a contour point predicts, 0 to 1.
 fn closeness(seen: &ContourGrid, pose: &IsometryMatrix3<f64>, c: &ContourPoint) -> f64 {
     seen.closeness(&(pose * c.point), &(pose * c.normal), &(pose * c.outward)).unwrap_or(0.0)
 }
 
-/// Where a place is seen; `None` where a surface of that normal would not be.
+/// Pixel of a place; `None` if a surface with that normal would not be visible there.
 pub fn pixel_of(
     scene: &Scene,
     point: &Point3<f64>,
@@ -50,30 +50,30 @@ pub fn pixel_of(
     is_seen.then_some(((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize))
 }
 
-/// Places of a part's contour in sight: those at which the picture's surface ends too, and the others.
+/// Visible contour points of a part, counted by whether the image confirms them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct EndsInSight {
-    /// The picture's surface ends there.
+    /// Number of points at which the surface in the image ends too.
     pub found: usize,
-    /// It does not.
+    /// Number of points at which the surface in the image does not end.
     pub missing: usize,
-    /// How exactly it ends there, 0 to 1, summed over those that are found.
+    /// How exactly the image ends at a point, 0 to 1, summed over the confirmed points.
     pub closeness: f64,
 }
 
 impl EndsInSight {
-    /// All of them.
+    /// Number of visible points.
     pub fn count(&self) -> usize {
         self.found + self.missing
     }
 
-    /// Share that is found; 1 where none is in sight.
+    /// Share of the visible points that is confirmed; 1 if none is visible.
     pub fn share(&self) -> f64 {
         if self.count() == 0 { 1.0 } else { self.found as f64 / self.count() as f64 }
     }
 }
 
-/// Ends in sight by part, of the contour that is known at a state.
+/// Visible contour points by part, of the contour that is known at a state.
 pub fn ends_in_sight(
     scene: &Scene,
     articulated: &Articulated,
@@ -108,8 +108,8 @@ mod tests {
         ContourPoint { part: 0, point, normal: -Vector3::z(), outward, configurations: [0.0; 2] }
     }
 
-    /// What a picture of a board says of a place: it is 40 cm wide, 1.5 m away, and a metre before a wall;
-    /// at its lower left corner depth lacks.
+    /// Test of a contour point on a board 40 cm wide, 1.5 m away and a metre before a wall; its lower left
+    /// corner has no depth.
     fn told(c: &ContourPoint) -> Option<bool> {
         let of_board = board(0.2, 1.5, 2.5);
         let depth = |x, y| if x < -0.1 && y > 0.1 { f64::NAN } else { of_board(x, y) };
@@ -163,7 +163,7 @@ mod tests {
     fn a_part_beside_its_place_lacks_ends_and_the_others_do_not() {
         let [plate, board] = in_sight_at(0.0)[..] else { panic!("two parts") };
         assert!(plate.share() > 0.9, "{plate:?}");
-        // Its upper and lower side slide along themselves.
+        // The upper and the lower side are displaced along themselves.
         assert!(board.share() < 0.75, "{board:?}");
     }
 

@@ -1,11 +1,12 @@
-//! Recognition by shape: what is plain has no features, but it ends somewhere. The contour of a part
-//! (where its surface is known to end) is laid on the contour that the picture shows.
+//! Recognition by shape, for plain objects without features: the contour of a part (where its surface is known to
+//! end) is laid on the contour in the image.
 //!
-//! In: a scene and a known object. Out: hypotheses of each part's pose, as `hypothesis` gives them from
-//! matches of features; refinement and verification are the same. Each place of a contour has a
-//! normal and a direction outward, so that one place of the model and one of the picture give a
-//! whole pose; that it is right along a straight edge, the other edges tell (compare the
-//! edge-based point-pair features of Drost & Ilic 2012, which need pairs).
+//! In: a scene and a known object.
+//! Out: hypotheses of each part's pose, like those that `hypothesis` makes of matches; refinement and verification
+//! are shared.
+//! From: ours; compare the edge-based point-pair features of Drost & Ilic 2012, which need pairs. A contour point
+//! has a normal and a direction outward, so that one point of the model and one of the image give a whole pose.
+//! Along a straight edge that pose is ambiguous; the other edges determine it.
 
 mod contour;
 mod contour_grid;

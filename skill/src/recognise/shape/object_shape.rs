@@ -1,23 +1,23 @@
-//! Shape of a known object, and a picture's contour beside it.
+//! Shape of a known object, and the contour of the image in which it is searched.
 //!
-//! In: the edges of an object and its surface (object frame at configuration 0, metres). Out: its contour
-//! and the surface of each part alone.
+//! In: the edges of an object and its surface (object frame at configuration 0, metres).
+//! Out: its contour, and the surface of each part alone.
 
 use super::super::kinematics::{Articulated, State};
 use super::super::render_cloud::{Cloud, CloudPoint, KnownEdge};
 use super::contour::{ContourPoint, contour_of_object};
 use super::contour_grid::ContourGrid;
 
-/// Shape of a known object, part by part (object frame at configuration 0, metres).
+/// Shape of a known object, by part (object frame at configuration 0, metres).
 pub struct ObjectShape {
-    /// Where its surface is known to end.
+    /// Contour: where the surface of the object is known to end.
     pub contour: Vec<ContourPoint>,
-    /// The surface of each part alone.
+    /// Surface of each part alone.
     pub clouds: Vec<Cloud>,
 }
 
 impl ObjectShape {
-    /// Of all edges of an object, and its surface, thinned.
+    /// Shape of all edges of an object and of its thinned surface.
     pub fn new(edges: &[KnownEdge], coarse: &Cloud, parts: usize) -> Self {
         let of_part = |part: usize| {
             let own: Vec<CloudPoint> =
@@ -28,7 +28,7 @@ impl ObjectShape {
         Self { contour: contour_of_object(edges), clouds }
     }
 
-    /// The contour that is known at the configurations of a state.
+    /// Contour points that are known at the configurations of a state.
     pub fn known_at<'s>(
         &'s self,
         articulated: &Articulated,
@@ -44,11 +44,11 @@ impl ObjectShape {
     }
 }
 
-/// An object's shape and the contour of the picture in which it is looked for.
+/// Shape of an object and the contour of the image in which it is searched.
 #[derive(Clone, Copy)]
 pub struct Contours<'c> {
-    /// The object's.
+    /// Shape of the object.
     pub shape: &'c ObjectShape,
-    /// The picture's.
+    /// Contour of the image.
     pub seen: &'c ContourGrid,
 }

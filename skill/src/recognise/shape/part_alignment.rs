@@ -1,7 +1,8 @@
-//! Alignment by contour: the ends of a surface hold it where a plain board would slide in its plane.
+//! Alignment by contour: a plain board would slide in its plane, and the ends of its surface hold it.
 //!
-//! In: a state (camera frame, metres), an object's contour and that of the picture. Out: rows of
-//! normal equations, and a part's pose after some steps.
+//! In: a state (camera frame, metres), the contour of an object and that of the frame.
+//! Out: rows of normal equations, and a part's pose after some steps.
+//! From: Gauss-Newton over distances along the outward direction.
 
 use super::super::kinematics::{Articulated, State};
 use super::super::normal_equations::{System, add_surface};
@@ -12,12 +13,13 @@ use super::ends::LEAST_COSINE;
 use super::object_shape::ObjectShape;
 use crate::math::rigid::{Pose, matrix_pose};
 
-/// Places of contour that count in full; of more each counts less.
+/// Largest number of contour points that count in full; of more each counts less.
 const FULL_COUNT: f64 = 100.0;
-/// Standard deviation of where a surface is seen to end, metres, and pixels.
+/// Standard deviation of where a surface is seen to end: the sum of a part in metres and a part in pixels.
 const END_SIGMA: (f64, f64) = (0.004, 1.0);
 
-/// Distances of contour, along the direction outward, from where the picture's surface ends.
+/// Adds the distances of contour points, along the direction outward, from where the surface in the image ends;
+/// returns their number.
 pub fn add_contour<'c>(
     system: &mut System,
     scene: &Scene,
@@ -50,14 +52,14 @@ pub fn add_contour<'c>(
     found.len()
 }
 
-/// Steps of the alignment of one part.
+/// Largest number of steps of the alignment of one part.
 const STEPS: usize = 8;
-/// Surfels and places of contour below which nothing is aligned.
+/// Smallest number of surfels and contour points with which a part is aligned.
 const LEAST_SEEN: usize = 12;
-/// Distance from the seen surface up to which surfels count at first and at last, metres.
+/// Largest distance of surfels from the seen surface in the first and in the last step, metres.
 const GATES_M: (f64, f64) = (0.05, 0.02);
 
-/// A part's pose, aligned by its own surface and contour.
+/// Pose of a part, aligned by its own surface and contour.
 pub fn aligned(
     scene: &Scene,
     seen: &ContourGrid,
@@ -165,7 +167,7 @@ mod tests {
         let [(_, once), (two, twice), (four, often)] =
             [1, 2, 4].map(|times| rows(Pose::identity(), times));
         assert!(two > 100 && four == 2 * two);
-        // How it is turned in its plane its contour tells by itself.
+        // The contour alone determines the rotation in the plane of the board.
         let turn = |told: &[Option<f64>]| told[2].unwrap();
         assert!(turn(&twice) < turn(&once));
         assert!((turn(&twice) - turn(&often)).abs() < 1e-9);

@@ -1,8 +1,8 @@
-//! Search for poses of a part by its contour: each of some places of the model's contour is laid on
-//! each of some places of the picture's, and what of the rest then lies on the picture's is counted.
+//! Search for poses of a part by its contour: some points of the model's contour are laid on some points of the
+//! image's contour, and each pose is scored by the other points and by the surface.
 //!
-//! In: a scene with its contour, an object's shape. Out: hypotheses (camera frame, metres), the best
-//! first.
+//! In: a scene with its contour, and an object's shape.
+//! Out: hypotheses (camera frame, metres), best first.
 
 use super::super::hypothesis::Hypothesis;
 use super::super::kinematics::Articulated;
@@ -18,26 +18,26 @@ use crate::math::rigid::{Pose, matrix_pose};
 use nalgebra::{IsometryMatrix3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion};
 use rayon::prelude::*;
 
-/// Places of a part's contour that are laid on the picture's.
+/// Largest number of points of a part's contour that are laid on the contour of the image.
 const MODEL_PLACES: usize = 40;
-/// Places of the picture's contour on which they are laid.
+/// Largest number of points of the image's contour on which model points are laid.
 const SEEN_PLACES: usize = 400;
-/// Places of a part's contour, and surfels, by which a pose is judged.
+/// Largest number of contour points, and of surfels, by which a pose is scored.
 const JUDGED_BY: (usize, usize) = (60, 40);
-/// Places that are asked first, and how many of them must lie on the picture's contour.
+/// Number of contour points that are tested first, and smallest number of them that the image must confirm.
 const ASKED_FIRST: (usize, usize) = (10, 2);
-/// A contour of fewer places tells no pose.
+/// Smallest number of contour points of a part that determine a pose.
 const LEAST_CONTOUR: usize = 16;
-/// Fewest places that must lie on the picture's contour.
+/// Smallest number of contour points that the image must confirm.
 const LEAST_HITS: usize = 10;
-/// Poses of a part that are aligned.
+/// Largest number of poses of a part that are aligned.
 const ALIGNED: usize = 24;
-/// Poses of a part that are kept: a square board fits in four.
+/// Largest number of poses of a part that are kept: a square board fits in four.
 const KEPT: usize = 4;
-/// Poses no farther apart than this are one: metres and radians.
+/// Largest distance between poses that count as one: metres and radians.
 const SAME: (f64, f64) = (0.05, 0.2);
 
-/// Hypotheses of all parts by their contours, the best first.
+/// Hypotheses of all parts by their contours, best first.
 pub fn shape_hypotheses(
     scene: &Scene,
     seen: &ContourGrid,
@@ -56,7 +56,7 @@ pub fn shape_hypotheses(
     found.into_iter().map(|(_, hypothesis)| hypothesis).collect()
 }
 
-/// Poses of one part with their score and the places of contour that agree, the best first.
+/// Poses of one part with their score and the number of confirmed contour points, best first.
 fn part_poses(
     scene: &Scene,
     seen: &ContourGrid,
@@ -83,7 +83,7 @@ fn part_poses(
     distinct(exact, KEPT)
 }
 
-/// The pose that lays one place of contour on another.
+/// Pose that lays a model point on a seen point; `None` if it is not finite.
 fn laid_on(model: &ContourPoint, seen: &ContourPoint) -> Option<Pose> {
     let frame = |c: &ContourPoint| {
         Matrix3::from_columns(&[c.outward, c.normal, c.outward.cross(&c.normal)])
@@ -97,13 +97,13 @@ fn laid_on(model: &ContourPoint, seen: &ContourPoint) -> Option<Pose> {
         .then(|| Pose::from_parts(Translation3::from(shift), rotation))
 }
 
-/// The first of the poses that are not one with an earlier one.
+/// The first poses that are not near an earlier one.
 fn distinct(poses: Vec<(f64, usize, Pose)>, most: usize) -> Vec<(f64, usize, Pose)> {
     let mut kept: Vec<(f64, usize, Pose)> = Vec::new();
     for (score, hits, pose) in poses {
         let is_same = |(_, _, other): &(f64, usize, Pose)| {
             let apart = other.inverse() * pose;
-            // Both about the object, not about the origin of its frame, which may be far away.
+            // The translation is also compared at the object: the origin of its frame may be far away.
             apart.rotation.angle() < SAME.1
                 && (apart.translation.vector.norm() < SAME.0 || moved_little(other, &pose))
         };
@@ -117,13 +117,14 @@ fn distinct(poses: Vec<(f64, usize, Pose)>, most: usize) -> Vec<(f64, usize, Pos
     kept
 }
 
-/// The object's frame is the first camera's: a small turn moves its origin, not the object before it.
+/// True if the place 1 m along the z axis of the object frame hardly moves. The object frame is that of the first
+/// camera: a small rotation of the object moves its origin, not the object.
 fn moved_little(a: &Pose, b: &Pose) -> bool {
     let ahead = Point3::new(0.0, 0.0, 1.0);
     (a * ahead - b * ahead).norm() < SAME.0
 }
 
-/// Judges poses of one part.
+/// Scores poses of one part.
 struct Judge<'j> {
     scene: &'j Scene,
     seen: &'j ContourGrid,
@@ -145,7 +146,7 @@ impl<'j> Judge<'j> {
         Self { scene, seen, contour: spread(own, JUDGED_BY.0), surface }
     }
 
-    /// The pose with its score and the places of contour that agree; `None` where too few do.
+    /// The pose with its score and the number of confirmed contour points; `None` if these are too few.
     fn judged(&self, pose: Pose) -> Option<(f64, usize, Pose)> {
         let matrix = matrix_pose(&pose);
         let (mut hits, mut misses) = (0, 0);
@@ -168,8 +169,8 @@ impl<'j> Judge<'j> {
         (alike >= 2 * (other + through)).then_some((contour + surface, hits, pose))
     }
 
-    /// Surfels that agree with the picture in depth and colour, those that agree in depth alone, and
-    /// those that are seen through.
+    /// Number of surfels that agree with the frame in depth and colour, that agree in depth alone, and that are seen
+    /// through.
     fn surface(&self, pose: &IsometryMatrix3<f64>) -> [usize; 3] {
         let mut counts = [0; 3];
         let sensor = self.scene.frame.camera.depth_sensor;
@@ -189,11 +190,12 @@ impl<'j> Judge<'j> {
     }
 }
 
-/// At most so many places, each as far as may be from those before it: the first comes first.
+/// At most `most` points, each as far as possible from those before it; starts with the first one (farthest-point
+/// sampling).
 fn spread(points: &[ContourPoint], most: usize) -> Vec<ContourPoint> {
     let Some(first) = points.first() else { return Vec::new() };
     let mut kept = vec![*first];
-    // A place of another direction counts as far away: where edges meet, both are wanted.
+    // A point with another outward direction counts as far away: where edges meet, both are wanted.
     let apart = |a: &ContourPoint, b: &ContourPoint| {
         (a.point - b.point).norm() + 0.1 * (1.0 - a.outward.dot(&b.outward))
     };

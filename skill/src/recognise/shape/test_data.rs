@@ -1,5 +1,5 @@
-//! What the searches for plain things are tested with: a board without features that slides to and fro, in
-//! x, before a plain plate, and a wall behind both.
+//! Test object of the searches for plain objects: a board without features that slides along x before a plain plate,
+//! and a wall behind both.
 
 use super::super::config::RecogniseConfig;
 use super::super::kinematics::{Articulated, ChainJoint};
@@ -15,11 +15,12 @@ use nalgebra::{Point3, Vector3};
 /// Distance of the wall from the camera, metres.
 pub const WALL_M: f64 = 2.5;
 
-/// Left, right, and half the height of the board and of the plate behind it, metres.
+/// Left, right and half the height of the board, metres.
 const BOARD: [f64; 3] = [0.0, 0.4, 0.2];
+/// Left, right and half the height of the plate behind the board, metres.
 const PLATE: [f64; 3] = [-0.35, -0.15, 0.1];
 
-/// Edges of a rectangle at this depth, with 2 cm from one to the next.
+/// Edges of a rectangle at depth `z`, 2 cm apart.
 fn edges(part: usize, [left, right, half]: [f64; 3], z: f64) -> Vec<KnownEdge> {
     let edge = |x: f64, y: f64, outward: Vector3<f64>| {
         let end = Point3::new(x, y, z);
@@ -41,8 +42,8 @@ fn edges(part: usize, [left, right, half]: [f64; 3], z: f64) -> Vec<KnownEdge> {
     upright.chain(level).collect()
 }
 
-/// Looks for the slider in a scene that shows its plate and a board of this half height, slid by so much,
-/// or the wall alone.
+/// Runs `look` on a scene that shows the plate and a board of half height `half`, slid by `slid` (metres); with
+/// `None`, on the wall alone.
 pub fn look_for_plain_slider<T>(
     half: Option<f64>,
     slid: f64,

@@ -1,4 +1,8 @@
 //! The factor graph of one part: relative motions with a robust loss, and constant velocity.
+//!
+//! In: relative motions between frames, with their standard deviations, radians and metres.
+//! Out: the motion of the part since its reference frame, in each frame.
+//! From: paper, section III-C, which uses iSAM; here Gauss-Newton with the Geman-McClure loss.
 
 use super::relative_motion::RelativeMotion;
 use crate::math::rigid::Pose;
@@ -16,14 +20,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 assign_symbols!(X: SE3);
 
-/// Expected change of velocity between two frames: rotation, radians. Ours.
+/// Standard deviation of the change of velocity between two frames: rotation, radians. Ours.
 const VELOCITY_SIGMA_RAD: f64 = 0.03;
-/// The same for translation, metres. Ours.
+/// Standard deviation of the change of velocity between two frames: translation, metres. Ours.
 const VELOCITY_SIGMA_M: f64 = 0.01;
-/// Geman-McClure width of a relative motion's loss, in standard deviations.
+/// Width of the Geman-McClure loss of a relative motion, in standard deviations.
 const ROBUST_WIDTH: f64 = 3.0;
 
-/// Constant velocity: the motion from a to b equals that from b to c.
+/// Residual of constant velocity: the motion from a to b equals that from b to c.
 #[derive(Clone, Debug)]
 struct ConstantVelocity;
 
@@ -41,11 +45,11 @@ impl Residual3 for ConstantVelocity {
     }
 }
 
-/// Poses of `frames`, as motions since `reference`. The graph's variables are the inverse
-/// motions W(t): with points moving as `p(to) = M p(from)`, W(from)⁻¹ W(to) = M⁻¹, which
-/// holds whatever W is.
+/// Poses of `frames`, as motions since `reference`; `None` if the optimisation fails or ends
+/// without finite poses.
 ///
-/// `None` when the optimisation ends without finite poses.
+/// The graph's variables are the inverse motions W(t): with points moving as `p(to) = M p(from)`,
+/// W(from)⁻¹ W(to) = M⁻¹, whatever the reference is.
 pub fn optimise(
     motions: &[RelativeMotion],
     frames: &[usize],
@@ -60,7 +64,7 @@ pub fn optimise(
     let mut graph = build(motions, frames, &slot, reference);
     add_weak_priors(&mut graph, &initial);
     let mut optimiser: GaussNewton = GaussNewton::new_default(graph);
-    // The solver panics where a system cannot be solved: that part then has no trajectory.
+    // The solver panics if a system cannot be solved: that part then has no trajectory.
     let solved = match catch_unwind(AssertUnwindSafe(|| optimiser.optimize(values))).ok()? {
         // With a robust loss the last steps may oscillate about the minimum.
         Ok(solved) | Err(OptError::MaxIterations(solved)) => solved,
@@ -76,8 +80,8 @@ pub fn optimise(
     poses.iter().all(|p| p.translation.vector.iter().all(|x| x.is_finite())).then_some(poses)
 }
 
-/// A weak prior on every pose: where the robust losses reject all measurements of a pose, the pose
-/// stays at its initial guess, and the system can be solved.
+/// Adds a weak prior on every pose: where the robust losses reject all measurements of a pose, the
+/// pose stays at its initial guess, and the system can be solved.
 fn add_weak_priors(graph: &mut Graph, initial: &[Pose]) {
     for (i, pose) in initial.iter().enumerate() {
         let loose = GaussianNoise::<6>::from_scalar_sigma(WEAK_PRIOR_SIGMA);
@@ -86,7 +90,7 @@ fn add_weak_priors(graph: &mut Graph, initial: &[Pose]) {
     }
 }
 
-/// Standard deviation of that prior, radians and metres.
+/// Standard deviation of the weak prior on every pose, radians and metres.
 const WEAK_PRIOR_SIGMA: f64 = 0.5;
 
 fn build(
@@ -115,7 +119,8 @@ fn build(
     graph
 }
 
-/// First guess: motions chained outwards from the reference, shortest gaps first.
+/// Initial guess of the poses: relative motions chained outwards from the reference, the shortest
+/// gaps between frames first.
 fn chain(motions: &[RelativeMotion], slot: &BTreeMap<usize, usize>, reference: usize) -> Vec<Pose> {
     let mut poses: Vec<Option<Pose>> = vec![None; slot.len()];
     poses[slot[&reference]] = Some(Pose::identity());

@@ -1,8 +1,10 @@
-//! Multi-rigid-body pose optimisation (paper, section III-C): the SE(3) trajectory of each
-//! cluster from relative motions between t-1, t and t-10, t, smoothed in a factor graph.
+//! Multi-rigid-body pose optimisation: the SE(3) trajectory of each cluster, from relative motions
+//! between the frames t-1 and t, and between t-10 and t, smoothed in a factor graph.
 //!
-//! Poses are those of the part in the base frame; a part's own frame has the base's
-//! directions and the part's centroid, at its reference frame, as origin.
+//! In: a cluster of tracks in the base frame, metres.
+//! Out: poses of the part in the base frame. At its reference frame the part has the directions of
+//! the base, and its origin is the mean of all observations of its tracks.
+//! From: paper, section III-C.
 
 mod factor_graph;
 mod relative_motion;
@@ -14,16 +16,16 @@ use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
 use nalgebra::{Point3, Translation3};
 
-/// A part's motion.
+/// The trajectory of a part, and its tracks.
 #[derive(Debug, Clone)]
 pub struct PartMotion {
-    /// Maps part coordinates into the base frame, where the part was seen.
+    /// Pose of the part in the base frame; `None` in frames that do not show it.
     pub base_from_part: Trajectory,
-    /// Tracks that lie on the part.
+    /// Indices of the tracks on the part.
     pub tracks: Vec<usize>,
 }
 
-/// Estimates a cluster's trajectory; `None` when it is seen too little to have one.
+/// Estimates the trajectory of a cluster; `None` if the cluster is seen too little.
 pub fn estimate(base: &EgoMotion, cluster: &Cluster, seed: u64) -> Option<PartMotion> {
     let origin = centroid(base, cluster)?;
     let motions = relative_motion::measure(base, cluster, &origin, seed);
@@ -39,8 +41,8 @@ pub fn estimate(base: &EgoMotion, cluster: &Cluster, seed: u64) -> Option<PartMo
     Some(PartMotion { base_from_part, tracks: cluster.tracks.clone() })
 }
 
-/// The tracks that keep to a motion: in most of the frames in which both are known they are
-/// within twice the inlier distance of one place on the part.
+/// The tracks that follow a motion: in at least 80 % of the frames in which both are known, they
+/// are within twice the inlier distance of one place on the part.
 pub fn followers(base: &EgoMotion, motion: &PartMotion) -> Vec<usize> {
     let follows = |id: usize| {
         let on_part: Vec<Point3<f64>> = base.tracks[id]
@@ -69,7 +71,7 @@ fn centroid(base: &EgoMotion, cluster: &Cluster) -> Option<Point3<f64>> {
     (count > 0.0).then(|| Point3::from(sum / count))
 }
 
-/// The earliest of the frames in which (nearly) most of the cluster is seen.
+/// The earliest of the frames in which the most tracks of the cluster are seen.
 fn best_seen(base: &EgoMotion, cluster: &Cluster, frames: &[usize]) -> Option<usize> {
     let seen =
         |t: usize| cluster.tracks.iter().filter(|&&id| base.tracks[id].at(t).is_some()).count();

@@ -1,4 +1,8 @@
-//! Relative motions of a cluster between pairs of frames.
+//! Estimates the motions of a cluster between pairs of frames, with outlier rejection.
+//!
+//! In: the cluster's tracks in the base frame, metres.
+//! Out: relative motions about a fixed centre, in base axes, with standard deviations.
+//! From: paper, section III-C; RANSAC (MSAC score).
 
 use crate::learn::ego_motion::EgoMotion;
 use crate::learn::paper::segmentation::Cluster;
@@ -8,32 +12,32 @@ use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Frame gaps over which relative motions are measured. The paper's, III-C: 1 and 10.
+/// Gaps between the frames of a relative motion. Paper, III-C: 1 and 10.
 const GAPS: [usize; 2] = [1, 10];
-/// RANSAC inlier distance, metres. The paper's, III-C: 1 cm.
+/// Inlier distance of RANSAC, metres. Paper, III-C: 1 cm.
 pub const INLIER_M: f64 = 0.01;
-/// RANSAC samples. Original code: 50.
+/// Number of RANSAC samples. Original code: 50.
 const RANSAC_ITERATIONS: usize = 50;
-/// Fewest tracks that give a relative motion.
+/// Smallest number of tracks that determine a relative motion.
 const MIN_TRACKS: usize = 4;
 
-/// How a cluster moved between two frames, in base axes about a fixed centre.
+/// Motion of a cluster between two frames, in base axes about a fixed centre.
 #[derive(Debug, Clone)]
 pub struct RelativeMotion {
-    /// Earlier frame.
+    /// The earlier frame.
     pub from: usize,
-    /// Later frame.
+    /// The later frame.
     pub to: usize,
-    /// Takes points at `from` to points at `to`.
+    /// Maps places at `from` to places at `to`.
     pub motion: Pose,
-    /// Expected error of its rotation, radians.
+    /// Standard deviation of the rotation, radians.
     pub sigma_rad: f64,
-    /// Expected error of its translation, metres.
+    /// Standard deviation of the translation, metres.
     pub sigma_m: f64,
 }
 
-/// Measures all relative motions over the gaps (`t-1,t` and `t-10,t`), rejecting
-/// correspondences beyond the inlier distance.
+/// Estimates the relative motions over all gaps (`t-1,t` and `t-10,t`); correspondences beyond the
+/// inlier distance are rejected.
 pub fn measure(
     base: &EgoMotion,
     cluster: &Cluster,
@@ -54,7 +58,7 @@ pub fn measure(
     motions
 }
 
-/// The cluster's tracks that are seen in both of two frames, about the centre.
+/// Places, about the centre, of the cluster's tracks that are seen in both of two frames.
 fn correspondences(
     base: &EgoMotion,
     cluster: &Cluster,
@@ -76,7 +80,8 @@ fn correspondences(
         .collect()
 }
 
-/// The motion that most of the correspondences between two frames follow.
+/// The motion that most correspondences between two frames follow; `None` with fewer than
+/// `MIN_TRACKS` inliers.
 fn relative_motion(
     pairs: &[Correspondence],
     (from, to): (usize, usize),
@@ -102,7 +107,7 @@ fn relative_motion(
     })
 }
 
-/// Root mean square distance of the inliers from their mean, and of their residuals.
+/// Root mean square distance of the inliers from their mean, and root mean square residual, metres.
 fn spread_and_residual(pairs: &[Correspondence], inliers: &[usize], motion: &Pose) -> (f64, f64) {
     let n = inliers.len() as f64;
     let mean = inliers.iter().map(|&i| pairs[i].to.coords).sum::<nalgebra::Vector3<f64>>() / n;

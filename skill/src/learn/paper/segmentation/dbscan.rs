@@ -1,8 +1,8 @@
 //! DBSCAN (Ester et al. 1996) over given neighbourhoods.
 
-/// Clusters of points: `neighbours[i]` lists the points within epsilon of `i`, without `i`.
-/// A core has at least `min_neighbours` of them; borders join the first core that reaches
-/// them; the rest is noise and in no cluster.
+/// Clusters of points: `neighbours[i]` lists the points within epsilon of `i`, without `i`. A core
+/// point has at least `min_neighbours` of them; a border point joins the first core that reaches
+/// it; all other points are noise, in no cluster.
 pub fn dbscan(neighbours: &[Vec<usize>], min_neighbours: usize) -> Vec<Vec<usize>> {
     let mut taken = vec![false; neighbours.len()];
     let is_core = |i: usize| neighbours[i].len() >= min_neighbours;

@@ -1,10 +1,12 @@
-//! Motion segmentation (paper, section III-B): features whose mutual distance and angle stay
-//! constant over their common life lie on one rigid part; DBSCAN finds the parts.
+//! Motion segmentation: features whose mutual distance and angle stay constant over their common
+//! frames lie on one rigid part; DBSCAN finds the parts.
 //!
-//! The base's own tracks are known already ([`crate::learn::ego_motion`]); what moves is clustered
-//! here. Two tracks say something about each other only in frames in which one of them moves: a
-//! long rest side by side would outvote any motion, and everything that once rested would be one
-//! part.
+//! In: tracks in the base frame, metres, with normals in the camera frame.
+//! Out: clusters of tracks, the largest first.
+//! From: paper, section III-B, Eqs. 1 to 3; DBSCAN of Ester et al. 1996. Ours: only tracks that
+//! move in the base frame are clustered, and two tracks are compared only in frames in which one of
+//! them moves. Else a long rest side by side would outweigh any motion, and everything that once
+//! rested would be one part.
 
 mod dbscan;
 mod pair_evidence;
@@ -20,39 +22,40 @@ use rayon::prelude::*;
 use split_chains::split_chained_clusters;
 use std::cmp::Ordering;
 
-/// Kernel width of Eq. 1 for distances (Eq. 2), metres: gamma = 1 / (2 sigma^2). The paper says
-/// "1/2cm", the original code sigma = 1 cm.
+/// Kernel width of Eq. 1 for distances (Eq. 2), metres: gamma = 1 / (2 sigma^2). The paper has 1 /
+/// (2 cm) for gamma, the original code 1 cm for sigma.
 const DISTANCE_SIGMA_M: f64 = 0.01;
-/// Kernel width of Eq. 1 for normals (Eq. 3, 1 - cos), radians of the angle at which the kernel has
-/// fallen to exp(-1/2). The paper: 15 degrees.
+/// Angle that determines the kernel width of Eq. 1 for normals (Eq. 3), radians: the width is four
+/// times 1 - cos of the angle. The paper: 15 degrees.
 const NORMAL_SIGMA_RAD: f64 = 0.262;
-/// Fewest frames two tracks must share. Original code: 10.
+/// Smallest number of frames that two tracks must share. Original code: 10.
 const MIN_COMMON_FRAMES: usize = 10;
-/// A track moves in a frame when its smoothed place changes by this much from three frames before to
-/// three after, metres, and by more than noise explains. Ours.
+/// Smallest motion of a track in a frame in which it moves, metres: the change of its smoothed
+/// place from three frames before to three frames after, which must exceed noise too. Ours.
 const MIN_MOTION_M: f64 = 0.012;
-/// Way that each of two tracks must make in their common frames, metres: a hand and what it holds
-/// keep their distance for a little while only. Ours.
+/// Smallest extent of the path of each of two tracks in their common frames, metres: a hand and the
+/// part that it holds keep their distance over short paths only. Ours.
 const MIN_COMMON_MOTION_M: f64 = 0.08;
-/// Fewest common frames in which each of two tracks must move. Ours.
+/// Smallest number of common frames in which each of two tracks must move. Ours.
 const MIN_MOVING_FRAMES: usize = 5;
-/// DBSCAN radius on 1 - L. Original code: 0.2.
+/// Radius of DBSCAN, on 1 - L. Original code: 0.2.
 const EPSILON: f64 = 0.2;
-/// DBSCAN core size. Original code: 3.
+/// Smallest number of neighbours of a DBSCAN core. Original code: 3.
 const MIN_NEIGHBOURS: usize = 3;
-/// Smaller clusters are dropped. Original code: 3; ours: 5.
+/// Smallest number of tracks in a cluster. Original code: 3; ours: 5.
 pub const MIN_CLUSTER: usize = 5;
-/// Most tracks that are compared pairwise, longest paths first: the time grows with their square.
+/// Largest number of tracks that are compared in pairs, those with the most observations first; the
+/// time grows with its square.
 const MAX_TRACKS: usize = 2500;
 
-/// Tracks of one rigidly moving thing, as indices into the track set; largest first.
+/// Tracks of one rigidly moving thing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cluster {
-    /// Members, ascending.
+    /// Indices of the tracks in the track set, ascending.
     pub tracks: Vec<usize>,
 }
 
-/// Clusters the tracks that move in the base.
+/// Clusters the tracks that move in the base frame; the largest cluster comes first.
 pub fn segment(set: &TrackSet, base: &EgoMotion) -> Vec<Cluster> {
     let moving = longest_moving(base, MAX_TRACKS);
     let motion: Vec<Vec<bool>> =
@@ -91,7 +94,7 @@ fn longest_moving(base: &EgoMotion, limit: usize) -> Vec<usize> {
     moving
 }
 
-/// The evidence between each two of `moving`.
+/// The evidence between each two of the `moving` tracks.
 fn evidence(
     set: &TrackSet,
     base: &EgoMotion,
@@ -121,12 +124,12 @@ fn evidence(
     })
 }
 
-/// The frames in which two tracks say something about each other.
+/// The frames in which two tracks are compared.
 struct Common {
     tracks: [usize; 2],
-    /// Frames in which both are seen and one of them moves.
+    /// Frames in which both tracks are seen and at least one of them moves.
     frames: Vec<usize>,
-    /// In how many of them each moves.
+    /// Number of `frames` in which each of the two tracks moves.
     moving: [usize; 2],
 }
 
@@ -148,8 +151,8 @@ impl Common {
     }
 }
 
-/// Eq. 1 over positions (Eq. 2) times Eq. 1 over normals (Eq. 3); `None` where the two
-/// tracks hold no evidence about each other.
+/// Similarity of two tracks: Eq. 1 over distances (Eq. 2) times a factor from Eq. 1 over normals
+/// (Eq. 3); `None` if the tracks are no evidence about each other.
 fn similarity(set: &TrackSet, base: &EgoMotion, common: &Common) -> Option<f64> {
     if common.frames.len() < MIN_COMMON_FRAMES
         || common.moving.iter().any(|&m| m < MIN_MOVING_FRAMES)
@@ -184,11 +187,12 @@ fn similarity(set: &TrackSet, base: &EgoMotion, common: &Common) -> Option<f64> 
         return Some(by_distance);
     }
     let width = 1.0 - NORMAL_SIGMA_RAD.cos();
-    // Normals of small patches are noisy: they may lower a similarity, not raise it.
+    // Normals of small patches are noisy: they multiply a similarity by 0.84 to 1, and never raise
+    // it.
     Some(by_distance * mean_kernel(&angles, 4.0 * width).max(0.5).powf(0.25))
 }
 
-/// For each frame of a track's life: does it move then?
+/// For each frame of a track's life: true if the track moves then.
 fn frames_of_motion(track: &TrackInBase) -> Vec<bool> {
     const REACH: usize = 3;
     let place = |i: usize| {

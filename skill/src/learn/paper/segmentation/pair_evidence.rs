@@ -1,12 +1,12 @@
-//! What two tracks say about each other (paper, section III-B).
+//! Evidence on whether two tracks lie on one rigid part (paper, section III-B).
 
-/// Whether two tracks can lie on one rigid part.
+/// Evidence on whether two tracks lie on one rigid part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PairEvidence {
-    /// They were not seen moving together: nothing is known.
+    /// No evidence: the two tracks were not seen moving together.
     None,
-    /// They keep their distance.
+    /// The two tracks keep their distance and angle.
     Similar,
-    /// They do not keep their distance.
+    /// The two tracks do not keep their distance or angle.
     Different,
 }

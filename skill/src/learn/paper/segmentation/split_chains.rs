@@ -1,18 +1,18 @@
-//! DBSCAN joins two things by a chain of tracks between them. Where its members contradict
-//! one another, a cluster is taken apart into groups that agree.
+//! Splits clusters in which DBSCAN joined two things by a chain of tracks between them: where the
+//! members contradict one another, a cluster is divided into groups that agree.
 
 use super::pair_evidence::PairEvidence;
 use nalgebra::DMatrix;
 
-/// Share of a track's evidence that must speak for a group before the track joins it.
+/// Smallest share of a track's evidence that must support a group before the track joins it.
 const JOINS: f64 = 0.8;
-/// Share of its evidence below which a member leaves the group again.
+/// Smallest share of a member's evidence that must support its group; below it the member leaves.
 const LEAVES: f64 = 0.6;
-/// Rounds of joining and leaving, at the most.
+/// Largest number of rounds of joining and leaving.
 const ROUNDS: usize = 12;
 
-/// Groups of `members` (rows and columns of `evidence`) that agree, largest first found; tracks
-/// that agree with no group are left out.
+/// Groups of `members` (rows and columns of `evidence`) that agree, each of at least `smallest`
+/// tracks, in the order in which they are found; tracks that agree with no group are left out.
 pub fn split_chained_clusters(
     evidence: &DMatrix<PairEvidence>,
     mut members: Vec<usize>,
@@ -30,7 +30,7 @@ pub fn split_chained_clusters(
     groups
 }
 
-/// The group around the track that is similar to most others.
+/// The group that agrees with the track that is similar to the most others.
 fn agreeing(evidence: &DMatrix<PairEvidence>, members: &[usize]) -> Vec<usize> {
     let similar = |a: usize| {
         members.iter().filter(|&&b| evidence[(a, b)] == PairEvidence::Similar).copied().collect()
@@ -54,7 +54,8 @@ fn agreeing(evidence: &DMatrix<PairEvidence>, members: &[usize]) -> Vec<usize> {
     group
 }
 
-/// Share of the evidence between a track and a group that says that they are one.
+/// Share of the evidence between a track and a group that supports that they are one thing; `None`
+/// if none does.
 fn share_for(evidence: &DMatrix<PairEvidence>, a: usize, group: &[usize]) -> Option<f64> {
     let (mut with, mut against) = (0.0, 0.0);
     for &b in group {
