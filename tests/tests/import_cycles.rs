@@ -1,9 +1,11 @@
-//! The layout rule of the repository: there are no import cycles.
+//! The layout rule of the repository: there are no import cycles, neither among files nor among the
+//! folders of a package.
 //!
 //! In: the source files of every package of the repository. Out: a failure that lists the cycles, if
 //! there are any. A cycle is a set of files of one package of which each imports every other one,
 //! directly or through others: a strongly connected component of the graph of `use` lines. The files of
-//! a cycle can neither be read nor be tested one after the other.
+//! a cycle can neither be read nor be tested one after the other. A folder that lies directly in `src`
+//! imports what any of its files imports.
 //!
 //! What counts: `use` lines that begin with `crate`, `self`, `super` or the name of a child module,
 //! in tests too. What does not: `mod` lines, and paths that stand in the middle of code. A `mod.rs`
@@ -24,20 +26,50 @@ type Imports = BTreeMap<PathBuf, BTreeSet<PathBuf>>;
 
 #[test]
 fn no_file_imports_a_file_that_imports_it() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ has a parent");
-    let mut cycles = BTreeSet::new();
-    for source in source_folders(root) {
-        for cycle in cycles_in(&source) {
-            let shown = |file: &PathBuf| {
-                let inside = file.strip_prefix(root).expect("the file lies in the repository");
-                inside.display().to_string()
-            };
-            cycles.insert(cycle.iter().map(shown).collect::<Vec<_>>());
-        }
-    }
+    assert_none("files", cycles_of_repository(|imports, _| imports));
+}
+
+#[test]
+fn no_folder_imports_a_folder_that_imports_it() {
+    assert_none("folders", cycles_of_repository(of_folders));
+}
+
+fn assert_none(what: &str, cycles: BTreeSet<Vec<String>>) {
     let listed: String =
         cycles.iter().map(|files| format!("\n  {}", files.join("\n    "))).collect();
-    assert!(cycles.is_empty(), "files that import each other in a cycle:{listed}");
+    assert!(cycles.is_empty(), "{what} that import each other in a cycle:{listed}");
+}
+
+/// The cycles of all packages of the repository among what `grouped` makes of their imports.
+fn cycles_of_repository(grouped: fn(Imports, &Path) -> Imports) -> BTreeSet<Vec<String>> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ has a parent");
+    let shown = |file: &PathBuf| {
+        let inside = file.strip_prefix(root).expect("the file lies in the repository");
+        inside.display().to_string()
+    };
+    let cycles = source_folders(root).into_iter().flat_map(|source| {
+        components(&grouped(imports_in(&source), &source)).into_iter().filter(is_cycle)
+    });
+    cycles.map(|cycle| cycle.iter().map(shown).collect()).collect()
+}
+
+/// The imports of the folders and files that lie directly in `src`; those of the package's root, which names all
+/// of them, are left out.
+fn of_folders(imports: Imports, source: &Path) -> Imports {
+    let folder_of = |file: &Path| {
+        let inside = file.strip_prefix(source).expect("the file lies in its package");
+        let first = inside.iter().next().expect("a file has a name");
+        let is_root = ["lib.rs", "main.rs"].iter().any(|root| first == *root);
+        (!is_root).then(|| source.join(first))
+    };
+    let mut folders = Imports::new();
+    for (file, imported) in &imports {
+        let Some(folder) = folder_of(file) else { continue };
+        let others = imported.iter().filter_map(|other| folder_of(other));
+        let others: Vec<PathBuf> = others.filter(|other| *other != folder).collect();
+        folders.entry(folder).or_default().extend(others);
+    }
+    folders
 }
 
 /// Folders `src` of all packages below a folder.
@@ -62,8 +94,8 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     entries
 }
 
-/// The cycles among the files of one folder `src`.
-fn cycles_in(source: &Path) -> Vec<BTreeSet<PathBuf>> {
+/// What each file of one folder `src` imports.
+fn imports_in(source: &Path) -> Imports {
     let mut files = Files::new();
     add_files(source, &ModulePath::new(), &mut files);
     let mut imports = Imports::new();
@@ -76,7 +108,11 @@ fn cycles_in(source: &Path) -> Vec<BTreeSet<PathBuf>> {
         let others = others.cloned();
         imports.entry(file.clone()).or_default().extend(others);
     }
-    components(&imports).into_iter().filter(|component| component.len() > 1).collect()
+    imports
+}
+
+fn is_cycle(component: &BTreeSet<PathBuf>) -> bool {
+    component.len() > 1
 }
 
 /// Adds the modules of a folder, which is itself the module `path`.
@@ -275,6 +311,14 @@ fn reached_from<'i>(file: &PathBuf, imports: &'i Imports) -> BTreeSet<&'i PathBu
 
 /// A synthetic package: the cycles among its files, by their paths in `src`.
 fn cycles_of(made_up: &[(&str, &str)]) -> Vec<Vec<String>> {
+    cycles_among(made_up, |imports, _| imports)
+}
+
+/// A synthetic package: the cycles among what `grouped` makes of its imports, by paths in `src`.
+fn cycles_among(
+    made_up: &[(&str, &str)],
+    grouped: fn(Imports, &Path) -> Imports,
+) -> Vec<Vec<String>> {
     let folder = tempfile::tempdir().unwrap();
     for (path, text) in made_up {
         let file = folder.path().join(path);
@@ -282,8 +326,9 @@ fn cycles_of(made_up: &[(&str, &str)]) -> Vec<Vec<String>> {
         fs::write(file, text).unwrap();
     }
     let inside = |file: &PathBuf| file.strip_prefix(folder.path()).unwrap().display().to_string();
-    let cycles = cycles_in(folder.path());
-    cycles.iter().map(|cycle| cycle.iter().map(inside).collect()).collect()
+    let cycles = components(&grouped(imports_in(folder.path()), folder.path()));
+    let cycles = cycles.iter().filter(|component| is_cycle(component));
+    cycles.map(|cycle| cycle.iter().map(inside).collect()).collect()
 }
 
 #[test]
@@ -332,4 +377,24 @@ fn a_cycle_of_three_files_is_one_cycle() {
         ("c.rs", "use crate::a::A;"),
     ]);
     assert_eq!(cycles, [["a.rs", "b.rs", "c.rs"]]);
+}
+
+#[test]
+fn folders_may_not_import_each_other_though_their_files_do_not() {
+    let kitchen = [
+        ("lib.rs", "mod kitchen; mod hall; pub use kitchen::drawer::Drawer;"),
+        ("kitchen/mod.rs", "mod drawer; mod handle;"),
+        ("kitchen/drawer.rs", "use crate::hall::door::Door;"),
+        ("kitchen/handle.rs", ""),
+        ("hall/mod.rs", "mod door; mod bell;"),
+        ("hall/door.rs", ""),
+    ];
+    let with = |of_bell| {
+        let all: Vec<_> = kitchen.into_iter().chain([("hall/bell.rs", of_bell)]).collect();
+        (cycles_of(&all), cycles_among(&all, of_folders))
+    };
+    assert_eq!(with(""), (vec![], vec![]));
+    let (files, folders) = with("use crate::kitchen::handle::Handle;");
+    assert!(files.is_empty());
+    assert_eq!(folders, [["hall", "kitchen"]]);
 }

@@ -43,7 +43,10 @@ fn setpoints(listener: &mut Listener) -> Vec<Setpoint> {
     let mut all: Vec<Setpoint> = Vec::new();
     let timeout = Duration::from_secs(10);
     while all.last().is_none_or(|s| !s.last) {
-        let next = listener.wait::<Setpoint>("LINKAGE_SETPOINT", timeout, |_| true);
+        // The last one of the motion before is sent several times.
+        let is_first = all.is_empty();
+        let next =
+            listener.wait::<Setpoint>("LINKAGE_SETPOINT", timeout, |s| !(is_first && s.last));
         if let Some(before) = all.last() {
             assert!(next.sequence > before.sequence);
             goes_on(before, &next);

@@ -416,6 +416,8 @@ fn a_kill_at_any_moment_of_learn_merge_remove_and_serve_loses_nothing_that_was_a
         took
     });
     let (mut is_there, mut is_live, mut acknowledged) = (false, 0, 0);
+    let learned_at = |o: &StoredObject| o.provenance.last().map_or(0, |p| p.learned_utime);
+    let mut learned = learned_at(&kept);
     for kill in 0..kills {
         let work = works[kill as usize % 4];
         let longest_us = taken[kill as usize % 4].as_micros() as u64 * 3 / 2;
@@ -425,7 +427,12 @@ fn a_kill_at_any_moment_of_learn_merge_remove_and_serve_loses_nothing_that_was_a
         let store = Store::open(&store).unwrap();
         let names = store.names().unwrap();
         let objects: Vec<StoredObject> = names.iter().map(|n| store.get(n).unwrap()).collect();
-        assert!(objects.iter().any(|o| o.model == kept.model), "{work:?} {after:?}: {names:?}");
+        let same = objects.iter().find(|o| o.model == kept.model);
+        // It is learned from the same recording each time: the same model, but for its time.
+        let now = learned_at(same.unwrap_or_else(|| panic!("{work:?} {after:?}: {names:?}")));
+        let least = learned + i64::from(done && matches!(work, Work::Learn));
+        assert!(now >= least, "{work:?} {after:?}: it is that of {now}, not of {least} or later");
+        learned = now;
         let has_another = objects.contains(&another);
         assert_eq!(has_another, names.contains(&"another".to_owned()));
         match work {
