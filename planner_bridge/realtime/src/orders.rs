@@ -104,6 +104,11 @@ impl<'q> Orders<'q> {
         Self { queue, shared, given, newest, cancelled, ends_told, decided_told }
     }
 
+    /// The stream has followed the newest order, or refused it.
+    pub fn is_decided(&self) -> bool {
+        self.shared.status().is_some_and(|status| status.decided == self.newest)
+    }
+
     /// What will be commanded at an instant, microseconds of the monotonic clock; none where
     /// nothing moves.
     ///

@@ -246,6 +246,11 @@ impl<'q> Orders<'q> {
         self.orders.poll()
     }
 
+    /// The stream has followed the newest order, or refused it, which [`Self::poll`] tells.
+    pub fn is_decided(&self) -> bool {
+        self.orders.is_decided()
+    }
+
     /// True while something moves or is about to.
     pub fn is_running(&self) -> bool {
         self.orders.running().is_some()

@@ -130,7 +130,7 @@ fn plan(orders: &mut Orders, shared: &Shared) -> Result<(), NotNow> {
     }
     orders.brake(black_box(Reason::Cancelled));
     let is_braking = orders.status().is_some_and(|s| s.phase == Phase::Braking);
-    black_box((is_braking, shared.status(), orders.running()));
+    black_box((is_braking, shared.status(), orders.running(), orders.is_decided()));
     Ok(())
 }
 
@@ -159,10 +159,12 @@ pub extern "C" fn _start() -> ! {
             heartbeat_age_us: Some(200_000),
             longest_gap_us: 50_000,
         });
-        let mut stream = Stream::new(taken, &shared, black_box("LINKAGE_SETPOINT"), watch);
+        let stream = Stream::new(taken, &shared, black_box("LINKAGE_SETPOINT"), watch);
+        let mut stream = stream.counting_from(black_box(17));
         let mut out = [0; linkage_realtime::DATAGRAM_CAPACITY];
         black_box(stream.tick(black_box(5000), black_box(7), &mut out).is_ok());
         stream.sent(black_box(5000), black_box(false));
+        black_box(stream.repeat_last(black_box(6000), black_box(8), &mut out).is_ok());
         stream.end();
         black_box(stream.is_at_rest());
         let period = NonZeroU64::new(black_box(5_000_000)).unwrap_or(NonZeroU64::MAX);

@@ -20,9 +20,7 @@ pub use perceiver::{Inbox, Perception};
 use super::learning::Learned;
 use super::losses::Losses;
 use super::publisher::Note;
-use super::stream::Orders;
 use linkage_driver::live::RecvError;
-use linkage_realtime::Notice;
 use state::State;
 use std::time::Duration;
 
@@ -65,15 +63,7 @@ impl Perception<'_> {
             }
             self.losses = Losses::begin(lost, self.looked_at);
         }
-        match self.orders.as_mut().and_then(Orders::poll) {
-            Some(Notice::Ended(Some(why))) => {
-                self.out.note(Note::Error(format!("the motion was braked: {why}")));
-            }
-            Some(Notice::Refused(why)) => {
-                self.out.note(Note::Error(format!("the motion was not executed: {why}")));
-            }
-            Some(Notice::Ended(None)) | None => {}
-        }
+        self.hear_of_motions();
         if let State::Learning { learning, command } = &self.state
             && let Some(result) = learning.poll()
         {

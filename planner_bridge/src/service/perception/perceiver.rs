@@ -3,7 +3,7 @@
 //! In: its configuration, what is known, the queues of frames and commands. Out: notes to the thread
 //! that publishes, orders to the one that streams.
 
-use super::state::State;
+use super::state::{Ordered, State};
 use crate::service::capture::{Arrived, Lost};
 use crate::service::command::Command;
 use crate::service::config::ServiceConfig;
@@ -36,6 +36,8 @@ pub struct Perception<'q> {
     pub(super) orders: Option<Orders<'q>>,
     pub(super) library: Library,
     pub(super) state: State,
+    /// What the stream has not decided on yet.
+    pub(super) ordered: Option<Ordered>,
     /// What was cancelled while it was learned, with the command that asked for it: it may be stored already.
     pub(super) cancelled: Vec<(Learning, Option<i64>)>,
     pub(super) looked_at: u64,
@@ -64,6 +66,7 @@ impl<'q> Perception<'q> {
             orders,
             library,
             state: State::Resting,
+            ordered: None,
             cancelled: Vec::new(),
             looked_at: 0,
             newest_depth: None,

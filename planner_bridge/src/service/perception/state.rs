@@ -63,6 +63,14 @@ pub struct Tracking {
     pub reacquisition: Reacquisition,
 }
 
+/// A motion that was ordered and that the stream has neither followed nor refused yet.
+pub struct Ordered {
+    /// The command that asked for it.
+    pub command: i64,
+    /// What was planned.
+    pub text: String,
+}
+
 /// A prediction that waits for its object to be found.
 pub struct Pending {
     pub command: i64,

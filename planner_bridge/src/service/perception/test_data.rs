@@ -21,14 +21,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What it does is noted here.
-pub fn perception() -> (Perception<'static>, LatestReader<Note>) {
+pub fn perception<'q>() -> (Perception<'q>, LatestReader<Note>) {
     let (perception, noted, _) = perception_with_frames();
     (perception, noted)
 }
 
 /// The same, with the queue that it takes frames from.
-pub fn perception_with_frames() -> (Perception<'static>, LatestReader<Note>, LatestWriter<Arrived>)
-{
+pub fn perception_with_frames<'q>() -> (Perception<'q>, LatestReader<Note>, LatestWriter<Arrived>) {
     let config = ServiceConfig {
         skill: SkillConfig::default(),
         rig: Rig::default(),

@@ -5,13 +5,15 @@
 //! and the plan as messages, the motion for the stream, the command's answer.
 
 use super::perceiver::Perception;
-use super::state::State;
+use super::state::{Ordered, State};
 use crate::channel;
 use crate::messages::{self, Stamps};
 use crate::plan::{PlanError, Request, predict};
 use crate::service::observer::EventKind;
+use crate::service::publisher::Note;
 use crate::service::stream::Orders;
 use linkage_driver::live::host_utime;
+use linkage_realtime::Notice;
 use linkage_skill::predict::PredictError;
 use std::time::{Duration, Instant};
 
@@ -66,15 +68,40 @@ impl Perception<'_> {
         self.out.send(channel::PLAN, &robot_plan);
         self.out.observer.event(t.utime, || EventKind::Predicted(plan.prediction.clone()));
         let knots = robot_plan.plan.len();
-        let streamed = self.orders.as_mut().map(|orders| match plan.motion() {
-            Err(_) => "; not streamed: too many joints",
-            Ok(motion) => match orders.run(&motion, plan.start_us) {
-                Ok(()) => ", which are streamed",
-                Err(_) => "; not streamed: orders come too fast",
-            },
-        });
-        let text = format!("planned {} in {knots} knots{}", model.object, streamed.unwrap_or(""));
-        self.answer(pending.command, Ok(text));
+        let text = format!("planned {} in {knots} knots", model.object);
+        let Some(orders) = &mut self.orders else { return self.answer(pending.command, Ok(text)) };
+        let ordered = match plan.motion() {
+            Err(_) => Err("too many joints"),
+            Ok(motion) => orders.run(&motion, plan.start_us).map_err(|_| "orders come too fast"),
+        };
+        match ordered {
+            Ok(()) => self.ordered = Some(Ordered { command: pending.command, text }),
+            Err(why) => self.answer(pending.command, Ok(format!("{text}; not streamed: {why}"))),
+        }
+    }
+
+    /// Tells what became of motions, and answers who ordered one as soon as the stream has decided on it.
+    pub fn hear_of_motions(&mut self) {
+        // Before it is asked what became of it: a refusal must not be missed.
+        let is_decided = self.orders.as_ref().is_none_or(Orders::is_decided);
+        while let Some(notice) = self.orders.as_mut().and_then(Orders::poll) {
+            match notice {
+                Notice::Ended(None) => {}
+                Notice::Ended(Some(why)) => {
+                    self.out.note(Note::Error(format!("the motion was braked: {why}")));
+                }
+                Notice::Refused(why) => {
+                    let reason = format!("the motion was not executed: {why}");
+                    if let Some(Ordered { command, text }) = self.ordered.take() {
+                        self.answer(command, Err(format!("{text}; {reason}")));
+                    }
+                    self.out.note(Note::Error(reason));
+                }
+            }
+        }
+        if is_decided && let Some(Ordered { command, text }) = self.ordered.take() {
+            self.answer(command, Ok(format!("{text}, which are streamed")));
+        }
     }
 
     /// Refuses a prediction that has waited too long.
@@ -128,6 +155,11 @@ mod tests {
     use super::super::state::{Pending, Tracking, Watching};
     use super::super::test_data::{answers, asked_for, perception, tracked};
     use super::*;
+    use crate::limits::Rig;
+    use crate::service::publisher::Answer;
+    use crate::service::stream::StreamParts;
+    use linkage_driver::live::LatestReader;
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     /// What is answered to a prediction that has waited for so long while this object is looked for.
     fn answer(object: Option<&str>, waited_s: u64, has_frame: bool) -> Option<String> {
@@ -185,6 +217,53 @@ mod tests {
         perception.execute_pending();
         let answer = answers(&noted).pop().expect("it is planned");
         assert!(answer.accepted && answer.done, "{}", answer.text);
+    }
+
+    /// Stops a stream when it is dropped, so that a test that fails does not wait for it.
+    struct Stop<'s>(&'s AtomicBool);
+
+    impl Drop for Stop<'_> {
+        fn drop(&mut self) {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// What is answered to a prediction once the stream has decided on its motion.
+    fn decided(perception: &mut Perception, noted: &LatestReader<Note>) -> Answer {
+        let pending = Some(asked_for(0));
+        perception.state = State::Tracking(Box::new(Tracking { pending, ..tracked() }));
+        perception.execute_pending();
+        let begun = Instant::now();
+        while begun.elapsed() < Duration::from_secs(10) {
+            perception.tick();
+            if let Some(answer) = answers(noted).pop() {
+                return answer;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        panic!("it is not answered")
+    }
+
+    #[test]
+    fn a_motion_that_the_stream_refuses_is_not_said_to_be_streamed() {
+        let (mut parts, stop) = (StreamParts::default(), AtomicBool::new(false));
+        let url = "udpm://239.255.76.71:7698?ttl=0";
+        let (streamer, orders) = parts.open(url, 200.0, &Rig::default()).unwrap();
+        std::thread::scope(|scope| {
+            let _stop = Stop(&stop);
+            scope.spawn(|| streamer.run(&|| stop.load(Ordering::Relaxed)));
+            let (mut perception, noted) = perception();
+            perception.orders = Some(orders);
+            let refused = decided(&mut perception, &noted);
+            let seen = tracked().recognised;
+            if let Some(orders) = &mut perception.orders {
+                orders.frame_seen(&seen, host_utime(), Instant::now());
+            }
+            let streamed = decided(&mut perception, &noted);
+            assert!(!refused.accepted && refused.done, "no frame was seen: {}", refused.text);
+            assert!(refused.text.contains("not executed"), "{}", refused.text);
+            assert!(streamed.accepted && streamed.text.contains("which are streamed"));
+        });
     }
 
     #[test]
