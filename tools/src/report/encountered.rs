@@ -107,7 +107,8 @@ pub fn joint_in_words(joint: &JointState) -> String {
 fn runner_up(recognition: &Recognition, asked: &Asked) -> String {
     let limit = format!("an object is reported from {:.0} % on", 100.0 * asked.min_score);
     let Some(object) = &recognition.best_refused_object else {
-        return format!("Nothing else came near; {limit}.");
+        let what = if recognition.matches.is_empty() { "No known object" } else { "Nothing else" };
+        return format!("{what} came near; {limit}.");
     };
     let is_there_too = recognition.matches.iter().any(|m| m.object == *object);
     let what = if is_there_too { format!("a further {object}") } else { object.clone() };
@@ -132,7 +133,7 @@ pub fn overlaid(
     canvas.finish()
 }
 
-/// Where each part is; a joint that is not told is where the recognition assumed it.
+/// Where each part is; `None` for parts that a joint carries whose configuration is not known.
 pub fn camera_from_part(model: &ObjectModel, m: &Recognised) -> Vec<Option<Pose>> {
     let Some(camera_from_object) = pose_from_array(&m.camera_from_object) else {
         return Vec::new();
@@ -142,7 +143,22 @@ pub fn camera_from_part(model: &ObjectModel, m: &Recognised) -> Vec<Option<Pose>
     };
     let configurations: Vec<f64> = m.joints.iter().enumerate().map(at).collect();
     let motions = model.part_motions(&configurations);
-    motions.into_iter().map(|motion| Some(camera_from_object * motion)).collect()
+    let poses = motions.into_iter().map(|motion| camera_from_object * motion);
+    poses.enumerate().map(|(part, pose)| is_known(model, m, part).then_some(pose)).collect()
+}
+
+/// All joints between a part and the base have a known configuration.
+fn is_known(model: &ObjectModel, m: &Recognised, part: usize) -> bool {
+    let mut carriers = part;
+    // A chain has no more joints than the model.
+    for _ in 0..model.joints.len() {
+        let Some(i) = model.joints.iter().position(|j| j.child == carriers) else { break };
+        if m.joints.get(i).is_none_or(|j| j.configuration.is_none()) {
+            return false;
+        }
+        carriers = model.joints[i].parent;
+    }
+    true
 }
 
 /// A table of the object and one a joint.

@@ -30,7 +30,9 @@ pub fn film_strip(
     let frames: Vec<(usize, &RgbdFrame)> = demonstration.keyframes.iter().collect();
     let model = &demonstration.model;
     let utimes: Vec<i64> = frames.iter().map(|(_, frame)| frame.utime).collect();
+    let farthest = model.joints.iter().filter_map(|joint| farthest(joint, &utimes));
     let chosen = spread_over_motion(&way(model, &utimes), count);
+    let chosen = with_all(chosen, &farthest.collect::<Vec<_>>());
     let start = demonstration.frame_utimes.first().copied().unwrap_or(0);
     chosen
         .into_iter()
@@ -117,6 +119,31 @@ fn way(model: &ObjectModel, utimes: &[i64]) -> Vec<f64> {
     utimes.iter().map(&mut up_to).collect()
 }
 
+/// The frame in which a joint is farthest from where it began; none where it is never known.
+fn farthest(joint: &Joint, utimes: &[i64]) -> Option<usize> {
+    let known = utimes.iter().enumerate();
+    let known = known.filter_map(|(k, utime)| Some((k, configuration_at(joint, *utime)?.abs())));
+    known.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
+}
+
+/// The chosen places, of which the nearest ones give way to those that must be among them.
+fn with_all(mut chosen: Vec<usize>, wanted: &[usize]) -> Vec<usize> {
+    for &k in wanted {
+        if chosen.contains(&k) {
+            continue;
+        }
+        let may_give_way = |i: &usize| !wanted.contains(&chosen[*i]);
+        let nearest = (0..chosen.len()).filter(may_give_way).min_by_key(|&i| chosen[i].abs_diff(k));
+        match nearest {
+            Some(i) => chosen[i] = k,
+            None => chosen.push(k),
+        }
+    }
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen
+}
+
 /// At most `count` places of a growing way, about evenly spread over it; nothing where it is empty.
 fn spread_over_motion(way: &[f64], count: usize) -> Vec<usize> {
     let Some(&whole) = way.last() else { return Vec::new() };
@@ -146,6 +173,14 @@ mod tests {
         assert_eq!(chosen[0], 0);
         assert!(chosen[1..].iter().all(|&k| k >= 50), "{chosen:?}");
         assert_eq!(chosen.len(), 6);
+    }
+
+    #[test]
+    fn where_a_joint_is_farthest_is_among_them() {
+        assert_eq!(with_all(vec![0, 10, 20, 30], &[14, 14]), [0, 14, 20, 30]);
+        assert_eq!(with_all(vec![0, 10, 20, 30], &[20, 21]), [0, 10, 20, 21]);
+        assert_eq!(with_all(vec![5], &[5, 7]), [5, 7]);
+        assert_eq!(with_all(vec![], &[3]), [3]);
     }
 
     #[test]
