@@ -6,7 +6,7 @@ use crate::camera_file::read_camera_file;
 use crate::error::SourceError;
 use crate::folders::{self, Layout};
 use crate::freenect::FreenectCamera;
-use crate::lcm::{DEFAULT_CHANNEL, LcmCamera, LogRecording};
+use crate::lcm::{DEFAULT_CHANNEL, LCM_UNITS_PER_METRE, LcmCamera, LogRecording};
 use crate::live::{Camera, LiveConfig, LiveSource};
 use crate::mcap_file::McapReader;
 use crate::openni2::{OniRecording, OpenNi2Camera};
@@ -35,8 +35,6 @@ pub struct SourceOptions {
 
 /// Depth of V4L2 devices is in millimetres unless a camera says otherwise.
 const V4L_UNITS_PER_METRE: f64 = 1000.0;
-/// Messages carry depth in millimetres.
-const LCM_UNITS_PER_METRE: f64 = 1000.0;
 
 /// The kinds of sources, for messages.
 const KINDS: &str = "a recording's path, tum:DIR, mcap:FILE, bag:FILE or rosbag2:DIR \
@@ -79,21 +77,18 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
         "lcmlog" => {
             let (file, channel) = with_channel(&rest);
             let path = Path::new(file);
-            let (camera, is_assumed) = match &options.camera {
-                Some(camera) => (camera.clone(), false),
+            let camera = match &options.camera {
+                Some(camera) => camera.clone(),
                 None => camera_beside(path)?,
             };
-            Ok(Box::new(LogRecording::open(path, channel, Arc::new(camera), is_assumed)?))
+            Ok(Box::new(LogRecording::open(path, channel, Arc::new(camera))?))
         }
         "lcm" => {
             let (url, channel) = with_channel(&rest);
             let (url, channel) = (url.to_owned(), channel.to_owned());
-            let is_assumed = options.camera.is_none();
             let camera = Arc::new(camera_or(name, options, LCM_UNITS_PER_METRE));
             let options = SourceOptions { live: options.live.for_network(), ..options.clone() };
-            live(name, &options, move || {
-                LcmCamera::open(&url, &channel, Arc::clone(&camera), is_assumed)
-            })
+            live(name, &options, move || LcmCamera::open(&url, &channel, Arc::clone(&camera)))
         }
         "freenect" => {
             let index = if rest.is_empty() { Ok(0) } else { rest.parse() };
@@ -194,11 +189,11 @@ fn camera_or(source: &str, options: &SourceOptions, units: f64) -> PinholeCamera
 
 /// The camera of `door.camera.toml` beside `door.log`, or of `camera.toml` in the same folder; else a Kinect, which
 /// is assumed.
-fn camera_beside(file: &Path) -> Result<(PinholeCamera, bool), SourceError> {
+fn camera_beside(file: &Path) -> Result<PinholeCamera, SourceError> {
     let candidates: [PathBuf; 2] =
         [file.with_extension("camera.toml"), file.with_file_name("camera.toml")];
     match candidates.iter().find(|path| path.is_file()) {
-        Some(path) => Ok((read_camera_file(path)?, false)),
+        Some(path) => read_camera_file(path),
         None => {
             let camera = PinholeCamera {
                 depth_units_per_metre: LCM_UNITS_PER_METRE,
@@ -206,7 +201,7 @@ fn camera_beside(file: &Path) -> Result<(PinholeCamera, bool), SourceError> {
             };
             let remedy = format!("write the right ones into {}", candidates[0].display());
             camera.warn_assumed(&file.display().to_string(), &remedy);
-            Ok((camera, true))
+            Ok(camera)
         }
     }
 }
@@ -285,11 +280,11 @@ mod tests {
             let camera = PinholeCamera { fx, ..PinholeCamera::kinect() };
             std::fs::write(dir.path().join(name), toml::to_string(&camera).unwrap()).unwrap();
         };
-        assert_eq!(camera_beside(&log).unwrap().0.depth_units_per_metre, LCM_UNITS_PER_METRE);
+        assert_eq!(camera_beside(&log).unwrap().depth_units_per_metre, LCM_UNITS_PER_METRE);
         write("camera.toml", 400.0);
-        assert_eq!(camera_beside(&log).unwrap().0.fx, 400.0);
+        assert_eq!(camera_beside(&log).unwrap().fx, 400.0);
         write("door.camera.toml", 300.0);
-        assert_eq!(camera_beside(&log).unwrap().0.fx, 300.0);
+        assert_eq!(camera_beside(&log).unwrap().fx, 300.0);
         std::fs::write(dir.path().join("door.camera.toml"), "fx = \"wide\"").unwrap();
         assert!(camera_beside(&log).is_err(), "a damaged one is not passed over");
     }

@@ -66,7 +66,11 @@ impl TumRecording {
         dir: &Path,
         given: Option<&PinholeCamera>,
     ) -> Result<Self, SourceError> {
-        Ok(Self::of_index(dir, RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US, given)?))
+        let recording = RecordingIndex::read(dir, DEFAULT_MAX_PAIR_GAP_US, given)?;
+        let recording = Self::of_index(dir, recording);
+        // What is wrong with a camera that is given is not wrong in the recording's own file.
+        let camera_file = if given.is_some() { dir.to_owned() } else { dir.join("camera.toml") };
+        Ok(Self { camera_file, ..recording })
     }
 
     /// Plays what an index lists.
@@ -388,6 +392,20 @@ mod tests {
 
     fn list(stamps: &[i64]) -> Vec<(i64, PathBuf)> {
         stamps.iter().map(|&t| (t, PathBuf::from(t.to_string()))).collect()
+    }
+
+    #[test]
+    fn a_thread_that_fails_while_it_reads_is_no_end_of_the_recording() {
+        let pair =
+            |utime| FramePair { utime, color: PathBuf::new(), depth: PathBuf::new(), gap_us: 0 };
+        let scale = ScaleCheck::new(1000.0, false);
+        let statistics = SourceStatistics::default();
+        let pairs = vec![pair(1), pair(2)];
+        let mut recording =
+            TumRecording::play("it", pairs, statistics, scale, |_| panic!("a test's own"));
+        let reason = recording.next_frame().unwrap_err().to_string();
+        assert!(reason.contains("a fault of this program"), "{reason}");
+        assert!(matches!(recording.next_frame(), Ok(None)), "it is told once");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Frames from a live LCM network.
 
-use super::message::decode_frame;
+use super::message::{LCM_UNITS_PER_METRE, decode_frame};
 use crate::error::SourceError;
 use crate::live::{Camera, CameraFault};
 use linkage_frames::camera::PinholeCamera;
@@ -10,10 +10,9 @@ use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Bytes of a pixel at most: colour, and depth as floats.
-const BYTES_PER_PIXEL: usize = 3 + 4;
-/// Bytes of a message beside its pixels at most.
-const BESIDE_PIXELS: usize = 64 << 10;
+/// Bytes of a message at most; raw pictures of 1920 x 1080 with their depth have 15 million. The camera's size does not
+/// tell it: a message may hold a second picture, or be of another size, which is told as damaged.
+const MOST_BYTES: usize = 32 << 20;
 /// Time between two log messages about frames that do not arrive.
 const TELL_EVERY: Duration = Duration::from_secs(10);
 
@@ -34,25 +33,18 @@ struct Reported {
 }
 
 impl LcmCamera {
-    /// Joins a network and listens on a channel. The camera is given, or assumed.
+    /// Joins a network and listens on a channel.
     ///
     /// # Errors
     /// [`SourceError::Device`] when the network cannot be joined.
-    pub fn open(
-        url: &str,
-        channel: &str,
-        camera: Arc<PinholeCamera>,
-        is_camera_assumed: bool,
-    ) -> Result<Self, SourceError> {
+    pub fn open(url: &str, channel: &str, camera: Arc<PinholeCamera>) -> Result<Self, SourceError> {
         let failed = |e: linkage_lcm::LcmError| SourceError::Device {
             name: format!("lcm:{url}#{channel}"),
             reason: e.to_string(),
         };
         let mut lcm = Lcm::new(url).map_err(failed)?;
-        let pixels = camera.width.saturating_mul(camera.height);
-        let largest = pixels.saturating_mul(BYTES_PER_PIXEL).saturating_add(BESIDE_PIXELS);
-        lcm.subscribe_up_to(channel, largest).map_err(failed)?;
-        let scale = ScaleCheck::new(camera.depth_units_per_metre, is_camera_assumed);
+        lcm.subscribe_up_to(channel, MOST_BYTES).map_err(failed)?;
+        let scale = ScaleCheck::new(LCM_UNITS_PER_METRE, false);
         Ok(Self { lcm, camera, scale, reported: Reported::default() })
     }
 
@@ -60,8 +52,9 @@ impl LcmCamera {
     fn tell_missing(&mut self) {
         let reception = self.lcm.reception();
         let is_due = self.reported.when.is_none_or(|when| when.elapsed() >= TELL_EVERY);
-        if reception.missing() > self.reported.missing && is_due {
-            self.reported = Reported { missing: reception.missing(), when: Some(Instant::now()) };
+        let missing = reception.missing() + reception.oversized;
+        if missing > self.reported.missing && is_due {
+            self.reported = Reported { missing, when: Some(Instant::now()) };
             tracing::warn!(url = self.lcm.url(), "{}", words(&reception));
         }
     }
@@ -70,6 +63,10 @@ impl LcmCamera {
 fn words(reception: &Reception) -> String {
     let Reception { received, requested_buffer, granted_buffer, .. } = *reception;
     let mut words = format!("{} frames did not arrive, {received} did", reception.missing());
+    if reception.oversized > 0 {
+        let oversized = reception.oversized;
+        words += &format!("; {oversized} were larger than {MOST_BYTES} bytes and left out");
+    }
     if granted_buffer < requested_buffer {
         words += &format!(
             "; the system granted {granted_buffer} of {requested_buffer} bytes to receive them: as root, \"sysctl -w net.core.rmem_max={requested_buffer}\""
@@ -85,10 +82,12 @@ impl Camera for LcmCamera {
         let Some(packet) = packet else { return Ok(None) };
         let frame = decode_frame(&packet.bytes, &self.camera)
             .map_err(|e| CameraFault::Damaged(e.to_string()))?;
-        match self.scale.look(&frame.depth) {
-            Some(ScaleIssue::Wrong(reason)) => return Err(CameraFault::Unusable(reason)),
-            Some(ScaleIssue::Odd(reason)) => tracing::warn!(url = self.lcm.url(), "{reason}"),
-            None => {}
+        if let Some(ScaleIssue::Wrong(what) | ScaleIssue::Odd(what)) = self.scale.look(&frame.depth)
+        {
+            tracing::warn!(
+                url = self.lcm.url(),
+                "{what} (depth in LCM messages is in millimetres)"
+            );
         }
         Ok(Some(frame))
     }

@@ -1,6 +1,6 @@
 //! Frames recorded in an LCM event log.
 
-use super::message::decode_frame;
+use super::message::{LCM_UNITS_PER_METRE, decode_frame};
 use crate::error::SourceError;
 use crate::rgbd_source::RgbdSource;
 use crate::statistics::SourceStatistics;
@@ -32,7 +32,7 @@ pub struct LogRecording {
 }
 
 impl LogRecording {
-    /// Opens a log. The camera is given, or assumed.
+    /// Opens a log.
     ///
     /// # Errors
     /// [`SourceError::Recording`] when the file cannot be read.
@@ -40,7 +40,6 @@ impl LogRecording {
         path: &Path,
         channel: &str,
         camera: Arc<PinholeCamera>,
-        is_camera_assumed: bool,
     ) -> Result<Self, SourceError> {
         let file = text_table::regular_file(path).map_err(|e| SourceError::Recording {
             path: path.display().to_string(),
@@ -51,7 +50,7 @@ impl LogRecording {
             name: format!("lcmlog:{}", path.display()),
             reader,
             channel: channel.to_owned(),
-            scale: ScaleCheck::new(camera.depth_units_per_metre, is_camera_assumed),
+            scale: ScaleCheck::new(LCM_UNITS_PER_METRE, false),
             camera,
             timestamps: TimestampFilter::new(Timeline::Continuous),
             delivered: 0,
@@ -112,12 +111,12 @@ impl RgbdSource for LogRecording {
             match decode_frame(&event.bytes, &self.camera) {
                 Ok(frame) => {
                     if let Some(frame) = self.timestamps.pass(frame, event.utime) {
-                        match self.scale.look(&frame.depth) {
-                            Some(ScaleIssue::Wrong(reason)) => return Err(self.broken(reason)),
-                            Some(ScaleIssue::Odd(reason)) => {
-                                tracing::warn!(log = self.name, "{reason}");
-                            }
-                            None => {}
+                        let issue = self.scale.look(&frame.depth);
+                        if let Some(ScaleIssue::Wrong(what) | ScaleIssue::Odd(what)) = issue {
+                            tracing::warn!(
+                                log = self.name,
+                                "{what} (depth in LCM messages is in millimetres)"
+                            );
                         }
                         self.delivered += 1;
                         return Ok(Some(frame));
@@ -179,7 +178,7 @@ mod tests {
         }
         log.flush().unwrap();
         drop(log);
-        let recording = LogRecording::open(&path, FRAMES, camera(), false).unwrap();
+        let recording = LogRecording::open(&path, FRAMES, camera()).unwrap();
         (dir, recording)
     }
 
@@ -226,7 +225,7 @@ mod tests {
     fn what_is_no_file_is_refused_by_its_path() {
         let dir = tempfile::tempdir().unwrap();
         for path in [dir.path().to_owned(), dir.path().join("no.log")] {
-            let error = LogRecording::open(&path, FRAMES, camera(), false).err();
+            let error = LogRecording::open(&path, FRAMES, camera()).err();
             let said = error.expect("it is refused").to_string();
             assert!(said.contains(&path.display().to_string()), "{said}");
         }

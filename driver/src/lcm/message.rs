@@ -20,7 +20,7 @@ use std::io::Read;
 use std::sync::Arc;
 
 /// Millimetres in a metre, which is how depth travels.
-const MM_PER_METRE: f64 = 1000.0;
+pub const LCM_UNITS_PER_METRE: f64 = 1000.0;
 /// Focal lengths of an infrared camera of 640x480 pixels that are accepted, pixels.
 const FOCAL_LENGTHS: std::ops::Range<f64> = 200.0..2000.0;
 /// Quality of published JPEG, as the original system has it.
@@ -99,7 +99,7 @@ pub fn encode_frame(frame: &RgbdFrame, packing: Packing) -> Result<FrameMsg, Mes
         (frame.color.as_rgb().to_vec(), ImageMsg::VIDEO_RGB)
     };
     let raw: Vec<u8> =
-        frame.depth.to_raw(MM_PER_METRE).iter().flat_map(|mm| mm.to_le_bytes()).collect();
+        frame.depth.to_raw(LCM_UNITS_PER_METRE).iter().flat_map(|mm| mm.to_le_bytes()).collect();
     let uncompressed_size = raw.len() as i32;
     let (depth_data, compression) = if packing.zlib {
         (deflated(&raw), DepthMsg::COMPRESSION_ZLIB)
@@ -181,7 +181,7 @@ fn kinect_depth(
     };
     let depth = match message.depth_data_format {
         DepthMsg::DEPTH_REGISTERED | DepthMsg::DEPTH_MM => {
-            DepthImage::from_raw(width, height, &little_endian()?, MM_PER_METRE)?
+            DepthImage::from_raw(width, height, &little_endian()?, LCM_UNITS_PER_METRE)?
         }
         DepthMsg::DEPTH_11BIT => from_disparities(little_endian()?)?,
         DepthMsg::DEPTH_11BIT_PACKED => {
@@ -225,7 +225,7 @@ fn openni_depth(
         checked_size("depth", message.width.into(), message.height.into(), seen_by)?;
     let bytes = unpacked(&message.depth_data, message.compression, 2 * width * height)?;
     let raw = values(&bytes, width * height, u16::from_le_bytes).map_err(MessageError::Depth)?;
-    let depth = DepthImage::from_raw(width, height, &raw, MM_PER_METRE)?;
+    let depth = DepthImage::from_raw(width, height, &raw, LCM_UNITS_PER_METRE)?;
     Ok(match infrared {
         None => depth,
         Some(depth_camera) => {
@@ -288,7 +288,7 @@ fn bot_core_depth(
         _ => u16::from_le_bytes,
     };
     let raw = values(bytes, count, order).map_err(wrong)?;
-    Ok(DepthImage::from_raw(width, height, &raw, MM_PER_METRE)?)
+    Ok(DepthImage::from_raw(width, height, &raw, LCM_UNITS_PER_METRE)?)
 }
 
 /// Columns and rows that a message claims, if they are the camera's.

@@ -6,6 +6,7 @@ mod message;
 
 pub use live::LcmCamera;
 pub use log::LogRecording;
+pub(crate) use message::LCM_UNITS_PER_METRE;
 pub use message::{MessageError, Packing, decode_frame, encode_frame};
 
 /// The channel that the original system's cameras publish on.

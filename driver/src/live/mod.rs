@@ -68,6 +68,8 @@ pub struct LiveConfig {
     /// A camera that gives no frame for this long, however often it is opened, ends the source
     /// with an error.
     pub give_up: Duration,
+    /// A capture thread that is held up for this long hangs in its camera's driver: to open a camera takes some seconds.
+    pub hangs: Duration,
 }
 
 impl LiveConfig {
@@ -84,6 +86,7 @@ impl Default for LiveConfig {
             stall: Duration::from_secs(2),
             backoff: [Duration::from_millis(100), Duration::from_secs(5)],
             give_up: Duration::from_secs(30),
+            hangs: Duration::from_secs(20),
         }
     }
 }
@@ -94,6 +97,8 @@ pub struct LiveSource {
     queue: FrameReader,
     dropped: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
+    hangs: Duration,
+    stop: Arc<AtomicBool>,
 }
 
 /// Longest wait for a frame before the thread checks whether it is to stop.
@@ -101,10 +106,6 @@ const POLL: Duration = Duration::from_millis(100);
 
 /// How long a reader waits at a time; it is woken as soon as there is something.
 const WAIT: Duration = Duration::from_secs(1);
-
-/// A capture thread that is held up for this long hangs in its camera's driver: to open a
-/// camera takes some seconds.
-const HANGS: Duration = Duration::from_secs(20);
 
 /// How long the end of a capture thread is waited for: one that hangs is left alone.
 const LONGEST_END: Duration = Duration::from_secs(2);
@@ -126,6 +127,7 @@ impl LiveSource {
     ) -> Result<Self, SourceError> {
         let camera = opener()?;
         let (writer, reader) = frame_queue(config.queue);
+        let (hangs, user_stop) = (config.hangs, Arc::clone(&stop));
         let dropped = Arc::new(AtomicBool::new(false));
         let watch = Watch {
             name: name.to_owned(),
@@ -144,7 +146,8 @@ impl LiveSource {
             .name("capture".to_owned())
             .spawn(move || watch.run(camera))
             .map_err(|e| SourceError::Device { name: name.to_owned(), reason: e.to_string() })?;
-        Ok(Self { name: name.to_owned(), queue: reader, dropped, thread: Some(thread) })
+        let (name, thread) = (name.to_owned(), Some(thread));
+        Ok(Self { name, queue: reader, dropped, thread, hangs, stop: user_stop })
     }
 }
 
@@ -163,7 +166,13 @@ impl RgbdSource for LiveSource {
         let fault = |reason| SourceError::Device { name: self.name.clone(), reason };
         let awaited = self.queue.pop(timeout).map_err(fault)?;
         let silent = self.queue.silent_for().unwrap_or_default();
-        if matches!(awaited, Awaited::Nothing) && silent > HANGS {
+        if !matches!(awaited, Awaited::Nothing) {
+            return Ok(awaited);
+        }
+        if self.stop.load(Ordering::Relaxed) && silent > LONGEST_END {
+            return Ok(Awaited::End);
+        }
+        if silent > self.hangs {
             return Err(SourceError::Hangs { name: self.name.clone(), seconds: silent.as_secs() });
         }
         Ok(awaited)
@@ -419,6 +428,7 @@ mod tests {
             stall: Duration::from_millis(150),
             backoff: [Duration::from_millis(5), Duration::from_millis(20)],
             give_up: Duration::from_millis(300),
+            ..LiveConfig::default()
         }
     }
 
@@ -561,13 +571,18 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_hangs_in_its_driver_keeps_nobody_who_drops_it() {
+    fn a_camera_that_hangs_in_its_driver_is_told_and_keeps_nobody_who_drops_it() {
         let acts = Arc::new(Mutex::new(VecDeque::from(vec![Act::Hang])));
         let opener = move || Ok(Box::new(Scripted(Arc::clone(&acts), 0)) as Box<dyn Camera>);
+        let (hangs, stop) = (Duration::from_millis(300), Arc::new(AtomicBool::new(false)));
+        let config = LiveConfig { hangs, ..config() };
         let mut source =
-            LiveSource::start("it", Box::new(opener), config(), Arc::default()).unwrap();
-        let wait = Duration::from_millis(50);
-        assert!(matches!(source.next_frame_within(wait), Ok(Awaited::Nothing)));
+            LiveSource::start("it", Box::new(opener), config, Arc::clone(&stop)).unwrap();
+        assert!(matches!(source.next_frame(), Err(SourceError::Hangs { .. })));
+        // Who is told to stop does not wait for it.
+        stop.store(true, Ordering::Relaxed);
+        std::thread::sleep(LONGEST_END);
+        assert!(matches!(source.next_frame(), Ok(None)));
         let start = Instant::now();
         drop(source);
         assert!((LONGEST_END..Duration::from_secs(30)).contains(&start.elapsed()));

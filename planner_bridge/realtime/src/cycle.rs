@@ -52,10 +52,12 @@ struct LastSetpoint {
 }
 
 impl LastSetpoint {
-    fn is_repeated(&self, due_us: u64) -> bool {
-        let [shortest, longest] = REPEAT_US;
-        let longest = if self.was_taken { shortest } else { longest };
-        due_us.saturating_sub(self.due_us) <= longest
+    /// It is sent once more, by a loop of this period, microseconds.
+    fn is_repeated(&self, due_us: u64, period_us: u64) -> bool {
+        let [taken, not_taken] = REPEAT_US;
+        let time = if self.was_taken { taken } else { not_taken };
+        // A slow loop sends it again, too.
+        due_us.saturating_sub(self.due_us) <= time.max(period_us.saturating_mul(3))
     }
 }
 
@@ -128,7 +130,7 @@ impl<'q> Cycle<'q> {
         if due_us.saturating_sub(last.again_us) < REPEAT_EVERY_US {
             return;
         }
-        if !last.is_repeated(due_us) {
+        if !last.is_repeated(due_us, self.period_ns.get() / 1000) {
             self.last = None;
             return;
         }

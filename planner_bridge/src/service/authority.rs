@@ -188,6 +188,12 @@ impl Authority {
         Ok(())
     }
 
+    /// Who sends from this address may be answered without a signature: where one is asked for, anybody could speak for
+    /// another's command else.
+    pub fn may_be_told_unsigned(&self, sender: Option<IpAddr>) -> bool {
+        self.key.is_none() && self.identify_address(sender).is_ok()
+    }
+
     /// It is meant for this service, as it runs now.
     ///
     /// # Errors
@@ -303,6 +309,7 @@ mod tests {
         let key = CommandKey::read(&path).unwrap();
         let mut signed = command(SESSION + 1);
         assert!(authority.identify(&signed, None).is_err());
+        assert!(!authority.may_be_told_unsigned(None), "nobody speaks for another's command");
         key.sign(&mut signed);
         assert_eq!(authority.identify(&signed, None), Ok(()));
         // Whatever is changed afterwards was not signed.

@@ -100,6 +100,11 @@ impl Capture {
                     let hangs = matches!(e, SourceError::Hangs { .. });
                     self.lost.hangs.store(hangs, Ordering::Relaxed);
                     self.out.note(Note::Error(e.to_string()));
+                    if hangs {
+                        // Its driver still has the camera: it cannot be opened a second time, and may come back.
+                        sleep_until(Instant::now().checked_add(REOPEN_AFTER), is_stopped);
+                        continue;
+                    }
                     if !self.source.is_live() {
                         return;
                     }

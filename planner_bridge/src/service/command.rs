@@ -271,7 +271,7 @@ impl<'q> Dispatcher<'q> {
 
     /// Refuses what cannot be decoded; under its name, where it begins as a command does.
     fn refuse_damaged(&mut self, packet: &[u8], sender: Option<IpAddr>, error: DecodeError) {
-        let may_be_told = self.authority.identify_address(sender).is_ok();
+        let may_be_told = self.authority.may_be_told_unsigned(sender);
         let refusal = match name_of(packet).filter(|_| may_be_told) {
             Some(utime) => Refusal::Command { utime, fault: Fault::Damaged(error) },
             None => Refusal::Packet(error),
@@ -553,6 +553,18 @@ mod tests {
         // What is no command has no name.
         packet[0] ^= 1;
         assert!(!bench.take(&packet).iter().any(|n| matches!(n, Note::NotTaken(_))));
+    }
+
+    #[test]
+    fn packets_that_are_too_long_are_counted_and_told() {
+        let mut bench = bench(4);
+        bench.dispatcher.refusals.add_many(3, &Refusal::TooLong(3));
+        bench.dispatcher.report();
+        let Ok(Note::Refused { count, reason }) = bench.notes.pop(Duration::ZERO) else {
+            panic!("it is not told")
+        };
+        assert_eq!(count, 3);
+        assert!(reason.contains("longer than 4096 bytes"), "{reason}");
     }
 
     #[test]

@@ -16,8 +16,8 @@ const SCHEMA: i32 = 1;
 const GREATEST_OFFSET_US: u64 = 1_000_000;
 /// Longest wait for a packet before the thread checks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
-/// Bytes of a packet on the channel of heartbeats at most; a heartbeat has some 60.
-const MAX_PACKET: usize = 512;
+/// Bytes of a packet on the channel of heartbeats at most; a heartbeat has some 60, and the name of its sender.
+const MAX_PACKET: usize = 4096;
 /// Time between two reports of packets that are no heartbeat.
 const TELL_EVERY: Duration = Duration::from_millis(500);
 
@@ -27,13 +27,15 @@ pub struct HeartbeatListener<'q> {
     out: Outbox,
     newest: Newest,
     told: Option<Instant>,
+    /// Packets that were longer than any heartbeat.
+    too_long: u64,
 }
 
 impl<'q> HeartbeatListener<'q> {
     pub fn new(url: &str, pulse: Pulse<'q>, out: Outbox) -> Result<Self, LcmError> {
         let mut lcm = Lcm::new(url)?;
         lcm.subscribe_up_to(channel::HEARTBEAT, MAX_PACKET)?;
-        Ok(Self { lcm, pulse, out, newest: Newest::default(), told: None })
+        Ok(Self { lcm, pulse, out, newest: Newest::default(), told: None, too_long: 0 })
     }
 
     pub fn run(mut self, is_stopped: &(dyn Fn() -> bool + Sync)) {
@@ -43,7 +45,15 @@ impl<'q> HeartbeatListener<'q> {
                     Ok(()) => self.pulse.beat(),
                     Err(reason) => self.report(reason),
                 },
-                Ok(None) => {}
+                Ok(None) => {
+                    let all = self.lcm.reception().oversized;
+                    if all > self.too_long {
+                        self.too_long = all;
+                        self.report(format!(
+                            "a heartbeat has more than {MAX_PACKET} bytes: it is none"
+                        ));
+                    }
+                }
                 Err(e) => {
                     self.out.note(Note::Error(e.to_string()));
                     std::thread::sleep(POLL);

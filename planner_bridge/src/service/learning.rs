@@ -12,7 +12,7 @@ use linkage_skill::store::{Library, Store, StoreError};
 use linkage_skill::{Demonstration, Learner, ObjectModel, SkillConfig};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 /// What a demonstration is learned with.
@@ -21,6 +21,8 @@ pub struct LearningWorker {
     pub config: SkillConfig,
     pub store: PathBuf,
     pub out: Outbox,
+    /// Times at which the store was read again so far.
+    pub loads: Arc<AtomicU64>,
 }
 
 /// Demonstrations that may be learned at a time: one whose result is wanted, and one that was cancelled and comes to
@@ -37,8 +39,9 @@ pub struct Learning {
 /// What was learned and stored.
 pub struct Learned {
     pub summary: String,
-    /// All that is known now; `None` where the store could not be read again.
-    pub library: Option<Library>,
+    /// All that is known now, with the number of its reading: a later reading knows what an earlier one does. `None`
+    /// where the store could not be read again.
+    pub library: Option<(u64, Library)>,
 }
 
 /// Why nothing was stored.
@@ -105,6 +108,7 @@ impl LearningWorker {
         if !is_told {
             self.publish(&demonstration, &stored.model);
         }
+        let reading = 1 + self.loads.fetch_add(1, Ordering::Relaxed);
         let library = store.load();
         let kinds: Vec<&str> = stored.model.joints.iter().map(|j| j.kind.name()).collect();
         let mut summary = format!(
@@ -115,7 +119,7 @@ impl LearningWorker {
         if let Err(e) = &library {
             summary += &format!("; it is stored, but the store cannot be read again: {e}");
         }
-        Ok(Learned { summary, library: library.ok() })
+        Ok(Learned { summary, library: library.ok().map(|library| (reading, library)) })
     }
 
     fn publish(&self, demonstration: &Demonstration, model: &ObjectModel) {
@@ -181,7 +185,7 @@ mod tests {
     use linkage_driver::live::latest;
 
     fn known() -> Learned {
-        Learned { summary: "learned door".to_owned(), library: Some(Library::new(Vec::new())) }
+        Learned { summary: "learned door".to_owned(), library: Some((1, Library::new(Vec::new()))) }
     }
 
     fn told(result: Result<Learned, String>) -> String {
@@ -218,7 +222,12 @@ mod tests {
         let store = dir.path().join("s.linkage");
         let ((packets, _), (notes, _)) = (latest(4), latest(4));
         let out = Outbox { packets, notes, observer: Observer::default() };
-        let worker = LearningWorker { config: SkillConfig::default(), store: store.clone(), out };
+        let worker = LearningWorker {
+            config: SkillConfig::default(),
+            store: store.clone(),
+            out,
+            loads: Arc::default(),
+        };
         let learner = Learner::live(&worker.config);
         let learning = worker.learn(learner, "door".to_owned(), None).unwrap();
         let result = learning.result.recv().expect("the thread answers");

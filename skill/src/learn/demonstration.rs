@@ -56,7 +56,8 @@ fn why_nothing(rejections: &[RejectedCandidate]) -> String {
     if let Some(unclear) = rejections.iter().find(|r| r.needs_more) {
         return format!("{}; nothing was learned", unclear.reason);
     }
-    let closest = rejections.iter().max_by_key(|r| r.tracks * r.frames);
+    // Of those without tracks that of most frames, and the first of them.
+    let closest = rejections.iter().rev().max_by_key(|r| (r.tracks * r.frames, r.frames));
     let closest = closest.map(|r| format!(" (closest was {r})")).unwrap_or_default();
     format!("nothing articulated moves; nothing was learned{closest}")
 }

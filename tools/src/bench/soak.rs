@@ -106,9 +106,9 @@ const MOST_GROWTH_MIB: f64 = 48.0;
 /// What must not have happened, in words.
 fn faults(rows: &[Row]) -> Vec<String> {
     let Some(last) = rows.last() else { return vec!["no row was measured".to_owned()] };
-    let third = rows.len().div_ceil(3);
+    let third = (rows.len() / 3).max(1);
     let most = |rows: &[Row]| rows.iter().map(|row| row.resident_mib).fold(0.0, f64::max);
-    let growth = most(&rows[rows.len() - third..]) - most(&rows[..rows.len().min(2 * third)]);
+    let growth = most(&rows[rows.len() - third..]) - most(&rows[..third]);
     let counted = [
         (last.jumps, "setpoints jumped"),
         (last.rounds.unanswered, "commands were not answered"),
@@ -312,7 +312,12 @@ mod tests {
         let rows = [row(100.0), row(150.0), Row { jumps: 3, rounds, ..row(260.0) }];
         let told = faults(&rows);
         assert_eq!(told.len(), 4, "{told:?}");
-        assert!(told[0].starts_with("3 setpoints") && told[3].contains("grew by 110"), "{told:?}");
+        assert!(told[0].starts_with("3 setpoints") && told[3].contains("grew by 160"), "{told:?}");
         assert_eq!(faults(&[]).len(), 1);
+        // However many rows there are.
+        for n in 4..9 {
+            let rows: Vec<Row> = (0..n).map(|i| row(100.0 + 100.0 * f64::from(i))).collect();
+            assert_eq!(faults(&rows).len(), 1, "{n} rows");
+        }
     }
 }

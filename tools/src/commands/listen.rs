@@ -77,7 +77,8 @@ impl Printed {
         let is_news = before.is_none_or(|before| {
             let is_due = before.at.elapsed() >= FIGURES_EVERY;
             // The last setpoint of a motion is sent several times.
-            let is_again = before.shown == line.shown() && !is_due;
+            let is_setpoint = channel == channel::SETPOINT;
+            let is_again = is_setpoint && before.shown == line.shown() && !is_due;
             line.last && !is_again
                 || before.topic != line.topic
                 || channel != channel::STATUS && is_due

@@ -32,7 +32,9 @@ pub fn film_strip(
     let utimes: Vec<i64> = frames.iter().map(|(_, frame)| frame.utime).collect();
     let farthest = model.joints.iter().filter_map(|joint| farthest(joint, &utimes));
     let chosen = spread_over_motion(&way(model, &utimes), count);
-    let chosen = with_all(chosen, &farthest.collect::<Vec<_>>());
+    let mut farthest: Vec<usize> = farthest.collect();
+    farthest.truncate(count.saturating_sub(1));
+    let chosen = with_all(chosen, &farthest);
     let start = demonstration.frame_utimes.first().copied().unwrap_or(0);
     chosen
         .into_iter()
@@ -126,14 +128,14 @@ fn farthest(joint: &Joint, utimes: &[i64]) -> Option<usize> {
     known.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
 }
 
-/// The chosen places, of which the nearest ones give way to those that must be among them.
+/// The chosen places, of which the nearest ones but the first give way to those that must be among them.
 fn with_all(mut chosen: Vec<usize>, wanted: &[usize]) -> Vec<usize> {
     for &k in wanted {
         if chosen.contains(&k) {
             continue;
         }
         let may_give_way = |i: &usize| !wanted.contains(&chosen[*i]);
-        let nearest = (0..chosen.len()).filter(may_give_way).min_by_key(|&i| chosen[i].abs_diff(k));
+        let nearest = (1..chosen.len()).filter(may_give_way).min_by_key(|&i| chosen[i].abs_diff(k));
         match nearest {
             Some(i) => chosen[i] = k,
             None => chosen.push(k),
@@ -179,6 +181,7 @@ mod tests {
     fn where_a_joint_is_farthest_is_among_them() {
         assert_eq!(with_all(vec![0, 10, 20, 30], &[14, 14]), [0, 14, 20, 30]);
         assert_eq!(with_all(vec![0, 10, 20, 30], &[20, 21]), [0, 10, 20, 21]);
+        assert_eq!(with_all(vec![0, 10, 20, 30], &[1]), [0, 1, 20, 30], "the beginning stays");
         assert_eq!(with_all(vec![5], &[5, 7]), [5, 7]);
         assert_eq!(with_all(vec![], &[3]), [3]);
     }

@@ -21,8 +21,8 @@ use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Of so many readings one counts for the digest of a depth picture.
-const DIGEST_STEP: usize = 7;
+/// What is told where depth does not change while a joint moves.
+const FROZEN: &str = "the depth pictures do not change while a joint moves: is the camera frozen?";
 
 impl Perception<'_> {
     pub fn look(&mut self, Arrived { frame, at }: Arrived) {
@@ -118,12 +118,11 @@ impl Perception<'_> {
         }
     }
 
-    /// The depth is bit for bit that of the frame before: real depth has noise, and the camera is frozen, whatever it
-    /// stamps its frames with.
+    /// The depth is bit for bit that of the frame before, whatever the stamps are. Real depth has noise; that of a
+    /// simulator without noise changes as soon as something moves.
     fn is_frozen(&mut self, frame: &RgbdFrame) -> bool {
         let mut digest = DefaultHasher::new();
-        let depth = frame.depth.as_metres().iter().step_by(DIGEST_STEP);
-        depth.for_each(|z| digest.write_u32(z.to_bits()));
+        frame.depth.as_metres().iter().for_each(|z| digest.write_u32(z.to_bits()));
         let digest = Some(digest.finish());
         std::mem::replace(&mut self.newest_depth, digest) == digest
     }
@@ -150,8 +149,10 @@ impl Perception<'_> {
                     self.out.note(Note::Error(format!("recognition cannot be asked again: {e}")));
                 }
                 match &mut self.orders {
-                    // It is no new frame: what moves is braked when none comes.
-                    Some(_) if is_frozen => {}
+                    // What moves would change the picture: it is braked when none comes that differs.
+                    Some(orders) if is_frozen && orders.is_running() => {
+                        self.out.note(Note::Error(FROZEN.to_owned()));
+                    }
                     Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.utime, t.arrived),
                     Some(orders) => orders.frame_missed_it(),
                     None => {}

@@ -84,8 +84,10 @@ impl Perception<'_> {
     ) {
         let result = match result {
             Ok(Learned { summary, library }) => {
-                if let Some(library) = library {
-                    self.library = library;
+                if let Some((reading, library)) = library
+                    && reading > self.library_reading
+                {
+                    (self.library_reading, self.library) = (reading, library);
                 }
                 Ok(summary)
             }

@@ -17,6 +17,7 @@ use linkage_driver::live::LatestReader;
 use linkage_realtime::Reason;
 use linkage_skill::store::Library;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// What comes to the thread that perceives.
@@ -35,6 +36,8 @@ pub struct Perception<'q> {
     pub(super) out: Outbox,
     pub(super) orders: Option<Orders<'q>>,
     pub(super) library: Library,
+    /// Number of the reading that `library` is of.
+    pub(super) library_reading: u64,
     pub(super) state: State,
     /// What the stream has not decided on yet.
     pub(super) ordered: Option<Ordered>,
@@ -58,7 +61,13 @@ impl<'q> Perception<'q> {
         let (skill, store) = (config.skill.clone(), config.store.clone());
         Self {
             config: config.clone(),
-            learning_worker: LearningWorker { config: skill, store, out: out.clone() },
+            learning_worker: LearningWorker {
+                config: skill,
+                store,
+                out: out.clone(),
+                loads: Arc::default(),
+            },
+            library_reading: 0,
             losses: Losses::begin(inbox.lost.count(), 0),
             inbox,
             watchdog: Watchdog::from_environment(),

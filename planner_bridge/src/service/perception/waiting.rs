@@ -25,6 +25,11 @@ const JOINT_TIMEOUT: Duration = Duration::from_secs(2);
 impl Perception<'_> {
     /// Plans what was asked for, if the newest frame is fresh and shows the object.
     pub fn execute_pending(&mut self) {
+        // One after the other: who ordered the motion before is answered first.
+        self.hear_of_motions();
+        if self.ordered.is_some() {
+            return;
+        }
         let State::Tracking(t) = &mut self.state else { return };
         let fresh = t.arrived.elapsed().as_secs_f64() <= self.config.rig.safety.frame_age;
         if !(t.seen && fresh) {
@@ -127,7 +132,10 @@ impl Perception<'_> {
                 let reason = match (t.seen, is_fresh) {
                     (false, _) => format!("{} is not seen now", t.object.model.object),
                     (true, false) => stale(age),
-                    (true, true) => "what moves is still being braked".to_owned(),
+                    (true, true) => {
+                        "its joint is not known yet, or what moves is still coming to rest"
+                            .to_owned()
+                    }
                 };
                 (&mut t.pending, reason)
             }
@@ -244,6 +252,28 @@ mod tests {
         panic!("it is not answered")
     }
 
+    /// The commands that are answered where two predictions are asked for at once.
+    fn told_of_two(perception: &mut Perception, noted: &LatestReader<Note>) -> Vec<i64> {
+        for command in [7, 8] {
+            let pending = Some(Pending { command, ..asked_for(0) });
+            perception.state = State::Tracking(Box::new(Tracking { pending, ..tracked() }));
+            perception.execute_pending();
+        }
+        let (begun, mut told) = (Instant::now(), Vec::new());
+        while begun.elapsed() < Duration::from_secs(10) && told.len() < 2 {
+            if let Some(orders) = &mut perception.orders {
+                orders.frame_seen(&tracked().recognised, host_utime(), Instant::now());
+            }
+            if let State::Tracking(t) = &mut perception.state {
+                t.arrived = Instant::now();
+            }
+            perception.execute_pending();
+            told.extend(answers(noted).iter().map(|answer| answer.utime));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        told
+    }
+
     #[test]
     fn a_motion_that_the_stream_refuses_is_not_said_to_be_streamed() {
         let (mut parts, stop) = (StreamParts::default(), AtomicBool::new(false));
@@ -260,6 +290,9 @@ mod tests {
                 orders.frame_seen(&seen, host_utime(), Instant::now());
             }
             let streamed = decided(&mut perception, &noted);
+            // Another one that comes before the stream has decided waits for it.
+            let told = told_of_two(&mut perception, &noted);
+            assert_eq!(told, [7, 8], "each is answered, once");
             assert!(!refused.accepted && refused.done, "no frame was seen: {}", refused.text);
             assert!(refused.text.contains("not executed"), "{}", refused.text);
             assert!(streamed.accepted && streamed.text.contains("which are streamed"));

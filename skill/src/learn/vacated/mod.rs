@@ -112,7 +112,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
     }
     search.consider_waiting();
     let Search { joints, refused, .. } = search;
-    // The largest come first.
+    // The largest of the first end come first.
     for candidate in refused.into_iter().take(MOST_REJECTIONS) {
         if !rejections.contains(&candidate) {
             rejections.push(candidate);
@@ -142,12 +142,17 @@ impl Search<'_> {
     /// Considers a surface, and if that is rejected its pieces by the time at which they left: a surface may be
     /// several parts, the first of which was not put back before the next one left.
     fn consider_whole_or_parted(&mut self, surface: &RestSurface, end: End) {
+        let refused_before = self.refused.len();
         if self.consider(surface, end) {
             return;
         }
+        let mut is_part = false;
         for part in surface.parted_by_time(self.views, end) {
             tracing::debug!("a surface that left in two steps");
-            self.consider(&part, end);
+            is_part |= self.consider(&part, end);
+        }
+        if is_part {
+            self.refused.truncate(refused_before);
         }
     }
 
