@@ -251,6 +251,6 @@ mod tests {
             said(vec![found("drawer")], 0.31, Some("drawer")),
             format!("The best of what was refused was a further drawer, 31 % sure; {limit}")
         );
-        assert!(said(Vec::new(), 0.0, None).starts_with("Nothing else came near"));
+        assert!(said(Vec::new(), 0.0, None).starts_with("No known object came near"));
     }
 }
