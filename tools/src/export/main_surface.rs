@@ -17,16 +17,9 @@ const LEAST_SHARE: f64 = 0.2;
 const BESIDE_CELLS: i64 = 2;
 /// Fewest patches of such a piece.
 const LEAST_BESIDE: usize = 15;
-/// Share of the base's patches in pieces beside what it carries, from which these tell where the base is.
-const MUCH_BESIDE: f64 = 0.3;
-/// How many cells away from those pieces another piece of the base may be then.
-const NEAR_CELLS: i64 = 5;
 
 /// The patches of the largest piece, of others that are not much smaller, and of those that lie beside
 /// what the part carries, `carried`: the case of a safe, which stands on a table that was seen too.
-///
-/// Where much lies beside what is carried, a piece far from all of that is not of the thing, however large it is: it is
-/// the demonstrator, who stood still, or furniture.
 pub fn main_surface(patches: &[Patch], carried: &[Patch]) -> Vec<Patch> {
     let mut cells: BTreeMap<[i64; 3], Vec<usize>> = BTreeMap::new();
     for (i, patch) in patches.iter().enumerate() {
@@ -47,33 +40,21 @@ pub fn main_surface(patches: &[Patch], carried: &[Patch]) -> Vec<Patch> {
         pieces.push(piece);
     }
     let largest = pieces.iter().map(Vec::len).max().unwrap_or(0) as f64;
-    let near = cells_near_by(carried, BESIDE_CELLS);
+    let near = cells_near(carried);
     let is_beside = |piece: &[usize]| {
         piece.iter().filter(|i| near.contains(&cell(&patches[**i].place))).count() >= LEAST_BESIDE
     };
-    let beside: Vec<bool> = pieces.iter().map(|piece| is_beside(piece)).collect();
-    let own: Vec<Patch> = (pieces.iter().zip(&beside).filter(|(_, beside)| **beside))
-        .flat_map(|(piece, _)| piece.iter().map(|i| patches[*i]))
-        .collect();
-    let is_much = own.len() as f64 >= MUCH_BESIDE * patches.len() as f64;
-    let of_thing = cells_near_by(&own, NEAR_CELLS);
-    let is_near =
-        |piece: &[usize]| piece.iter().any(|i| of_thing.contains(&cell(&patches[*i].place)));
-    let mut beside = beside.into_iter();
-    pieces.retain(|piece| {
-        let is_large = piece.len() as f64 >= LEAST_SHARE * largest;
-        beside.next().unwrap_or(false) || is_large && (!is_much || is_near(piece))
-    });
+    pieces.retain(|piece| piece.len() as f64 >= LEAST_SHARE * largest || is_beside(piece));
     let mut kept: Vec<usize> = pieces.concat();
     kept.sort_unstable();
     kept.into_iter().map(|i| patches[i]).collect()
 }
 
-/// Cells that are at most so many cells away from a surface.
-fn cells_near_by(surface: &[Patch], cells_away: i64) -> BTreeSet<[i64; 3]> {
-    let side = 2 * cells_away + 1;
+/// Cells that are few cells away from a surface.
+fn cells_near(surface: &[Patch]) -> BTreeSet<[i64; 3]> {
+    let side = 2 * BESIDE_CELLS + 1;
     let around = |[x, y, z]: [i64; 3]| {
-        let offset = move |i: i64| i % side - cells_away;
+        let offset = move |i: i64| i % side - BESIDE_CELLS;
         (0..side.pow(3))
             .map(move |i| [x + offset(i), y + offset(i / side), z + offset(i / side.pow(2))])
     };
@@ -105,18 +86,6 @@ mod tests {
         assert_eq!(count(piece(0.0, 400).chain(piece(0.04, 40)).collect()), 440);
         assert_eq!(count(Vec::new()), 0);
     }
-    #[test]
-    fn a_large_piece_far_from_what_is_carried_is_no_base() {
-        // The door is at 0.1 m, its cabinet beside it, a shelf of it 0.2 m away; a person stands 0.6 m away.
-        let door: Vec<Patch> = piece(0.1, 100).collect();
-        let count = |shelf: f64, person: f64| {
-            let all = piece(0.0, 300).chain(piece(shelf, 100)).chain(piece(person, 400));
-            main_surface(&all.collect::<Vec<_>>(), &door).len()
-        };
-        assert_eq!(count(-0.2, -0.62), 400);
-        assert_eq!(count(-0.2, -0.21), 800, "all of it is near");
-    }
-
     #[test]
     fn a_small_piece_beside_what_is_carried_is_kept() {
         let base: Vec<Patch> = piece(0.0, 400).chain(piece(1.0, 40)).collect();
