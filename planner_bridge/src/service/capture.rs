@@ -78,10 +78,11 @@ impl Capture {
         while !is_stopped() {
             let next = self.source.next_frame_within(POLL);
             self.lost.set(self.lost_before + self.source.statistics().lost());
+            let hangs = matches!(next, Err(SourceError::Hangs { .. }));
+            self.lost.hangs.store(hangs, Ordering::Relaxed);
             match next {
                 Ok(Awaited::Frame(frame)) => {
                     has_frames = true;
-                    self.lost.hangs.store(false, Ordering::Relaxed);
                     self.take(frame, is_stopped);
                 }
                 Ok(Awaited::Nothing) => {}
@@ -97,8 +98,6 @@ impl Capture {
                     return;
                 }
                 Err(e) => {
-                    let hangs = matches!(e, SourceError::Hangs { .. });
-                    self.lost.hangs.store(hangs, Ordering::Relaxed);
                     self.out.note(Note::Error(e.to_string()));
                     if hangs {
                         // Its driver still has the camera: it cannot be opened a second time, and may come back.

@@ -12,6 +12,7 @@ use crate::service::capture::Arrived;
 use crate::service::observer::EventKind;
 use crate::service::publisher::Note;
 use crate::service::reacquire::Reacquisition;
+use crate::service::stream::Orders;
 use linkage_driver::RgbdFrame;
 use linkage_realtime::Reason;
 use linkage_skill::SkillConfig;
@@ -129,7 +130,9 @@ impl Perception<'_> {
 
     /// Follows the object that was found.
     fn follow(&mut self, Arrived { frame, at }: &Arrived) {
-        let is_frozen = self.is_frozen(frame);
+        // It matters while something moves alone, and takes some time.
+        let is_moving = self.orders.as_ref().is_some_and(Orders::is_running);
+        let is_frozen = is_moving && self.is_frozen(frame);
         let State::Tracking(t) = &mut self.state else { return };
         t.reacquisition.answer(&mut t.follower);
         match t.follower.follow(frame) {
@@ -150,7 +153,7 @@ impl Perception<'_> {
                 }
                 match &mut self.orders {
                     // What moves would change the picture: it is braked when none comes that differs.
-                    Some(orders) if is_frozen && orders.is_running() => {
+                    Some(_) if is_frozen => {
                         self.out.note(Note::Error(FROZEN.to_owned()));
                     }
                     Some(orders) if t.seen => orders.frame_seen(&t.recognised, t.utime, t.arrived),
