@@ -13,11 +13,13 @@ use super::part_plane::PartPlane;
 use super::plane_segments::{Cylinder, PlanePatch, Sampling, moving_patches};
 use super::planes_about_axis::{edges, plane_observations};
 use crate::learn::ego_motion::EgoMotion;
+use crate::learn::free_space::count_free_space;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of, span_of};
 use crate::learn::recording::Recording;
 use crate::learn::tracking::TrackSet;
 use crate::math::rigid::{Pose, distance_to_line};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
+use nalgebra::Point3;
 
 /// Smallest share of the keyframes in which a joint must be known for coarse sampling.
 const KNOWN_ENOUGH: f64 = 0.9;
@@ -62,7 +64,10 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
         tracks.iter().filter(|&&id| lives(a, id) && lives(b, id)).count()
     };
     direct(learned, &patches, &recording.tracks, &linked);
-    let shown = shown_by_plane(learned, &patches, &frames, &linked);
+    let mut shown = shown_by_plane(learned, &patches, &frames, &linked);
+    shown.retain(|&(frame, q)| {
+        learned.base_from_part[frame].is_some() || !is_seen_through(learned, frame, q, recording)
+    });
     if !shown.is_empty() {
         let known_from = learned.base_from_part.iter().position(Option::is_some);
         apply(learned, &shown, &recording.tracks);
@@ -70,6 +75,33 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
             count_from_first_frame(learned, &recording.tracks);
         }
     }
+}
+
+/// True if the depth image of a keyframe sees through most points of the part at configuration `q`. The frame of a
+/// cabinet lies in the plane of its closed door and is seen while the door stands open.
+fn is_seen_through(learned: &LearnedJoint, frame: usize, q: f64, recording: &Recording) -> bool {
+    let picture = recording.keyframes.iter().find(|(keyframe, _)| *keyframe == frame);
+    let Some((_, picture)) = picture else { return false };
+    let camera_from_part =
+        recording.ego_motion.camera_from_base[frame] * learned.joint.geometry().motion(q);
+    let points = part_points(learned, &recording.ego_motion);
+    count_free_space(picture, &points, &camera_from_part).margin() < 0
+}
+
+/// Points of the part at configuration 0: of its plain surface, or one of each track.
+fn part_points(learned: &LearnedJoint, base: &EgoMotion) -> Vec<Point3<f64>> {
+    if !learned.plain_surface.is_empty() {
+        return learned.plain_surface.clone();
+    }
+    let known = |&id: &usize| {
+        let seen = base.tracks[id].points.iter().enumerate();
+        let mut posed = seen.filter_map(|(i, p)| {
+            let base_from_part = learned.base_from_part[base.tracks[id].first_frame + i]?;
+            Some(base_from_part.inverse() * (*p)?.point)
+        });
+        posed.next()
+    };
+    learned.tracks.iter().filter_map(known).collect()
 }
 
 /// Distance from the line within which 95 % of the joint's track points lie, metres.
@@ -195,8 +227,9 @@ fn count_from_first_frame(learned: &mut LearnedJoint, set: &TrackSet) {
 mod tests {
     use super::*;
     use crate::learn::plane_hinges::part_plane::LINKS;
+    use crate::learn::plane_hinges::test_data::{HINGE_M, door_recording};
     use crate::object::model::Joint;
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Vector3;
 
     const LAST: usize = 40;
 
@@ -373,5 +406,23 @@ mod tests {
         let both = [0, 4, 8, 12].into_iter().flat_map(|f| [patch(f), still(f)]);
         let seen: Vec<PlanePatch> = both.chain([16, 20, 24].map(still)).collect();
         assert!(shown(&seen, |f| (f <= 12).then(|| turn(f)), 0).is_empty());
+    }
+
+    #[test]
+    fn a_door_that_stands_open_is_seen_through_where_it_would_be_shut() {
+        let wide_open = 1.2;
+        let recording = door_recording(24, |f| if f < 12 { 0.0 } else { wide_open });
+        let [x, z] = HINGE_M;
+        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(x, 0.0, z));
+        let place = |i: i32, k: i32| Point3::new(x + 0.05 * f64::from(i), 0.1 * f64::from(k), z);
+        let learned = LearnedJoint {
+            joint: Joint::of(&hinge),
+            base_from_part: Vec::new(),
+            tracks: Vec::new(),
+            plain_surface: (1..11).flat_map(|i| (-4..5).map(move |k| place(i, k))).collect(),
+        };
+        let is_through = |frame, q| is_seen_through(&learned, frame, q, &recording);
+        assert!(is_through(16, 0.0), "the front about the opening is no sign of a shut door");
+        assert!(!is_through(16, wide_open) && !is_through(4, 0.0), "where it is");
     }
 }
