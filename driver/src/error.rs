@@ -4,6 +4,7 @@ pub use linkage_frames::FrameError;
 
 /// What is wrong with an encoded picture.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PictureFault {
     /// It cannot be read, is damaged, or is of another format.
     #[error("{0}")]
@@ -15,6 +16,7 @@ pub enum PictureFault {
 
 /// A source that cannot be opened or read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SourceError {
     /// No source goes by that name.
     #[error("{name}: {reason}")]

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 /// A command that was not done.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ClientError {
     /// The network.
     #[error(transparent)]

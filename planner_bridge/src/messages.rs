@@ -202,6 +202,7 @@ pub fn prediction(
 
 /// A plan that a robot must not be given.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum PlanMessageError {
     /// Drake discards plans of fewer than two states.
     #[error("a plan needs two knots, this one has {found}")]

@@ -11,6 +11,7 @@ pub const MAX_PIXELS: usize = 3840 * 2160;
 
 /// A camera description that is not possible.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CameraError {
     /// The description could not be read or holds keys that are not known.
     #[error("{path}: {reason}")]

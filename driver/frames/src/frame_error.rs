@@ -2,6 +2,7 @@
 
 /// A frame whose parts do not fit each other.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FrameError {
     /// A buffer does not hold as many values as its size asks for.
     #[error("{what} image of {width}x{height} needs {needed} values, {found} given")]

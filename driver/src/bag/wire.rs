@@ -16,6 +16,7 @@ pub enum WireFormat {
 
 /// A message that breaks the rules of its format.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum WireError {
     /// It ends before a field does.
     #[error("the message ends inside its {field}: {needed} bytes are needed, {left} are left")]

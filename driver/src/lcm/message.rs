@@ -28,6 +28,7 @@ const JPEG_QUALITY: u8 = 94;
 
 /// A message that is no frame.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum MessageError {
     /// It is of another type.
     #[error(

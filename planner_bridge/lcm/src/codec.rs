@@ -3,6 +3,7 @@
 
 /// A message that cannot be decoded.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum DecodeError {
     /// It is of another type.
     #[error("fingerprint {found:016x} is not that of {name} ({expected:016x})")]
@@ -41,6 +42,7 @@ pub enum DecodeError {
 
 /// A message that cannot be encoded.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum EncodeError {
     /// Arrays that share a length member differ.
     #[error("{first} holds {first_length} values, {second} {second_length}: they share one length")]

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 /// What can go wrong on the network.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LcmError {
     /// The network cannot be joined.
     #[error("{url}: LCM cannot join: {reason}")]

@@ -8,6 +8,7 @@ use linkage_skill::predict::PredictError;
 
 /// A prediction that cannot be made.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlanError {
     /// The target or the joint.
     #[error(transparent)]

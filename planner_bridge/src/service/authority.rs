@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// Why a command is not obeyed, whatever it asks for.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum Unauthorised {
     /// The rig names who may command, and the sender is not among them.
     #[error("it comes from {sender}, and the rig lets only {allowed} command", sender = .sender.map_or("an unknown address".to_owned(), |s| s.to_string()))]
@@ -70,6 +71,7 @@ impl Unauthorised {
 
 /// A key that cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum KeyError {
     /// The file cannot be read.
     #[error("{path}: the key for commands cannot be read")]

@@ -60,6 +60,7 @@ pub enum Action {
 
 /// Why a packet or a command is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum Refusal {
     /// Not a message of this type, or damaged.
     #[error("a packet on LINKAGE_COMMAND is no command: {0}")]
@@ -81,6 +82,7 @@ pub enum Refusal {
 
 /// What is wrong with a command.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum Fault {
     /// A version that is not known.
     #[error("it has schema {0}; this service knows {SCHEMA}")]

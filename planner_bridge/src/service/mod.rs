@@ -41,6 +41,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A service that cannot start, or not go on.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ServiceError {
     /// The source.
     #[error(transparent)]

@@ -20,6 +20,7 @@ use thread_priority::{
 
 /// A stream that cannot start.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum StreamError {
     /// A rate that is not valid.
     #[error("{hz} setpoints a second cannot be streamed: 1 to 2000 can")]

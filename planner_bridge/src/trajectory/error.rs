@@ -3,6 +3,7 @@
 
 /// A trajectory that cannot be computed.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum TrajectoryError {
     /// A value is not finite.
     #[error("{joint} from {from} to {to}: both must be finite")]

@@ -65,6 +65,27 @@ const FORMER: [(&str, &str); 13] = [
     ("follow", "steps persistence min_score patience"),
 ];
 
+/// Keys that had another name in earlier versions: section, the name then, the name now.
+const RENAMED: [(&str, &str, &str); 7] = [
+    ("learn", "way", "method"),
+    ("joints", "max_hidden", "max_unobserved"),
+    ("joints", "max_unruly", "max_uncovered"),
+    ("joints", "dismiss_strangers", "remove_outliers"),
+    ("recognise", "compare_looks", "compare_colour"),
+    ("recognise", "check_ends", "check_edges"),
+    ("recognise", "check_rivals", "check_ambiguity"),
+];
+
+/// Gives the values of keys with an earlier name their name of today. If a file has both, that of today holds.
+pub fn rename_earlier_keys(table: &mut Table) {
+    for (section, was, is) in RENAMED {
+        let Some(Value::Table(values)) = table.get_mut(section) else { continue };
+        if let Some(value) = values.remove(was) {
+            values.entry(is).or_insert(value);
+        }
+    }
+}
+
 /// Text of a configuration: each value below comment lines that explain it.
 pub fn explained(table: &Table) -> String {
     let mut text = String::new();
@@ -137,6 +158,22 @@ fn former(section: &str) -> Option<impl Iterator<Item = &'static str>> {
 mod tests {
     use super::*;
     use std::collections::BTreeSet;
+
+    #[test]
+    fn a_file_of_an_earlier_version_sets_what_it_set_then() {
+        let mut table: Table =
+            "[joints]\nmax_hidden = 0.5\n[recognise]\ncheck_ends = false\ncheck_edges = true\n"
+                .parse()
+                .unwrap();
+        rename_earlier_keys(&mut table);
+        let today = "[joints]\nmax_unobserved = 0.5\n[recognise]\ncheck_edges = true\n";
+        assert_eq!(table, today.parse().unwrap());
+        let keys = |section| SECTIONS.iter().find(|(name, _)| *name == section).unwrap().1;
+        for (section, was, is) in RENAMED {
+            let has = |name| keys(section).iter().any(|(key, _)| *key == name);
+            assert!(has(is) && !has(was), "{section}.{is}");
+        }
+    }
 
     /// Paths of all values of the default configuration.
     fn paths_of_values() -> BTreeSet<String> {

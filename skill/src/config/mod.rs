@@ -9,7 +9,7 @@ pub use crate::learn::config::{LearnConfig, Method, PlanesConfig};
 pub use crate::learn::joint_search::config::JointSearchConfig;
 pub use crate::learn::tracking::{DepthLift, DescriptorKind, FlowMethod, TrackConfig};
 pub use crate::recognise::config::RecogniseConfig;
-use keys::{check_keys, explained};
+use keys::{check_keys, explained, rename_earlier_keys};
 use merge::merge;
 use serde::Deserialize;
 use std::path::Path;
@@ -79,10 +79,12 @@ fn known_profiles() -> &'static str {
 }
 
 fn parse(path: &str, text: &str) -> Result<toml::Table, ConfigError> {
-    text.parse::<toml::Table>().map_err(|e| ConfigError::File {
+    let mut table = text.parse::<toml::Table>().map_err(|e| ConfigError::File {
         path: path.to_owned(),
         reason: in_one_line(&e.to_string()),
-    })
+    })?;
+    rename_earlier_keys(&mut table);
+    Ok(table)
 }
 
 fn in_one_line(text: &str) -> String {
@@ -108,7 +110,7 @@ mod tests {
     #[test]
     fn the_paper_profile_holds_the_papers_values() {
         let paper = SkillConfig::load("paper", None).unwrap();
-        assert_eq!(paper.learn.way, Method::Paper);
+        assert_eq!(paper.learn.method, Method::Paper);
         assert_eq!((paper.track.max_features, paper.track.quality), (1500, 0.04));
         assert_eq!(paper.track.descriptor, DescriptorKind::Surf);
     }

@@ -39,7 +39,7 @@ impl From<&SkillConfig> for LearnSettings {
         Self {
             profile: config.profile.clone(),
             seed: config.seed,
-            method: config.learn.way,
+            method: config.learn.method,
             track: config.track.clone(),
             joints: config.joints.clone(),
             planes: config.planes.clone(),

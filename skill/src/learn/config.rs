@@ -27,7 +27,7 @@ explained_config! {
     pub struct LearnConfig {
         /// Which method learns: "clusters" (the paper's), "joints" (ours) or "katz" (the paper's
         /// baseline). Set by the profiles.
-        pub way: Method = Method::DirectJoints,
+        pub method: Method = Method::DirectJoints,
     }
 }
 

@@ -39,7 +39,7 @@ pub fn told_by_surface(refiner: &Refiner, refined: RefinedPose, placed: Vec<bool
     };
     let evident = well_told(evident_joints(articulated, &placed));
     let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
-    if refiner.config.check_rivals {
+    if refiner.config.check_ambiguity {
         withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
         found.evident = well_told(std::mem::take(&mut found.evident));
     }

@@ -32,12 +32,12 @@ explained_config! {
         /// for a frame is short.
         pub shortlists: usize = 3,
         /// Surfaces are compared in colour too, and not only in depth. Set by the ablation.
-        pub compare_looks: bool = true,
+        pub compare_colour: bool = true,
         /// Surface that is seen through counts against a state. Set by the ablation.
         pub check_free_space: bool = true,
         /// A surface that continues where the learned one has an occlusion edge counts against a state.
         /// Set by the ablation.
-        pub check_ends: bool = true,
+        pub check_edges: bool = true,
         /// States are aligned by their surface too, not by matches alone. Set by the ablation.
         pub align_surface: bool = true,
         /// A hypothesis is rejected early where another thing is seen in the place of its part. Set by
@@ -47,7 +47,7 @@ explained_config! {
         pub search_configurations: bool = true,
         /// A configuration is reported only if no other one explains the image about as well. Set by
         /// the ablation.
-        pub check_rivals: bool = true,
+        pub check_ambiguity: bool = true,
         /// A configuration without direct evidence is reported if all others are excluded. Set by the
         /// ablation.
         pub eliminate: bool = true,

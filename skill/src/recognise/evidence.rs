@@ -50,9 +50,9 @@ pub fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
 
 /// [`Verdict::score`], limited to the tests that the configuration switches on.
 pub fn score_of(verdict: &Verdict, inliers: usize, config: &RecogniseConfig) -> f64 {
-    let appearance = if config.compare_looks { verdict.appearance_score() } else { 1.0 };
+    let appearance = if config.compare_colour { verdict.appearance_score() } else { 1.0 };
     let free_space = if config.check_free_space { verdict.free_space() } else { 1.0 };
-    let edges = if config.check_ends { verdict.edge_score() } else { 1.0 };
+    let edges = if config.check_edges { verdict.edge_score() } else { 1.0 };
     appearance * free_space * edges * verdict.agreement(inliers)
 }
 

@@ -308,7 +308,7 @@ fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
     let evident = evident_joints(articulated, &placed);
     let deviations = configuration_deviations(articulated, &refiner.system(&state));
     let mut found = Detection { state, score, inliers, verdict, placed, evident, deviations };
-    if config.check_rivals && is_believed(found.score, config) {
+    if config.check_ambiguity && is_believed(found.score, config) {
         withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
     }
     withdraw_uncertain(articulated, &mut found);

@@ -106,7 +106,7 @@ impl Refiner<'_> {
     fn shows_another(&self, part: usize, state: &State) -> bool {
         let seen = verify(self.scene, self.articulated, self.cloud, state).parts[part];
         (self.config.check_free_space && seen.is_missing())
-            || (self.config.compare_looks && seen.has_other_texture())
+            || (self.config.compare_colour && seen.has_other_texture())
     }
 
     /// Aligns a scanned state, then scans it once more: alignment may pull a small part into the surface behind it.

@@ -26,10 +26,10 @@ const CHOICES: &[Choice] = &[
     Choice { name: "all choices", undo: |_| () },
     Choice {
         name: "depth pictures are not asked",
-        undo: |c| (c.joints.max_through, c.joints.max_hidden) = (1.0, 1.0),
+        undo: |c| (c.joints.max_through, c.joints.max_unobserved) = (1.0, 1.0),
     },
-    Choice { name: "strangers stay", undo: |c| c.joints.dismiss_strangers = false },
-    Choice { name: "unruly tracks allowed", undo: |c| c.joints.max_unruly = 1.0 },
+    Choice { name: "outliers stay", undo: |c| c.joints.remove_outliers = false },
+    Choice { name: "uncovered tracks allowed", undo: |c| c.joints.max_uncovered = 1.0 },
     Choice { name: "stretches not merged", undo: |c| c.joints.merge = false },
     Choice { name: "no chains", undo: |c| c.joints.chains = false },
     Choice { name: "no screws", undo: |c| c.joints.screws = false },

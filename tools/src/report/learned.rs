@@ -7,6 +7,7 @@ use super::depth_spread::Surface;
 use super::draw::{Canvas, part_colour};
 use super::film_strip::film_strip;
 use super::layout::{self, facts, keys, part_style, vector};
+use super::motion_warnings::motion_warnings;
 use super::part_tracks::tracks_of;
 use super::range_picture::range_picture;
 use super::tree::tree;
@@ -91,7 +92,8 @@ pub fn in_words(demonstration: &Demonstration) -> Markup {
             section.joint style=(part_style(joint.child)) {
                 p.lead { (words::sentence(joint, &seen)) }
                 p { (words::certainty(joint)) }
-                @for warning in words::warnings(joint, &seen) {
+                @let unseen = motion_warnings(joint, &times_that_may_show(demonstration, joint));
+                @for warning in words::warnings(joint, &seen).into_iter().chain(unseen) {
                     p.warning { (warning) }
                 }
                 p.note { (joint.name) ": " (evidence(demonstration, joint)) }
@@ -112,15 +114,16 @@ fn seen<'d>(demonstration: &'d Demonstration, joint: &Joint) -> Seen<'d> {
         carrier: (joint.parent != 0)
             .then(|| demonstration.model.parts.get(joint.parent).map(|p| p.name.as_str()))
             .flatten(),
-        frames: frames_that_may_show(demonstration, joint),
+        frames: times_that_may_show(demonstration, joint).len(),
     }
 }
 
-/// Frames in which a joint's configuration could be known: planes are sought in keyframes alone.
-fn frames_that_may_show(demonstration: &Demonstration, joint: &Joint) -> usize {
+/// Times of the frames in which a joint's configuration could be known, seconds: planes are sought in keyframes alone.
+fn times_that_may_show(demonstration: &Demonstration, joint: &Joint) -> Vec<f64> {
+    let seconds = |utime: &i64| *utime as f64 * 1e-6;
     match tracks_of(demonstration, joint.child).next() {
-        Some(_) => demonstration.frame_utimes.len(),
-        None => demonstration.keyframes.len(),
+        Some(_) => demonstration.frame_utimes.iter().map(seconds).collect(),
+        None => demonstration.keyframes.iter().map(|(_, frame)| seconds(&frame.utime)).collect(),
     }
 }
 
@@ -134,7 +137,7 @@ fn evidence(demonstration: &Demonstration, joint: &Joint) -> String {
         (n, true) => format!("{n} tracked features and its surface in the depth pictures"),
         (n, false) => format!("{n} tracked features"),
     };
-    let (frames, all) = (joint.observations, frames_that_may_show(demonstration, joint));
+    let (frames, all) = (joint.observations, times_that_may_show(demonstration, joint).len());
     let kept = if tracked == 0 { " that were kept whole" } else { "" };
     format!("learned from {from}; its configuration is known in {frames} of {all} frames{kept}.")
 }
@@ -336,10 +339,28 @@ fn times(demonstration: &Demonstration) -> Markup {
             table {
                 tr { th { "stage" } th { "seconds" } }
                 @for (stage, time) in demonstration.times.iter() {
-                    tr { td { (stage) } td { (format!("{:.2}", time.as_secs_f64())) } }
+                    tr { td { (stage_in_words(stage)) } td { (format!("{:.2}", time.as_secs_f64())) } }
                 }
             }
         }
+    }
+}
+
+/// What a stage of learning does.
+fn stage_in_words(stage: &str) -> &str {
+    match stage {
+        "ahead" => "handing frames to the search in the background",
+        "articulate" | "katz" => "joints, from poses of parts",
+        "base" => "tracks in the frame of the base",
+        "camera" => "motion of the camera",
+        "grasp" => "where the hand held the part",
+        "joints" => "joints, from tracks",
+        "planes" => "joints, from planes in depth",
+        "pose" => "motion of each group of tracks",
+        "segment" => "which tracks move together",
+        "track" => "tracking features",
+        "vacated" => "joints, from what left its place",
+        other => other,
     }
 }
 

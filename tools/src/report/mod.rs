@@ -10,6 +10,7 @@ mod encountered;
 mod film_strip;
 mod layout;
 mod learned;
+mod motion_warnings;
 mod moving_surface;
 mod overlay;
 mod part_tracks;

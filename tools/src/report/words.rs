@@ -101,7 +101,7 @@ pub fn warnings(joint: &Joint, seen: &Seen) -> Vec<String> {
         let share = 100.0 * known as f64 / seen.frames as f64;
         said.push(format!(
             "Few pictures show it: its configuration is known in {share:.0} % of them; \
-             keep it in view, and hands beside it."
+             keep it in view, and keep your hands out of the way."
         ));
     }
     said.extend(too_uncertain(joint));

@@ -24,6 +24,7 @@ pub(super) const MAX_FRAGMENT: usize = MAX_DATAGRAM - FRAGMENT_HEADER;
 
 /// Why a datagram is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DatagramError {
     /// It ends within its header.
     #[error("the datagram ends within its header")]

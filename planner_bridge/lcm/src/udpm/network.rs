@@ -25,6 +25,7 @@ pub struct Network {
 
 /// A URL that names no multicast network.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum NetworkError {
     /// It does not begin with `udpm://`.
     #[error("it does not begin with udpm://; try udpm://239.255.76.67:7667?ttl=0")]

@@ -26,10 +26,10 @@ explained_config! {
         pub max_through: f64 = 0.22,
         /// Largest share (0 to 1) of the points of a joint's part that may be missing in frames in
         /// which its configuration is not known. Set by the ablation.
-        pub max_hidden: f64 = 0.6,
+        pub max_unobserved: f64 = 0.6,
         /// Largest share (0 to 1) of the observations of a joint's tracks that lie in frames in which
         /// its configuration is not known. Set by the ablation.
-        pub max_unruly: f64 = 0.3,
+        pub max_uncovered: f64 = 0.3,
         /// Joints are also searched for in the frames of parts that move. Set by the ablation.
         pub chains: bool = true,
         /// Hinges that advance as they turn (screws) are distinguished from those that do not. Set by
@@ -39,6 +39,6 @@ explained_config! {
         pub merge: bool = true,
         /// Outlier tracks, each of which the depth images contradict, are removed from a joint. Set by
         /// the ablation.
-        pub dismiss_strangers: bool = true,
+        pub remove_outliers: bool = true,
     }
 }

@@ -284,12 +284,15 @@ pub fn decide(
             },
         ),
         (
-            evidence.unobserved_ratio <= config.max_hidden,
-            Rejection::Unobserved { share: evidence.unobserved_ratio, allowed: config.max_hidden },
+            evidence.unobserved_ratio <= config.max_unobserved,
+            Rejection::Unobserved {
+                share: evidence.unobserved_ratio,
+                allowed: config.max_unobserved,
+            },
         ),
         (
-            evidence.uncovered_ratio <= config.max_unruly,
-            Rejection::Uncovered { share: evidence.uncovered_ratio, allowed: config.max_unruly },
+            evidence.uncovered_ratio <= config.max_uncovered,
+            Rejection::Uncovered { share: evidence.uncovered_ratio, allowed: config.max_uncovered },
         ),
         (
             evidence.unattached_ratio <= MAX_UNATTACHED,
@@ -311,7 +314,7 @@ pub fn is_segment(joint: &JointEstimate, config: &JointSearchConfig) -> bool {
         && joint.gain > MIN_GAIN / SEGMENT_GAIN_DIVISOR
         && joint.cost < max_segment_cost()
         && evidence.free_space_violation < config.max_through + SEGMENT_VIOLATION_SLACK
-        && evidence.unobserved_ratio < config.max_hidden + SEGMENT_UNOBSERVED_SLACK
+        && evidence.unobserved_ratio < config.max_unobserved + SEGMENT_UNOBSERVED_SLACK
         && joint.known_frames().len() >= MIN_SEGMENT_FRAMES
         && evidence.parent_correlation < MAX_CORRELATION
 }

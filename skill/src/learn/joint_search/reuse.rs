@@ -101,7 +101,7 @@ fn goes_on(search: &SearchState, joint: &JointEstimate) -> bool {
     let is_tolerable = || {
         !search.is_the_end()
             && is_segment(joint, config)
-            && joint.evidence.uncovered_ratio <= config.max_unruly
+            && joint.evidence.uncovered_ratio <= config.max_uncovered
     };
     10 * followed >= 9 * new.len() && (accepts(joint, config) || is_tolerable())
 }

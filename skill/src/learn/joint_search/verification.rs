@@ -100,7 +100,7 @@ pub fn without_outliers(
     view: &TracksInFrame,
     mut joint: JointEstimate,
 ) -> JointEstimate {
-    if !search.config().dismiss_strangers {
+    if !search.config().remove_outliers {
         return joint;
     }
     let inliers = search.free_space().inlier_members(&joint, &search.joints);
@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn tracks_stay_where_outliers_are_not_to_be_taken_out() {
-        let config = JointSearchConfig { dismiss_strangers: false, ..Default::default() };
+        let config = JointSearchConfig { remove_outliers: false, ..Default::default() };
         let recording = drawer_recording(|_| 2.4);
         with_search(&recording, &config, &WarmStart::default(), |search| {
             let joint = drawer(&search.base_view, always);

@@ -17,7 +17,7 @@ use crate::learn::free_space::count_free_space;
 use crate::learn::learned_joint::{LearnedJoint, orient, range_of, span_of};
 use crate::learn::recording::Recording;
 use crate::learn::tracking::TrackSet;
-use crate::math::rigid::{Pose, distance_to_line};
+use crate::math::rigid::{Pose, distance_to_line, plane_through};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use nalgebra::Point3;
 
@@ -31,6 +31,9 @@ const TELL_ZERO: usize = 3;
 const MAX_BEYOND: f64 = 0.5;
 /// Added to the reach of the tracks, metres.
 const BEYOND_M: f64 = 0.1;
+
+/// Largest cosine between a part's normal and the direction to the camera at which the part is seen edge-on.
+const EDGE_ON: f64 = 0.2;
 
 /// Corrects and adds configurations of hinges of the base where the part's plane shows them. Hinges that carry
 /// another joint are left as they are.
@@ -65,8 +68,11 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
     };
     direct(learned, &patches, &recording.tracks, &linked);
     let mut shown = shown_by_plane(learned, &patches, &frames, &linked);
+    let points = part_points(learned, &recording.ego_motion);
+    let line = learned.joint.geometry();
     shown.retain(|&(frame, q)| {
-        learned.base_from_part[frame].is_some() || !is_seen_through(learned, frame, q, recording)
+        learned.base_from_part[frame].is_some()
+            || !is_seen_through(&points, frame, &line.motion(q), recording)
     });
     if !shown.is_empty() {
         let known_from = learned.base_from_part.iter().position(Option::is_some);
@@ -77,15 +83,22 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
     }
 }
 
-/// True if the depth image of a keyframe sees through most points of the part at configuration `q`. The frame of a
-/// cabinet lies in the plane of its closed door and is seen while the door stands open.
-fn is_seen_through(learned: &LearnedJoint, frame: usize, q: f64, recording: &Recording) -> bool {
+/// True if the depth image of a keyframe sees through more points of the part than it finds in place. The frame of a
+/// cabinet lies in the plane of its closed door and is seen while the door stands open. False for a part that is seen
+/// edge-on: a small error of the line puts all of it beside itself.
+fn is_seen_through(
+    points: &[Point3<f64>],
+    frame: usize,
+    base_from_part: &Pose,
+    recording: &Recording,
+) -> bool {
     let picture = recording.keyframes.iter().find(|(keyframe, _)| *keyframe == frame);
     let Some((_, picture)) = picture else { return false };
-    let camera_from_part =
-        recording.ego_motion.camera_from_base[frame] * learned.joint.geometry().motion(q);
-    let points = part_points(learned, &recording.ego_motion);
-    count_free_space(picture, &points, &camera_from_part).margin() < 0
+    let camera_from_part = recording.ego_motion.camera_from_base[frame] * base_from_part;
+    let in_camera: Vec<Point3<f64>> = points.iter().map(|p| camera_from_part * p).collect();
+    let (middle, normal) = plane_through(&in_camera);
+    let is_edge_on = normal.dot(&middle.coords.normalize()).abs() < EDGE_ON;
+    !is_edge_on && count_free_space(picture, points, &camera_from_part).margin() < 0
 }
 
 /// Points of the part at configuration 0: of its plain surface, or one of each track.
@@ -226,10 +239,14 @@ fn count_from_first_frame(learned: &mut LearnedJoint, set: &TrackSet) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learn::ego_motion::{BaseObservation, Information, TrackInBase};
     use crate::learn::plane_hinges::part_plane::LINKS;
     use crate::learn::plane_hinges::test_data::{HINGE_M, door_recording};
+    use crate::learn::tracking::TrackId;
     use crate::object::model::Joint;
     use nalgebra::Vector3;
+    use std::f64::consts::FRAC_PI_2;
+    use std::sync::Arc;
 
     const LAST: usize = 40;
 
@@ -410,19 +427,42 @@ mod tests {
 
     #[test]
     fn a_door_that_stands_open_is_seen_through_where_it_would_be_shut() {
-        let wide_open = 1.2;
-        let recording = door_recording(24, |f| if f < 12 { 0.0 } else { wide_open });
+        let (opened, edge_on) = (1.2, FRAC_PI_2 + (HINGE_M[0] / HINGE_M[1]).atan());
+        let recording = door_recording(24, |f| match f {
+            0..8 => 0.0,
+            8..16 => opened,
+            _ => edge_on,
+        });
         let [x, z] = HINGE_M;
-        let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(x, 0.0, z));
         let place = |i: i32, k: i32| Point3::new(x + 0.05 * f64::from(i), 0.1 * f64::from(k), z);
-        let learned = LearnedJoint {
-            joint: Joint::of(&hinge),
-            base_from_part: Vec::new(),
-            tracks: Vec::new(),
-            plain_surface: (1..11).flat_map(|i| (-4..5).map(move |k| place(i, k))).collect(),
+        let points: Vec<_> = (1..11).flat_map(|i| (-4..5).map(move |k| place(i, k))).collect();
+        let turned_about = |hinge: f64, frame, q| {
+            let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(hinge, 0.0, z));
+            is_seen_through(&points, frame, &hinge.motion(q), &recording)
         };
-        let is_through = |frame, q| is_seen_through(&learned, frame, q, &recording);
-        assert!(is_through(16, 0.0), "the front about the opening is no sign of a shut door");
-        assert!(!is_through(16, wide_open) && !is_through(4, 0.0), "where it is");
+        assert!(turned_about(x, 12, 0.0), "the front about the opening is no sign of a shut door");
+        assert!(!turned_about(x, 12, opened) && !turned_about(x, 4, 0.0), "where it is");
+        assert!(
+            !turned_about(x + 0.02, 20, edge_on),
+            "seen edge-on, about a line that is a little off"
+        );
+    }
+
+    #[test]
+    fn points_of_a_part_are_those_of_its_plain_surface_or_of_its_tracks() {
+        let precision = Information::new(&Vector3::z(), 0.001, 0.001);
+        let seen = BaseObservation::new(Point3::new(0.3, 0.0, 1.0), precision, 0.001);
+        let points = vec![None, Some(seen)];
+        let track = TrackInBase { id: TrackId(0), first_frame: 1, points, moves: true };
+        let base = EgoMotion { tracks: vec![Arc::new(track)], ..EgoMotion::default() };
+        let mut learned = LearnedJoint {
+            joint: Joint::of(&line()),
+            base_from_part: vec![None, None, Some(Pose::translation(0.1, 0.0, 0.0))],
+            tracks: vec![0],
+            plain_surface: Vec::new(),
+        };
+        assert!((part_points(&learned, &base)[0] - Point3::new(0.2, 0.0, 1.0)).norm() < 1e-9);
+        learned.plain_surface = vec![Point3::origin()];
+        assert_eq!(part_points(&learned, &base), [Point3::origin()]);
     }
 }

@@ -33,13 +33,13 @@ impl Choice {
 
 const CHOICES: &[Choice] = &[
     Choice::of_search("all choices", |_| ()),
-    Choice::of_search("depth alone verifies", |c| c.compare_looks = false),
+    Choice::of_search("depth alone verifies", |c| c.compare_colour = false),
     Choice::of_search("free space not checked", |c| c.check_free_space = false),
-    Choice::of_search("ends not looked at", |c| c.check_ends = false),
+    Choice::of_search("edges not checked", |c| c.check_edges = false),
     Choice::of_search("matches alone align", |c| c.align_surface = false),
     Choice::of_search("all hypotheses followed", |c| c.dismiss_early = false),
     Choice::of_search("configurations by votes alone", |c| c.search_configurations = false),
-    Choice::of_search("rivals not looked for", |c| c.check_rivals = false),
+    Choice::of_search("ambiguity not checked", |c| c.check_ambiguity = false),
     Choice::of_search("nothing ruled out", |c| c.eliminate = false),
     Choice::of_search("distinct matches alone", |c| c.try_all_matches = false),
     Choice::of_search("search by shape too", |c| c.try_shape = true),
