@@ -28,6 +28,14 @@ pub fn motion_warnings(joint: &Joint, frames: &[f64]) -> Vec<String> {
     let interval = (end - begin) / (frames.len() - 1).max(1) as f64;
     let near_end = END_S.max(1.1 * END_INTERVALS * interval);
     let mut said = Vec::new();
+    let first = joint.configuration.first().map_or(begin, |[t, _]| *t);
+    if first - begin > HIDDEN_S.max(END_INTERVALS * interval) {
+        said.push(format!(
+            "Its configuration is not known in the first {:.1} s: 0 is where it was first seen, which may not be where \
+             it was shut.",
+            first - begin
+        ));
+    }
     if moves_within(joint, [begin, begin + near_end]) {
         said.push(
             "It moves when the recording begins: begin to record before you touch it.".to_owned(),
@@ -134,5 +142,15 @@ mod tests {
         let begins = "Its configuration is not known for 0.9 s, in which it went from 15° to 42°:";
         assert!(said[0].starts_with(begins), "{said:?}");
         assert!(hidden(3.05, 3.6).is_empty(), "at rest, nothing is missed");
+    }
+
+    #[test]
+    fn a_part_that_is_first_seen_late_counts_from_there_and_that_is_told() {
+        let said = warned(|t| (t > 1.9).then(|| rests(t)));
+        assert!(
+            said[0].starts_with("Its configuration is not known in the first 1.9 s:"),
+            "{said:?}"
+        );
+        assert!(warned(|t| (t > 0.4).then(|| rests(t))).is_empty());
     }
 }
