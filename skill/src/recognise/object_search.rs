@@ -300,10 +300,6 @@ fn refined_and_verified(refiner: &Refiner, hypothesis: &Hypothesis) -> Option<Re
     Some(RefinedPose { state, score, inliers, verdict })
 }
 
-/// Factor on the score of a state that determines no configuration: one rigid surface is less evidence than two that
-/// a joint connects. Fourteen plain things that were found so had scores from 0.50 on, and a door of other planks 0.43.
-const NO_CONFIGURATION: f64 = 0.9;
-
 /// Decides which configurations of a state are determined, and lowers the score if none is.
 fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
     let Refiner { scene, articulated, cloud, config, .. } = *refiner;
@@ -320,7 +316,7 @@ fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
         add_by_elimination(scene, articulated, cloud, &mut found);
     }
     if !found.evident.contains(&true) {
-        found.score *= NO_CONFIGURATION * found.verdict.articulation_evidence(articulated);
+        found.score *= found.verdict.articulation_evidence(articulated);
     }
     found
 }
