@@ -45,7 +45,7 @@ const AT_BOUND: f64 = 0.9;
 const MAX_RESIDUAL_M: f64 = 0.04;
 /// Largest cosine between a plate's normal and the direction to the camera at which the plate is seen edge-on and
 /// shows neither face.
-const EDGE_ON: f64 = 0.2;
+pub const EDGE_ON: f64 = 0.2;
 /// Cost of a metre of travel between two keyframes, as a share of the agreement of all points. A path that jumps to
 /// and fro must gain more agreement than that.
 const COST_PER_METRE: f64 = 2.0;

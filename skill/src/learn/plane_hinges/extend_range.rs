@@ -9,6 +9,7 @@
 //! Out: the hinges with corrected direction, and corrected and additional configurations, radians.
 
 use super::axis_direction::Direction;
+use super::depth_following::EDGE_ON;
 use super::part_plane::PartPlane;
 use super::plane_segments::{Cylinder, PlanePatch, Sampling, moving_patches};
 use super::planes_about_axis::{edges, plane_observations};
@@ -31,9 +32,6 @@ const TELL_ZERO: usize = 3;
 const MAX_BEYOND: f64 = 0.5;
 /// Added to the reach of the tracks, metres.
 const BEYOND_M: f64 = 0.1;
-
-/// Largest cosine between a part's normal and the direction to the camera at which the part is seen edge-on.
-const EDGE_ON: f64 = 0.2;
 
 /// Corrects and adds configurations of hinges of the base where the part's plane shows them. Hinges that carry
 /// another joint are left as they are.
@@ -446,6 +444,26 @@ mod tests {
             !turned_about(x + 0.02, 20, edge_on),
             "seen edge-on, about a line that is a little off"
         );
+    }
+
+    #[test]
+    fn the_front_about_an_open_door_does_not_shut_it() {
+        let turned = |f: usize| 0.15 * f.saturating_sub(6).min(8) as f64;
+        let recording = door_recording(24, turned);
+        let [x, z] = HINGE_M;
+        let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(x, 0.0, z));
+        let place = |i: i32, k: i32| Point3::new(x + 0.05 * f64::from(i), 0.1 * f64::from(k), z);
+        let known = |f: usize| (f < 12).then(|| line.motion(turned(f)));
+        let mut learned = LearnedJoint {
+            joint: Joint::of(&line),
+            base_from_part: (0..24).map(known).collect(),
+            tracks: Vec::new(),
+            plain_surface: (1..11).flat_map(|i| (-4..5).map(move |k| place(i, k))).collect(),
+        };
+        extend_to(0.6, &mut learned, &recording);
+        let told = configurations(&learned);
+        let wrong = (12..24).filter(|&f| told[f].is_some_and(|q| (q - turned(f)).abs() > 0.05));
+        assert_eq!(wrong.collect::<Vec<_>>(), [0; 0], "{told:?}");
     }
 
     #[test]
