@@ -153,9 +153,7 @@ impl Learner {
         }
         self.last_utime = Some(frame.utime);
         self.times.measure("track", || self.tracker.push(frame)).map_err(VisionError::new)?;
-        self.times.measure("camera", || {
-            self.base.push(&self.tracker.lifted(), frame.camera.depth_sensor)
-        });
+        self.times.measure("camera", || self.base.push(&self.tracker.lifted(), frame));
         self.keyframes.offer(index, frame);
         let Self { tracker, base, keyframes, settings, background, times, .. } = self;
         let snapshot = || Snapshot {

@@ -7,14 +7,18 @@
 //! frame of the first frame.
 //! From: registration to a map of points by RANSAC (MSAC score) and reweighted least squares. The
 //! map point of a track is the running mean of its places in the base frame. Map points of moving
-//! parts and of the person are wrong, but have little weight.
+//! parts and of the person are wrong, but have little weight. Where most features move, the pose by the other
+//! features, or the pose of the frame before, is taken if the surface of the first frame supports it more.
 
+mod first_surface;
 mod observation;
 
 use super::tracking::{Track, TrackId, TrackSet};
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
+use first_surface::FirstSurface;
+use linkage_frames::RgbdFrame;
 use linkage_frames::depth::DepthSensor;
 use nalgebra::Point3;
 pub use observation::BaseObservation;
@@ -93,20 +97,30 @@ pub struct EgoMotionEstimator {
     /// Map point of each track, by the number of the track.
     map: Vec<Option<MapPoint>>,
     camera_from_base: Vec<Pose>,
+    first_surface: FirstSurface,
 }
 
 impl EgoMotionEstimator {
     /// Creates an estimator without frames.
     pub fn new(seed: u64) -> Self {
-        Self { rng: ChaCha8Rng::seed_from_u64(seed), map: Vec::new(), camera_from_base: Vec::new() }
+        Self {
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            map: Vec::new(),
+            camera_from_base: Vec::new(),
+            first_surface: FirstSurface::default(),
+        }
     }
 
     /// Registers the next frame. `lifted` holds the features of the frame that have depth: the
     /// numbers of their tracks, and their places in the camera frame, metres.
-    pub fn push(&mut self, lifted: &[(usize, Point3<f64>)], sensor: DepthSensor) {
-        let guess = self.camera_from_base.last().copied();
-        let register = |g| self.register(lifted, sensor, &g).unwrap_or(g);
-        let pose = guess.map_or_else(Pose::identity, register);
+    pub fn push(&mut self, lifted: &[(usize, Point3<f64>)], frame: &RgbdFrame) {
+        let sensor = frame.camera.depth_sensor;
+        let pose = if let Some(&before) = self.camera_from_base.last() {
+            self.register(lifted, frame, &before)
+        } else {
+            self.first_surface = FirstSurface::of(frame);
+            Pose::identity()
+        };
         self.camera_from_base.push(pose);
         for (track, in_camera) in lifted {
             if self.map.len() <= *track {
@@ -122,32 +136,54 @@ impl EgoMotionEstimator {
         }
     }
 
+    /// Pose that most features follow, or another one that the first frame's surface supports clearly more: the pose
+    /// that the other features follow, or that of the frame `before`.
     fn register(
         &mut self,
         lifted: &[(usize, Point3<f64>)],
-        sensor: DepthSensor,
-        guess: &Pose,
-    ) -> Option<Pose> {
-        let mapped = |track: usize| self.map.get(track)?.as_ref();
-        let mut pairs: Vec<Correspondence> = lifted
-            .iter()
-            .filter_map(|(track, in_camera)| {
-                let mapped = mapped(*track)?;
-                let proven = mapped.agreed > 4.0 * mapped.disagreed + 4.0;
-                Some(Correspondence {
-                    from: mapped.mean_in_base,
-                    to: *in_camera,
-                    sigma: sensor.feature_sigma(in_camera.z),
-                    weight: if proven { 1.0 } else { 0.1 },
-                })
-            })
-            .collect();
+        frame: &RgbdFrame,
+        before: &Pose,
+    ) -> Pose {
+        let mut pairs = self.pairs(lifted, frame.camera.depth_sensor);
         if pairs.len() > MAX_POINTS {
             pairs.shuffle(&mut self.rng);
             pairs.truncate(MAX_POINTS);
         }
         let options = RansacOptions { cut: 3.0, iterations: RANSAC_ITERATIONS, locality: None };
-        ransac_rigid(&pairs, &options, Some(guess), &mut self.rng).map(|found| found.motion)
+        let Some(most) = ransac_rigid(&pairs, &options, Some(before), &mut self.rng) else {
+            return *before;
+        };
+        let mut poses = vec![most.motion];
+        let mut follows_most = vec![false; pairs.len()];
+        most.inliers.iter().for_each(|&i| follows_most[i] = true);
+        let mut follows = follows_most.iter();
+        pairs.retain(|_| !follows.next().unwrap_or(&false));
+        // Of its own randomness, so that the poses of later frames do not depend on it.
+        let mut rng = ChaCha8Rng::seed_from_u64(self.camera_from_base.len() as u64);
+        let others = ransac_rigid(&pairs, &options, Some(before), &mut rng);
+        poses.extend(others.map(|found| found.motion));
+        poses.push(*before);
+        let best = self.first_surface.best_of(frame, &poses);
+        if best > 0 {
+            tracing::debug!(best, frame = self.camera_from_base.len(), "most features move");
+        }
+        poses[best]
+    }
+
+    /// Features that have a map point, from the map to the camera.
+    fn pairs(&self, lifted: &[(usize, Point3<f64>)], sensor: DepthSensor) -> Vec<Correspondence> {
+        let mapped = |track: usize| self.map.get(track)?.as_ref();
+        let pair = |(track, in_camera): &(usize, Point3<f64>)| {
+            let mapped = mapped(*track)?;
+            let proven = mapped.agreed > 4.0 * mapped.disagreed + 4.0;
+            Some(Correspondence {
+                from: mapped.mean_in_base,
+                to: *in_camera,
+                sigma: sensor.feature_sigma(in_camera.z),
+                weight: if proven { 1.0 } else { 0.1 },
+            })
+        };
+        lifted.iter().filter_map(pair).collect()
     }
 
     /// Removes the frames that are not marked, and the map points of tracks without a new number.
