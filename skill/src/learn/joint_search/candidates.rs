@@ -134,7 +134,8 @@ fn candidates_in_frame(
     frame: &FrameCandidates,
     known: Vec<JointEstimate>,
 ) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
-    let FrameCandidates { parent, view, hypotheses, .. } = frame;
+    let FrameCandidates { parent, view, moving, hypotheses } = frame;
+    let grow = |h: &Hypothesis| grown_and_verified(search, h, (*parent, view, moving), "grown");
     let config = search.config();
     let mut queue = hypotheses.iter().filter(|h| says_something(search, h, *parent, view));
     let mut limit = most_grown(search, config);
@@ -159,8 +160,7 @@ fn candidates_in_frame(
             return (grown, rejected);
         }
         limit -= batch.len();
-        let more: Vec<Option<JointEstimate>> =
-            batch.par_iter().map(|h| grown_and_verified(search, h, frame)).collect();
+        let more: Vec<Option<JointEstimate>> = batch.par_iter().map(|h| grow(h)).collect();
         for (h, joint) in batch.iter().zip(&more) {
             if parent.is_none() && !joint.as_ref().is_some_and(|j| accepts(j, config)) {
                 rejected.push(RejectedHypothesis::new(h, joint.as_ref(), view));
@@ -179,24 +179,25 @@ fn most_grown(search: &SearchState, config: &JointSearchConfig) -> usize {
     }
 }
 
-/// Grows a hypothesis to a candidate and verifies it; `None` where too few tracks follow it.
-fn grown_and_verified(
+/// Grows a hypothesis in the frame of `parent` to a candidate and verifies it; `None` where too few of the `moving`
+/// tracks follow it. `how` the candidate came about is logged.
+pub fn grown_and_verified(
     search: &SearchState,
     h: &Hypothesis,
-    frame: &FrameCandidates,
+    (parent, view, moving): (Option<usize>, &TracksInFrame, &[usize]),
+    how: &str,
 ) -> Option<JointEstimate> {
     if search.is_cancelled() {
         return None;
     }
-    let FrameCandidates { parent, view, moving, .. } = frame;
     let is_hopeless = |j: &JointEstimate| {
         search.is_cancelled()
-            || !ALLOWED_CORRELATION.contains(&search.parent_correlation(j, *parent))
+            || !ALLOWED_CORRELATION.contains(&search.parent_correlation(j, parent))
     };
     let mut joint = grow_hypothesis(view, h, moving, search.config(), is_hopeless)?;
-    joint.parent = *parent;
+    joint.parent = parent;
     joint.seed.clone_from(&h.tracks);
-    Some(verify(search, view, joint, moving, "grown"))
+    Some(verify(search, view, joint, moving, how))
 }
 
 /// True if a hypothesis in the frame of `part` also moves in the frame of that part's parent, and the

@@ -32,6 +32,7 @@ mod reuse;
 mod screw_joint;
 mod search_state;
 mod selection;
+mod siblings;
 #[cfg(test)]
 pub(crate) mod test_data;
 mod to_model;
@@ -119,9 +120,19 @@ fn find_joints(search: &mut SearchState) {
     }
     if search.is_the_end() {
         search.rejections = selection::rejections(search, &candidates);
+        find_siblings(search, &mut unexplained);
     }
     if search.config().chains && !search.is_cancelled() {
         reparent::reparent(search);
+    }
+}
+
+/// Adopts the best sibling of an adopted joint until none is accepted.
+fn find_siblings(search: &mut SearchState, unexplained: &mut Vec<usize>) {
+    for round in 0..ROUNDS {
+        let candidates = siblings::grow_siblings(search, unexplained, round);
+        let Some(best) = selection::best_of(search, &candidates) else { break };
+        adoption::adopt(search, best, candidates, unexplained);
     }
 }
 

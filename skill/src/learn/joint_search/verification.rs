@@ -46,6 +46,7 @@ pub fn evaluate(search: &SearchState, view: &TracksInFrame, joint: &JointEstimat
         unattached_ratio: seen.unattached_ratio,
         parent_correlation,
         uncovered_ratio,
+        is_sibling: before.is_sibling,
         configuration_from_depth,
         contradicted_frames: seen.contradicted_frames,
     }

@@ -1,0 +1,187 @@
+//! Search for siblings of adopted joints: the drawers of a chest slide in one direction, and the doors of a cabinet
+//! turn about parallel lines. The arm that pulls a drawer moves with it, and a joint that was grown from both
+//! explains neither well; but the arm also leaves the direction in which the drawer slides.
+//!
+//! In: adopted joints, and the tracks that no joint explains.
+//! Out: candidates of the same types with parallel lines, in the frames of their parents, accepted or not.
+//! From: ours.
+
+use super::bundle_adjustment::OUTLIER_CUT;
+use super::candidates::grown_and_verified;
+use super::estimate::JointEstimate;
+use super::motion_hypotheses::hypotheses;
+use super::screw_joint::ScrewJoint;
+use super::search_state::{MIN_MOVING, SearchState};
+use super::tracks_in_part_frame::TracksInFrame;
+use crate::learn::ego_motion::BaseObservation;
+use crate::math::robust::{median, overlap};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Smallest share of a track's observations that lie on the line along which, or in the plane in which, it moves.
+const KEEPS: f64 = 0.85;
+/// Largest number of hypotheses that are grown for each joint.
+const GROWN: usize = 3;
+/// Share of tracks in common from which two hypotheses lead to the same joint.
+const SAME: f64 = 0.6;
+/// Smallest cosine of the angle between the lines of siblings: 8 degrees.
+const PARALLEL: f64 = 0.99;
+/// Smallest cosine of the angle between lines that are parallel as exactly as they can be measured: 2.5 degrees.
+const EXACTLY_PARALLEL: f64 = 0.999;
+
+/// Candidates for siblings of each adopted joint.
+pub fn grow_siblings(
+    search: &SearchState,
+    unexplained: &[usize],
+    round: usize,
+) -> Vec<JointEstimate> {
+    search
+        .joints
+        .par_iter()
+        .flat_map_iter(|joint| siblings_of(search, joint, unexplained, round))
+        .collect()
+}
+
+/// Candidates for siblings of one joint.
+fn siblings_of(
+    search: &SearchState,
+    joint: &JointEstimate,
+    unexplained: &[usize],
+    round: usize,
+) -> Vec<JointEstimate> {
+    let (parent, view) = (joint.parent, search.view_from(joint.parent));
+    let mut moving = search.moving_tracks(parent, &view, unexplained);
+    moving.retain(|&track| keeps_to(&joint.dof, &view, track));
+    if moving.len() < MIN_MOVING {
+        return Vec::new();
+    }
+    let seed = search.settings.seed.wrapping_add(round as u64);
+    let mut tried: Vec<Vec<usize>> = Vec::new();
+    let mut found = Vec::new();
+    for h in hypotheses(&view, &moving, 0, search.config(), seed) {
+        if tried.len() == GROWN {
+            break;
+        }
+        if tried.iter().any(|tracks| overlap(&h.tracks, tracks) > SAME) {
+            continue;
+        }
+        let grown = grown_and_verified(search, &h, (parent, &view, &moving), "sibling");
+        tried.push(h.tracks);
+        found.extend(grown.and_then(|grown| as_sibling(grown, &joint.dof)));
+    }
+    found
+}
+
+/// The candidate, if it is of the same type and parallel.
+fn as_sibling(mut candidate: JointEstimate, dof: &ScrewJoint) -> Option<JointEstimate> {
+    let cosine = candidate.dof.axis.dot(&dof.axis).abs();
+    candidate.evidence.is_sibling = cosine > EXACTLY_PARALLEL;
+    (candidate.dof.hinge == dof.hinge && cosine > PARALLEL).then_some(candidate)
+}
+
+/// True if a track moves as parts of siblings of a joint do: along a line parallel to a slide, or in a plane across a
+/// hinge.
+fn keeps_to(dof: &ScrewJoint, view: &TracksInFrame, track: usize) -> bool {
+    let split = |place: &Point3<f64>| {
+        let along = place.coords.dot(&dof.axis) * dof.axis;
+        let beside = place.coords - along;
+        if dof.hinge { (beside, along) } else { (along, beside) }
+    };
+    let seen: Vec<&BaseObservation> = view.life(track).map(|(_, seen)| seen).collect();
+    let middle =
+        |k: usize| median(&mut seen.iter().map(|s| split(&s.point).1[k]).collect::<Vec<f64>>());
+    let [Some(x), Some(y), Some(z)] = [middle(0), middle(1), middle(2)] else { return false };
+    let fixed = Vector3::new(x, y, z);
+    let keeps = |s: &&&BaseObservation| {
+        let (free, _) = split(&s.point);
+        s.distance_sq(&Point3::from(free + fixed)) < OUTLIER_CUT
+    };
+    seen.iter().filter(keeps).count() as f64 >= KEEPS * seen.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::joint_search::config::JointSearchConfig;
+    use crate::learn::joint_search::test_data::{
+        FRAMES, ON_FRONT, drawer, front, front_paths, recording_of, seen_along, with_search,
+    };
+    use crate::learn::joint_search::warm_start::WarmStart;
+
+    /// Number of tracks on the second drawer, and on the arm that pulls it.
+    const ON_SECOND: usize = 30;
+
+    /// How far the second drawer is pulled out, metres: the first one rests again by then.
+    fn second(frame: usize) -> f64 {
+        0.02 * frame.saturating_sub(46).min(10) as f64
+    }
+
+    /// Paths of the first drawer, of a second one below it, and of an arm that comes down to the second one and pulls
+    /// it out.
+    fn two_drawers() -> Vec<Vec<Point3<f64>>> {
+        let mut paths = front_paths();
+        let place = |i: usize| (0.03 * (i % 10) as f64 - 0.135, 0.03 * (i / 10) as f64);
+        paths.extend((0..ON_SECOND).map(|i| {
+            let (x, y) = place(i);
+            (0..FRAMES).map(|f| Point3::new(x, 0.3 + y, 1.5 - second(f))).collect()
+        }));
+        paths.extend((0..ON_SECOND).map(|i| {
+            let (x, y) = place(i);
+            let down = |f: usize| 0.01 * f.min(40) as f64;
+            (0..FRAMES).map(|f| Point3::new(x, y - 0.1 + down(f), 1.4 - second(f))).collect()
+        }));
+        paths
+    }
+
+    #[test]
+    fn a_second_drawer_is_a_candidate_without_the_arm_that_pulls_it() {
+        let recording = recording_of(two_drawers(), front);
+        let config = JointSearchConfig::default();
+        with_search(&recording, &config, &WarmStart::default(), |search| {
+            let first = drawer(&search.base_view, |_| true);
+            search.joints.push(first);
+            let unexplained: Vec<usize> = (ON_FRONT..ON_FRONT + 2 * ON_SECOND).collect();
+            let found = grow_siblings(search, &unexplained, 0);
+            let second = found.iter().max_by(|a, b| a.gain.total_cmp(&b.gain)).expect("a drawer");
+            assert!((second.span() - 0.2).abs() < 0.01, "{}", second.span());
+            assert!(second.evidence.is_sibling && second.parent.is_none());
+            assert_eq!(second.members, (ON_FRONT..ON_FRONT + ON_SECOND).collect::<Vec<_>>());
+        });
+    }
+
+    #[test]
+    fn a_track_keeps_to_a_line_along_a_slide_or_to_a_plane_across_a_hinge() {
+        let path = |at: fn(f64) -> Point3<f64>| (0..20).map(|f| at(0.02 * f64::from(f))).collect();
+        let along: Vec<Point3<f64>> = path(|d| Point3::new(0.1, 0.2, 1.0 + d));
+        let across: Vec<Point3<f64>> = path(|d| Point3::new(0.1 + d, 0.2, 1.0 + d));
+        let slanted: Vec<Point3<f64>> = path(|d| Point3::new(0.1, 0.2 + d, 1.0 + d));
+        let base = seen_along(&[along, across, slanted]);
+        let view = TracksInFrame::from_base(&base, vec![0, 1, 2]);
+        let kept = |dof: &ScrewJoint| [0, 1, 2].map(|track| keeps_to(dof, &view, track));
+        let slide = ScrewJoint::slide(Vector3::z(), Point3::origin());
+        assert_eq!(kept(&slide), [true, false, false]);
+        let hinge = ScrewJoint::hinge(Vector3::y(), Point3::origin());
+        assert_eq!(kept(&hinge), [true, true, false]);
+    }
+
+    #[test]
+    fn what_is_not_parallel_is_no_sibling() {
+        let config = JointSearchConfig::default();
+        with_search(
+            &recording_of(front_paths(), front),
+            &config,
+            &WarmStart::default(),
+            |search| {
+                let slide = ScrewJoint::slide(Vector3::z(), Point3::origin());
+                let turned = |angle: f64| {
+                    let mut joint = drawer(&search.base_view, |_| true);
+                    joint.dof.axis = Vector3::new(angle.sin(), 0.0, angle.cos());
+                    as_sibling(joint, &slide).map(|sibling| sibling.evidence.is_sibling)
+                };
+                assert_eq!([0.02, 0.1, 0.2].map(turned), [Some(true), Some(false), None]);
+                let hinge = ScrewJoint::hinge(Vector3::z(), Point3::origin());
+                assert!(as_sibling(drawer(&search.base_view, |_| true), &hinge).is_none());
+            },
+        );
+    }
+}
