@@ -14,6 +14,7 @@
 //! searched.
 
 mod ambiguity;
+mod base_by_room;
 pub(crate) mod config;
 mod edge_test;
 mod elimination;
@@ -75,6 +76,7 @@ pub fn recognise(
         searches.par_iter_mut().for_each(ObjectSearch::retry_with_all_matches);
     }
     retry_plain(&mut searches, scene, config);
+    searches.par_iter_mut().for_each(ObjectSearch::add_by_room);
     let instances: Vec<(Vec<Recognised>, f64)> =
         searches.into_par_iter().map(ObjectSearch::same_class_instances).collect();
     let refused: Vec<f64> = instances.iter().map(|(_, refused)| *refused).collect();
@@ -112,6 +114,7 @@ pub fn find(
     if !search.is_recognised() {
         search.retry_with_all_matches();
     }
+    search.add_by_room();
     search.best()
 }
 

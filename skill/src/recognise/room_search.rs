@@ -49,17 +49,26 @@ pub fn find(
     matches: &[Match],
     seed: u64,
 ) -> Option<Detection> {
-    let hypotheses = hypothesis::all(refiner.articulated, matches, seed);
-    let of_room = hypotheses.iter().filter(|h| h.part == 0);
-    let told = of_room.filter_map(|h| Some((h, agreeing(refiner, matches, h)?)));
-    let refined = told.take(HYPOTHESES).filter_map(|(h, room)| {
+    let refined = by_room(refiner, matches, seed).filter_map(|(hypothesis, room)| {
         let in_room = Refiner { room: &room, ..*refiner };
-        refined(&in_room, contours, h).map(|refined| (refined, room))
+        refined(&in_room, contours, &hypothesis).map(|refined| (refined, room))
     });
     let (best, room) = refined.max_by(|a, b| a.0.score.total_cmp(&b.0.score))?;
     let found = decide(&Refiner { room: &room, ..*refiner }, contours, best);
     let is_certain = is_believed(found.score, refiner.config) && found.evident.contains(&true);
     is_certain.then_some(found)
+}
+
+/// Hypotheses of where the room puts the base, most support first, each with the matches that agree with it.
+pub fn by_room(
+    refiner: &Refiner,
+    matches: &[Match],
+    seed: u64,
+) -> impl Iterator<Item = (Hypothesis, Vec<Match>)> {
+    let hypotheses = hypothesis::all(refiner.articulated, matches, seed);
+    let of_room = hypotheses.into_iter().filter(|h| h.part == 0);
+    let told = of_room.filter_map(|h| agreeing(refiner, matches, &h).map(|room| (h, room)));
+    told.take(HYPOTHESES)
 }
 
 /// Matches that agree with a hypothesis; `None` if they are few, or lie close together, as on one poster.

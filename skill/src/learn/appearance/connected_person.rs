@@ -6,7 +6,7 @@
 //! From: region growing in the depth image.
 
 use super::part_labels::{LabelGrid, PosedFrame, STEP};
-use super::room_planes::{Plane, is_room};
+use super::room_planes::Room;
 use std::collections::HashSet;
 
 /// Largest difference of depth between neighbouring places of one surface: metres, plus a share of the depth.
@@ -14,7 +14,7 @@ const SAME_SURFACE: (f64, f64) = (0.015, 0.006);
 
 /// Places, by column and row of the grid, that are connected with what moves by itself. Planes of the room are left
 /// out, because floor, table and wall connect everything that stands on them.
-pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &[Plane]) -> HashSet<(usize, usize)> {
+pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &Room) -> HashSet<(usize, usize)> {
     let frame = posed.frame;
     let Some(camera_from_base) = posed.camera_from_part[0] else { return HashSet::new() };
     let size = (frame.camera.width / STEP, frame.camera.height / STEP);
@@ -40,7 +40,7 @@ pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &[Plane]) -> HashSe
             let Some(there) = depth(next).filter(|_| grid.at(u, v) == Some(0)) else { continue };
             let step = SAME_SURFACE.0 + SAME_SURFACE.1 * here.z;
             let is_one_surface = (there.z - here.z).abs() < step
-                && !is_room(room, &camera_from_base.inverse_transform_point(&there), there.z);
+                && !room.holds(&camera_from_base.inverse_transform_point(&there), there.z);
             if is_one_surface && reached.insert(next) {
                 front.push(next);
             }

@@ -76,7 +76,8 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
     let tracked = grown(&posed, tracked, &tracks);
     let swept = swept_volume(demonstration, &tracked);
     let labelled = labelled_keyframes(demonstration, &posed, &tracked);
-    let region = Region::new(&swept, &posed, &labelled);
+    let at_rest = Occupancy::new(tracked.iter().flatten().copied());
+    let region = Region::new(&swept, &at_rest, &posed, &labelled);
     let voxel_m = VOXEL_M * object_distance(demonstration).max(1.0);
     let mut voxels = VoxelGrid::new(voxel_m);
     let (mut features, mut room) = (Vec::new(), Vec::new());

@@ -40,11 +40,14 @@ impl Occupancy {
     }
 
     /// The occupied cells that are also in `surface`, and the cells of `surface` connected to them,
-    /// up to `reach` metres away along the surface.
+    /// up to `reach` metres away along the surface; infinity: all of them.
     pub fn extended_along(&self, surface: &Self, reach: f64) -> Self {
         let mut front: Vec<[i32; 3]> = self.0.intersection(&surface.0).copied().collect();
         let mut reached: HashSet<[i32; 3]> = front.iter().copied().collect();
         for _ in 0..(reach / COARSE_M).round() as usize {
+            if front.is_empty() {
+                break;
+            }
             front = front
                 .iter()
                 .flat_map(neighbours)
@@ -52,6 +55,16 @@ impl Occupancy {
                 .collect();
         }
         Self(reached)
+    }
+
+    /// The cells of `surface` that are occupied here, and all cells of it that are connected to these.
+    pub fn connected(&self, surface: &Self) -> Self {
+        self.extended_along(surface, f64::INFINITY)
+    }
+
+    /// The cells that are occupied in both grids.
+    pub fn intersection(&self, other: &Self) -> Self {
+        Self(self.0.intersection(&other.0).copied().collect())
     }
 
     /// True if no occupied cell lies within `distance`, metres, of a point.

@@ -1,24 +1,32 @@
-//! Decides which static surface belongs to the object's base, and not to the room or to a dynamic object.
+//! Decides which static surface belongs to the object's base, and not to the room or to a dynamic object: it is
+//! connected with the place of a moving part at rest. A person who stands beside the object, and what stands before
+//! it on a table, are not.
 //!
-//! In: labelled keyframes, and the swept volume of the moving parts (object frame, metres).
+//! In: labelled keyframes, the swept volume of the moving parts, and their place at rest (object frame, metres).
 //! Out: cells of the object frame in which features and surface belong to the base.
 
 use super::connected_person::connected;
 use super::occupancy::{COARSE_M, Occupancy};
 use super::part_labels::{LabelGrid, PosedFrame, STEP};
-use super::room_planes::{Plane, is_room, room_planes};
+use super::room_planes::{Room, room_planes};
 use crate::math::grid::cell;
 use nalgebra::Point3;
 use std::collections::{HashMap, HashSet};
 
-/// Largest distance of the base's features from the swept volume, metres.
+/// Largest distance of the base's features from the swept volume, metres, to within a cell.
 const FEATURE_MARGIN_M: f64 = 0.3;
-/// Largest distance of the base's surface from the swept volume, metres, unless there is little of it.
+/// Largest distance of the base's surface from the swept volume, metres, to within a cell, unless there is little of it.
 const SURFACE_MARGIN_M: f64 = 0.25;
+/// Largest distance from a moving part at rest to static surface that touches it, metres: the known points of a part
+/// do not reach its edges.
+const TOUCH_M: f64 = 0.08;
 /// Reach of the base along connected surface, metres, if little surface lies near the swept volume.
 const BASE_REACH_M: f64 = 0.4;
 /// Number of coarse cells of the base's surface that is enough to recognise the base.
 const ENOUGH_SURFACE: usize = 40;
+
+/// Fewest keyframes that show static surface: the inside of a cabinet is seen while its door stands open.
+const MIN_KEYFRAMES: usize = 2;
 
 /// Where the object's base is, in the object frame.
 pub struct Region {
@@ -26,23 +34,36 @@ pub struct Region {
     pub features: Occupancy,
     /// Cells in which surface may belong to the base.
     pub surface: Occupancy,
-    room: Vec<Plane>,
+    room: Room,
     dynamic: Occupancy,
 }
 
 impl Region {
-    /// The region near the moving parts, without the room's planes. If it holds little static surface, the surface
-    /// connected to it is added: the foot under a seat.
-    pub fn new(swept: &Occupancy, posed: &[PosedFrame], labelled: &[(usize, LabelGrid)]) -> Self {
+    /// The static surface near the moving parts that is connected with their place `at_rest`, without the room's
+    /// planes. If there is little of it, connected surface farther away is added: the foot under a seat. If nothing
+    /// is connected, the region is all that is near.
+    pub fn new(
+        swept: &Occupancy,
+        at_rest: &Occupancy,
+        posed: &[PosedFrame],
+        labelled: &[(usize, LabelGrid)],
+    ) -> Self {
         let room = room_planes(posed.first(), swept);
-        let near = swept.grown(SURFACE_MARGIN_M);
         let (resting, dynamic) = resting_surface(posed, labelled, &room);
-        let little = near.0.intersection(&resting.0).count() < ENOUGH_SURFACE;
-        let reach = if little { BASE_REACH_M } else { 0.0 };
-        let connected = near.extended_along(&resting, reach);
+        let touching = at_rest.grown(TOUCH_M);
+        let connected_within = |margin: f64| {
+            let near = swept.grown(margin);
+            let connected = touching.connected(&near.intersection(&resting));
+            if connected.0.is_empty() { near } else { connected }
+        };
+        let surface = connected_within(SURFACE_MARGIN_M);
+        let little = surface.intersection(&resting).0.len() < ENOUGH_SURFACE;
+        let farther = surface.extended_along(&resting, if little { BASE_REACH_M } else { 0.0 });
+        // Depth noise moves surface to the next cell.
+        let whole = |cells: Occupancy| cells.with(&farther).grown(COARSE_M);
         Self {
-            features: swept.grown(FEATURE_MARGIN_M).with(&connected),
-            surface: near.with(&connected),
+            features: whole(connected_within(FEATURE_MARGIN_M)),
+            surface: whole(surface),
             room,
             dynamic,
         }
@@ -51,7 +72,7 @@ impl Region {
     /// True if a point in the object frame, seen at depth `z`, metres, belongs to the base and lies in `region`,
     /// which is `features` or `surface`.
     pub fn is_own_base(&self, region: &Occupancy, p: &Point3<f64>, z: f64) -> bool {
-        region.holds(p) && !self.is_dynamic(p) && !is_room(&self.room, p, z)
+        region.holds(p) && !self.is_dynamic(p) && !self.room.holds(p, z)
     }
 
     /// True if more keyframes show a dynamic object than static surface in the cell of a point.
@@ -60,12 +81,12 @@ impl Region {
     }
 }
 
-/// Two sets of cells, object frame: where at least a quarter of the labelled keyframes show static surface that is
-/// not the room's, and where more keyframes show a dynamic object than static surface.
+/// Two sets of cells, object frame: where at least [`MIN_KEYFRAMES`] keyframes show static surface that is not the
+/// room's, and no more show a dynamic object; and where more keyframes show a dynamic object than static surface.
 fn resting_surface(
     posed: &[PosedFrame],
     labelled: &[(usize, LabelGrid)],
-    room: &[Plane],
+    room: &Room,
 ) -> (Occupancy, Occupancy) {
     // For each cell, the number of keyframes that show static surface, and of those that show a dynamic object.
     let mut shown: HashMap<[i32; 3], [usize; 2]> = HashMap::new();
@@ -82,7 +103,7 @@ fn resting_surface(
                 let is_dynamic = grid.is_dynamic(u, v) || person.contains(&(u / STEP, v / STEP));
                 let Some(p) = frame.point_at(u, v) else { continue };
                 let in_base = camera_from_base.inverse_transform_point(&p);
-                if !is_room(room, &in_base, p.z) {
+                if !room.holds(&in_base, p.z) {
                     here.insert((cell(&in_base, COARSE_M), usize::from(is_dynamic)));
                 }
             }
@@ -91,11 +112,13 @@ fn resting_surface(
             shown.entry(cell).or_default()[is_dynamic] += 1;
         }
     }
-    let often = labelled.len().div_ceil(4);
     let cells = |is_meant: &dyn Fn(&[usize; 2]) -> bool| {
         Occupancy(shown.iter().filter(|(_, n)| is_meant(n)).map(|(c, _)| *c).collect())
     };
-    (cells(&|[rests, _]| *rests >= often), cells(&|[rests, dynamic]| dynamic > rests))
+    (
+        cells(&|[rests, dynamic]| *rests >= MIN_KEYFRAMES && dynamic <= rests),
+        cells(&|[rests, dynamic]| dynamic > rests),
+    )
 }
 
 #[cfg(test)]
@@ -118,8 +141,16 @@ mod tests {
 
     /// The region of a cupboard 60 cm wide before a wall; features that move are seen at some places.
     fn region(dynamic: &[Point3<f64>]) -> Region {
-        let frames: Vec<RgbdFrame> =
-            (0..8).map(|i| seen(i + 1, board(0.3, FRONT_M, WALL_M))).collect();
+        region_with(board(0.3, FRONT_M, WALL_M), dynamic)
+    }
+
+    /// The region where this depth is seen in each direction.
+    fn region_of(depth: impl Fn(f64, f64) -> f64) -> Region {
+        region_with(depth, &[])
+    }
+
+    fn region_with(depth: impl Fn(f64, f64) -> f64, dynamic: &[Point3<f64>]) -> Region {
+        let frames: Vec<RgbdFrame> = (0..8).map(|i| seen(i + 1, &depth)).collect();
         let posed: Vec<PosedFrame> = frames
             .iter()
             .map(|frame| PosedFrame {
@@ -131,7 +162,7 @@ mod tests {
         let features = FrameFeatures { dynamic: dynamic.to_vec(), resting: Vec::new() };
         let labelled: Vec<(usize, LabelGrid)> =
             (0..8).map(|i| (i, label(&posed, i, &|_, _| false, &features))).collect();
-        Region::new(&swept(), &posed, &labelled)
+        Region::new(&swept(), &swept(), &posed, &labelled)
     }
 
     #[test]
@@ -142,15 +173,37 @@ mod tests {
         assert!(region.is_own_base(&region.features, &front, FRONT_M));
         let wall = Point3::new(0.2, 0.1, WALL_M);
         assert!(!region.is_own_base(&region.surface, &wall, WALL_M));
-        assert!(is_room(&region.room, &wall, WALL_M));
+        assert!(region.room.holds(&wall, WALL_M));
+    }
+
+    #[test]
+    fn what_stands_near_and_is_not_connected_is_not_the_bases() {
+        // A box 20 cm before the front, beside what moved.
+        let region = region_of(|x, y| {
+            let z = FRONT_M - 0.2;
+            let is_box = (0.12..0.25).contains(&(x * z)) && (y * z).abs() < 0.1;
+            if is_box { z } else { board(0.3, FRONT_M, WALL_M)(x, y) }
+        });
+        let on_box = Point3::new(0.18, 0.0, FRONT_M - 0.2);
+        assert!(!region.surface.holds(&on_box) && !region.features.holds(&on_box));
+        let front = Point3::new(-0.18, 0.1, FRONT_M);
+        assert!(region.is_own_base(&region.surface, &front, FRONT_M));
     }
 
     #[test]
     fn features_reach_a_little_farther_than_surface() {
-        let region = region(&[]);
-        // Cells are 4 cm wide: each margin is rounded to these.
-        let beside = Point3::new(0.09 + 0.27, 0.0, FRONT_M - 0.05);
+        // The front goes on where surface of the base ends.
+        let region = region_of(board(0.6, FRONT_M, WALL_M));
+        let beside = Point3::new(0.09 + 0.34, 0.0, FRONT_M);
         assert!(region.features.holds(&beside) && !region.surface.holds(&beside));
+    }
+
+    #[test]
+    fn where_nothing_is_connected_the_region_is_what_is_near() {
+        // Only the wall is seen, which is the room's.
+        let region = region_of(|_, _| WALL_M);
+        assert!(region.surface.holds(&Point3::new(0.2, 0.0, FRONT_M - 0.05)));
+        assert!(!region.surface.holds(&Point3::new(0.6, 0.0, FRONT_M - 0.05)));
     }
 
     #[test]
@@ -165,9 +218,9 @@ mod tests {
 
     #[test]
     fn without_keyframes_the_region_is_what_is_near_to_what_moved() {
-        let region = Region::new(&swept(), &[], &[]);
+        let region = Region::new(&swept(), &swept(), &[], &[]);
         assert!(region.surface.holds(&Point3::new(0.2, 0.0, FRONT_M - 0.05)));
         assert!(!region.surface.holds(&Point3::new(0.6, 0.0, FRONT_M - 0.05)));
-        assert!(region.dynamic.0.is_empty() && region.room.is_empty());
+        assert!(region.dynamic.0.is_empty() && !region.room.holds(&Point3::origin(), 1.0));
     }
 }

@@ -1,13 +1,16 @@
 //! Finds planes of the room in which the demonstration took place: floor, table, wall. They extend far from the
 //! moving parts, and do not belong to the object.
 //!
-//! In: the first keyframe with the camera's pose, and the swept volume of the moving parts (object frame).
+//! In: the first keyframe, of a camera that is held upright, with its pose, and the swept volume of the moving parts
+//! (object frame).
 //! Out: planes in the object frame, metres.
 //! From: sequential RANSAC; a hypothesis is one point with its normal.
 
 use super::occupancy::Occupancy;
 use super::part_labels::PosedFrame;
-use crate::math::rigid::plane_through;
+use crate::learn::free_space::{Probe, probe_point};
+use crate::math::rigid::{Pose, plane_through};
+use linkage_frames::RgbdFrame;
 use linkage_frames::depth::{DepthSensor, NormalMap};
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
@@ -16,16 +19,53 @@ use rand_chacha::ChaCha8Rng;
 
 /// Distance from the swept volume beyond which more than two fifths of a room plane's samples lie, metres.
 const ROOM_CLEARANCE_M: f64 = 0.2;
-/// Distance from the swept volume beyond which more than a tenth of a room plane's samples lie, metres, unless the
-/// plane leaves the image: floor, table and wall are large, a foot under a seat is not.
+/// Distance from the swept volume beyond which more than a tenth of a table's samples lie, metres, if it is within
+/// the image: a table is large, a foot under a seat is not.
 const ROOM_REACH_M: f64 = 0.5;
+/// Smallest cosine between the normal of a table and the upward direction of the image, for cameras that look down by
+/// less than 60 degrees. The front of a tall cabinet is as large as a table, but faces forwards.
+const FACES_UPWARDS: f64 = 0.5;
+/// How far a room plane extends beyond its samples, metres.
+const EXTENT_M: f64 = 0.12;
+/// Fewest samples among which a plane is searched for.
+const MIN_SAMPLES: usize = 150;
+/// Fewest samples of a plane.
+const MIN_ON_PLANE: usize = 120;
+/// Number of hypotheses that are tried for each plane.
+const HYPOTHESES: usize = 80;
 /// Fewest samples at the image border of a plane that leaves the image.
 const MIN_BORDER_SAMPLES: usize = 4;
 /// Width of the strip along the image border whose samples lie at the border, pixels.
 const BORDER_PX: usize = 16;
 
-/// A plane of the room, in the object frame.
-pub struct Plane {
+/// Planes of the room, in the object frame.
+#[derive(Default)]
+pub struct Room {
+    /// Planes, each with the cells near its samples.
+    planes: Vec<(Plane, Occupancy)>,
+    /// The keyframe that shows the planes, and its pose (camera_from_object).
+    view: Option<(RgbdFrame, Pose)>,
+}
+
+impl Room {
+    /// True if a point in the object frame, seen at depth `z`, metres, lies on a plane of the room. Where the keyframe
+    /// shows a point, the plane must have samples near it: the plane of a box's front that stands askew crosses the
+    /// front of a cabinet.
+    pub fn holds(&self, p: &Point3<f64>, z: f64) -> bool {
+        let mut on = self.planes.iter().filter(|(plane, _)| plane.holds(p, z)).peekable();
+        on.peek().is_some() && (!self.shows(p) || on.any(|(_, extent)| extent.holds(p)))
+    }
+
+    /// True if the keyframe shows surface or free space at a point. False behind a person, and outside the image.
+    fn shows(&self, p: &Point3<f64>) -> bool {
+        self.view.as_ref().is_some_and(|(frame, camera_from_object)| {
+            probe_point(frame, &camera_from_object.transform_point(p)) != Probe::Unknown
+        })
+    }
+}
+
+/// A plane in the object frame.
+struct Plane {
     normal: Vector3<f64>,
     through: Point3<f64>,
     sensor: DepthSensor,
@@ -41,11 +81,6 @@ impl Plane {
     }
 }
 
-/// True if a point in the object frame, seen at depth `z`, metres, lies on a plane of the room.
-pub fn is_room(room: &[Plane], p: &Point3<f64>, z: f64) -> bool {
-    room.iter().any(|plane| plane.holds(p, z))
-}
-
 /// A surface sample in the object frame.
 struct Sample {
     point: Point3<f64>,
@@ -56,11 +91,8 @@ struct Sample {
     at_border: bool,
 }
 
-/// Surface samples of a keyframe; none if the camera's pose is not known.
-fn surface_samples(posed: &PosedFrame) -> Vec<Sample> {
-    let (frame, Some(camera_from_object)) = (posed.frame, posed.camera_from_part[0]) else {
-        return Vec::new();
-    };
+/// Surface samples of a keyframe.
+fn surface_samples(frame: &RgbdFrame, camera_from_object: &Pose) -> Vec<Sample> {
     let normals = NormalMap::new(&frame.depth, &frame.camera);
     let mut samples = Vec::new();
     let (width, height) = (frame.camera.width, frame.camera.height);
@@ -82,49 +114,58 @@ fn surface_samples(posed: &PosedFrame) -> Vec<Sample> {
 }
 
 /// Planes of the first keyframe that extend far from the swept volume: floor, table, wall.
-pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Vec<Plane> {
-    let mut left = first.map(surface_samples).unwrap_or_default();
-    let sensor = first.map(|posed| posed.frame.camera.depth_sensor).unwrap_or_default();
+pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Room {
+    let Some((first, camera_from_object)) =
+        first.and_then(|first| Some((first, first.camera_from_part[0]?)))
+    else {
+        return Room::default();
+    };
+    let camera = &first.frame.camera;
+    let up = camera_from_object.inverse_transform_vector(&-Vector3::y());
+    let mut left = surface_samples(first.frame, &camera_from_object);
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let mut planes = Vec::new();
     for _ in 0..8 {
-        if left.len() < 150 {
-            break;
-        }
-        let mut best: (usize, Option<Plane>) = (0, None);
-        let mut order: Vec<usize> = (0..left.len()).collect();
-        order.partial_shuffle(&mut rng, 80);
-        for &i in order.iter().rev().take(80) {
-            let plane = Plane { normal: left[i].normal, through: left[i].point, sensor };
-            let count = left.iter().filter(|s| plane.carries(s)).count();
-            if count > best.0 {
-                best = (count, Some(plane));
-            }
-        }
-        let (count, Some(plane)) = best else { break };
-        if count < 120 {
-            break;
-        }
-        // The normal of one pixel is noisy, so the plane is fitted to its inliers, twice.
-        let plane = refitted(&refitted(&plane, &left), &left);
+        let Some(plane) = largest_plane(&left, camera.depth_sensor, &mut rng) else { break };
         let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| plane.carries(s));
         left = off;
-        if leads_away(&on, swept) {
-            planes.push(plane);
+        if leads_away(&on, swept, plane.normal.dot(&up) > FACES_UPWARDS) {
+            let extent = Occupancy::new(on.iter().map(|s| s.point)).grown(EXTENT_M);
+            planes.push((plane, extent));
         }
     }
-    planes
+    Room { planes, view: Some((first.frame.clone(), camera_from_object)) }
 }
 
-/// True if a plane is the room's: many of its samples are far from the swept volume, and the plane leaves the image
-/// or reaches very far.
-fn leads_away(plane: &[Sample], swept: &Occupancy) -> bool {
+/// The plane with most of the samples; `None` if few samples lie on one plane.
+fn largest_plane(left: &[Sample], sensor: DepthSensor, rng: &mut ChaCha8Rng) -> Option<Plane> {
+    if left.len() < MIN_SAMPLES {
+        return None;
+    }
+    let mut best: (usize, Option<Plane>) = (0, None);
+    let mut order: Vec<usize> = (0..left.len()).collect();
+    order.partial_shuffle(rng, HYPOTHESES);
+    for &i in order.iter().rev().take(HYPOTHESES) {
+        let plane = Plane { normal: left[i].normal, through: left[i].point, sensor };
+        let count = left.iter().filter(|s| plane.carries(s)).count();
+        if count > best.0 {
+            best = (count, Some(plane));
+        }
+    }
+    let (count, plane) = best;
+    // The normal of one pixel is noisy, so the plane is fitted to its inliers, twice.
+    plane.filter(|_| count >= MIN_ON_PLANE).map(|p| refitted(&refitted(&p, left), left))
+}
+
+/// True if a plane is the room's: many of its samples are far from the swept volume, and the plane leaves the image,
+/// or faces upwards and reaches very far.
+fn leads_away(plane: &[Sample], swept: &Occupancy, faces_upwards: bool) -> bool {
     let beyond = |distance: f64| {
         plane.iter().filter(|s| swept.is_far_from(&s.point, distance)).count() as f64
             / plane.len() as f64
     };
     let leaves = plane.iter().filter(|s| s.at_border).count() >= MIN_BORDER_SAMPLES;
-    beyond(ROOM_CLEARANCE_M) > 0.4 && (leaves || beyond(ROOM_REACH_M) > 0.1)
+    beyond(ROOM_CLEARANCE_M) > 0.4 && (leaves || faces_upwards && beyond(ROOM_REACH_M) > 0.1)
 }
 
 /// The least-squares plane through all samples that lie on the given plane.
@@ -139,9 +180,7 @@ fn refitted(plane: &Plane, samples: &[Sample]) -> Plane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rigid::Pose;
     use crate::test_data::{board, seen};
-    use linkage_frames::RgbdFrame;
 
     /// What moved, 10 cm around this depth in the middle of the picture.
     fn moved_at(z: f64) -> Occupancy {
@@ -149,7 +188,7 @@ mod tests {
         Occupancy::new(side().flat_map(move |x| side().map(move |y| Point3::new(x, y, z))))
     }
 
-    fn planes(frame: &RgbdFrame, pose: Option<Pose>, swept: &Occupancy) -> Vec<Plane> {
+    fn planes(frame: &RgbdFrame, pose: Option<Pose>, swept: &Occupancy) -> Room {
         let posed = PosedFrame { frame, number: 0, camera_from_part: vec![pose] };
         room_planes(Some(&posed), swept)
     }
@@ -159,16 +198,31 @@ mod tests {
         let wall = seen(0, |_, _| 2.0);
         for near in [1.0, 1.9] {
             let room = planes(&wall, Some(Pose::identity()), &moved_at(near));
-            assert_eq!(room.len(), 1);
-            assert!(is_room(&room, &Point3::new(0.5, -0.3, 2.0), 2.0));
-            assert!(!is_room(&room, &Point3::new(0.5, -0.3, 1.8), 1.8));
+            assert_eq!(room.planes.len(), 1);
+            assert!(room.holds(&Point3::new(0.5, -0.3, 2.0), 2.0));
+            assert!(!room.holds(&Point3::new(0.5, -0.3, 1.8), 1.8));
         }
     }
 
     #[test]
     fn a_plate_near_what_moved_is_the_objects() {
         let plate = seen(0, board(0.2, 1.0, 4.0));
-        assert!(planes(&plate, Some(Pose::identity()), &moved_at(0.98)).is_empty());
+        assert!(planes(&plate, Some(Pose::identity()), &moved_at(0.98)).planes.is_empty());
+    }
+
+    #[test]
+    fn the_front_of_a_tall_cabinet_within_the_picture_is_the_objects_and_a_table_is_the_rooms() {
+        // What moved lies 0.6 m beside the middle of a plate that is 1.2 m wide.
+        let aside = |z: f64| Occupancy::new(std::iter::once(Point3::new(-0.55, 0.0, z)));
+        let front = seen(0, board(0.6, 1.6, 4.0));
+        assert!(planes(&front, Some(Pose::identity()), &aside(1.6)).planes.is_empty());
+        // A table 0.5 m below the camera, from 1.3 to 2.2 m away and within the image.
+        let table = seen(0, |x, y| {
+            let z = 0.5 / y;
+            if (1.3..2.2).contains(&z) && (z * x).abs() < 0.6 { z } else { f64::NAN }
+        });
+        let on_table = Occupancy::new(std::iter::once(Point3::new(0.0, 0.45, 1.4)));
+        assert_eq!(planes(&table, Some(Pose::identity()), &on_table).planes.len(), 1);
     }
 
     #[test]
@@ -176,10 +230,25 @@ mod tests {
         // A wall 2 m away, and a floor 0.6 m below the camera.
         let corner = seen(0, |_, y| if y > 0.3 { 0.6 / y } else { 2.0 });
         let room = planes(&corner, Some(Pose::identity()), &moved_at(1.0));
-        assert_eq!(room.len(), 2);
-        assert!(is_room(&room, &Point3::new(0.2, 0.6, 1.5), 1.5), "floor");
-        assert!(is_room(&room, &Point3::new(0.2, 0.1, 2.0), 2.0), "wall");
-        assert!(!is_room(&room, &Point3::new(0.2, 0.3, 1.5), 1.5), "between");
+        assert_eq!(room.planes.len(), 2);
+        assert!(room.holds(&Point3::new(0.2, 0.6, 1.5), 1.5), "floor");
+        assert!(room.holds(&Point3::new(0.2, 0.1, 2.0), 2.0), "wall");
+        assert!(!room.holds(&Point3::new(0.2, 0.3, 1.5), 1.5), "between");
+    }
+
+    #[test]
+    fn a_plane_ends_where_its_samples_end_unless_it_is_hidden_there() {
+        // A wall in the left half of the image with a board before it; the right half shows something farther away.
+        let half = seen(0, |x, y| match x {
+            x if (-0.4..-0.2).contains(&x) && y.abs() < 0.2 => 1.2,
+            x if x < 0.0 => 2.0,
+            _ => 3.6,
+        });
+        let room = planes(&half, Some(Pose::identity()), &moved_at(1.0));
+        assert!(room.holds(&Point3::new(-0.2, 0.0, 2.0), 2.0));
+        assert!(!room.holds(&Point3::new(0.5, 0.0, 2.0), 2.0), "in its plane, and free space");
+        assert!(room.holds(&Point3::new(-0.6, 0.0, 2.0), 2.0), "behind the board");
+        assert!(room.holds(&Point3::new(1.5, 0.0, 2.0), 2.0), "outside the image");
     }
 
     #[test]
@@ -187,16 +256,18 @@ mod tests {
         let camera_from_object = Pose::translation(0.0, 0.0, 0.5);
         let wall = seen(0, |_, _| 2.0);
         let room = planes(&wall, Some(camera_from_object), &moved_at(0.5));
-        assert!(is_room(&room, &Point3::new(0.0, 0.0, 1.5), 2.0));
-        assert!(!is_room(&room, &Point3::new(0.0, 0.0, 2.0), 2.0));
+        assert!(room.holds(&Point3::new(0.0, 0.0, 1.5), 2.0));
+        assert!(!room.holds(&Point3::new(0.0, 0.0, 2.0), 2.0));
     }
 
     #[test]
     fn without_a_keyframe_a_pose_or_a_reading_there_is_no_room() {
         let swept = moved_at(1.0);
-        assert!(room_planes(None, &swept).is_empty());
-        assert!(planes(&seen(0, |_, _| 2.0), None, &swept).is_empty());
-        assert!(planes(&seen(0, |_, _| f64::NAN), Some(Pose::identity()), &swept).is_empty());
-        assert!(!is_room(&[], &Point3::origin(), 1.0));
+        assert!(room_planes(None, &swept).planes.is_empty());
+        assert!(planes(&seen(0, |_, _| 2.0), None, &swept).planes.is_empty());
+        assert!(
+            planes(&seen(0, |_, _| f64::NAN), Some(Pose::identity()), &swept).planes.is_empty()
+        );
+        assert!(!Room::default().holds(&Point3::origin(), 1.0));
     }
 }

@@ -14,7 +14,7 @@ use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap, VecDeque};
 
 /// Side of a neighbourhood whose pieces of surface are compared in colour, metres.
 const NEIGHBOURHOOD_M: f64 = 0.1;
@@ -99,8 +99,8 @@ impl VoxelGrid {
         }
     }
 
-    /// One surfel for each voxel that at least two keyframes show with consistent normals. The
-    /// order is random, so that the first surfels are spread over the whole surface.
+    /// One surfel for each voxel that at least two keyframes show with consistent normals. The first surfels are spread
+    /// over what each keyframe shows.
     pub fn into_surfels(self) -> Vec<Surfel> {
         surfels(self.voxels)
     }
@@ -114,6 +114,7 @@ fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
     solid.sort_by_key(|(key, _)| *key);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     solid.shuffle(&mut rng);
+    let order = in_turns(&solid);
     let pieces = solid.iter().map(|((part, _, side), v)| Piece {
         face: (*part, *side),
         neighbourhood: cell(&Point3::from(v.point / v.count), NEIGHBOURHOOD_M),
@@ -126,7 +127,32 @@ fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
         normal: v.normal.normalize().map(|x| x as f32).into(),
         lab: albedo.map(|x| x as f32).into(),
     };
-    solid.into_iter().zip(albedos).map(surfel).collect()
+    let surfels: Vec<Surfel> = solid.into_iter().zip(albedos).map(surfel).collect();
+    order.into_iter().map(|i| surfels[i]).collect()
+}
+
+/// Indices of the voxels in an order in which the keyframes take turns, each with the next voxel of a part that it
+/// shows. Of a fridge whose door is shut only a strip around the door is in sight; in random order nearly all of the
+/// first voxels would lie inside.
+fn in_turns(voxels: &[(VoxelKey, Voxel)]) -> Vec<usize> {
+    let mut shown: BTreeMap<(u16, usize), VecDeque<usize>> = BTreeMap::new();
+    for (i, ((part, _, _), voxel)) in voxels.iter().enumerate() {
+        for seen in &voxel.colours {
+            shown.entry((*part, seen.keyframe)).or_default().push_back(i);
+        }
+    }
+    let mut is_taken = vec![false; voxels.len()];
+    let mut order = Vec::with_capacity(voxels.len());
+    while order.len() < voxels.len() {
+        for of_keyframe in shown.values_mut() {
+            let next = std::iter::from_fn(|| of_keyframe.pop_front()).find(|&i| !is_taken[i]);
+            if let Some(i) = next {
+                is_taken[i] = true;
+                order.push(i);
+            }
+        }
+    }
+    order
 }
 
 /// The first `per_part` surfels of each part.
@@ -231,6 +257,21 @@ mod tests {
         let forth = surfels_of(&[(0, places.to_vec()), (1, places.to_vec())]);
         assert_eq!(forth, surfels_of(&[(0, reversed.clone()), (1, reversed)]));
         assert_eq!(forth.len(), 4);
+    }
+
+    #[test]
+    fn the_first_surfels_show_each_state_though_most_of_the_surface_is_seen_in_one() {
+        let mut grid = VoxelGrid::new(VOXEL_M);
+        // A strip of 10 places is always in sight, 200 places inside only in the last two keyframes.
+        for keyframe in 0..8 {
+            let seen = if keyframe < 6 { 0..10 } else { 0..210 };
+            let seen = seen.flat_map(|x| [0, 1].map(|_| place(0, x, towards_camera())));
+            grid.add(keyframe, seen.collect());
+        }
+        let first = thinned(&grid.into_surfels(), 20);
+        let strip = (10.0 * VOXEL_M) as f32;
+        assert_eq!(first.iter().filter(|s| s.point[0] < strip).count(), 10);
+        assert_eq!(first.len(), 20);
     }
 
     #[test]
