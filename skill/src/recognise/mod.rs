@@ -9,7 +9,8 @@
 //! that agree geometrically give hypotheses of a part's pose; the other parts follow through their joints
 //! (`hypothesis`). A hypothesis is refined (`refine`) and verified (`verify`, `edge_test`), since neither geometry
 //! nor inliers alone distinguish similar objects. Which configurations are reported is decided last (`evidence`,
-//! `ambiguity`, `elimination`). Objects without features are searched in their room (`room_search`). [`Follower`]
+//! `ambiguity`, `elimination`). Objects without features are searched in their room (`room_search`), and
+//! the room gives the place of a base that is not in sight (`base_by_room`). [`Follower`]
 //! follows an object from frame to frame. An index of words (`retrieval`) selects the objects of a large store to be
 //! searched.
 
@@ -60,7 +61,8 @@ use std::sync::Arc;
 /// Searches the scene for every object and returns those above the threshold, best first.
 ///
 /// If distinct matches lead to no object at all, each object is searched again with all matches, which at least
-/// doubles the time, then in its room and, if configured, by its shape.
+/// doubles the time, then in its room and, if configured, by its shape. Of a recognised object whose base is not in
+/// sight, the room gives configurations.
 #[must_use]
 pub fn recognise(
     scene: &Scene,
@@ -76,7 +78,7 @@ pub fn recognise(
         searches.par_iter_mut().for_each(ObjectSearch::retry_with_all_matches);
     }
     retry_plain(&mut searches, scene, config);
-    searches.par_iter_mut().for_each(ObjectSearch::add_by_room);
+    searches.par_iter_mut().for_each(ObjectSearch::complete_by_room);
     let instances: Vec<(Vec<Recognised>, f64)> =
         searches.into_par_iter().map(ObjectSearch::same_class_instances).collect();
     let refused: Vec<f64> = instances.iter().map(|(_, refused)| *refused).collect();
@@ -114,7 +116,7 @@ pub fn find(
     if !search.is_recognised() {
         search.retry_with_all_matches();
     }
-    search.add_by_room();
+    search.complete_by_room();
     search.best()
 }
 

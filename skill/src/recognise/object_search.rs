@@ -9,7 +9,7 @@
 //! decision which of its configurations are determined. Without depth, PnP replaces the first steps.
 
 use super::ambiguity::withdraw_ambiguous;
-use super::base_by_room::add_by_room;
+use super::base_by_room::add_configurations;
 use super::config::RecogniseConfig;
 use super::elimination::add_by_elimination;
 use super::evidence::{
@@ -35,6 +35,10 @@ use crate::math::rigid::Pose;
 const MIN_INLIERS: usize = 7;
 /// Largest number of objects of one class that are searched for in one frame.
 const MAX_OF_A_MAKE: usize = 4;
+/// Factor on the score of a state that determines no configuration: one rigid surface is less evidence than two that
+/// a joint connects. Fourteen plain things that were found so had scores from 0.50 on before, and a door of other planks
+/// 0.43, which is a probability of 0.54.
+const NO_CONFIGURATION: f64 = 0.9;
 /// Largest share of an object's surface that may lie in space that another object occupies.
 const MAX_SHARED: f64 = 0.3;
 
@@ -126,35 +130,32 @@ impl<'l> ObjectSearch<'l> {
     pub fn retry_in_room(&mut self, seen: &ContourGrid) {
         let contours = Contours { shape: self.object.shape(), seen };
         let in_room = Refiner { shape: Some(contours), ..self.refiner(&self.distinct, 0) };
-        if let Some(found) = room_search::find(&in_room, contours, &self.of_room(), self.seed) {
+        if let Some(found) = room_search::find(&in_room, contours, &self.room_matches(), self.seed)
+        {
             self.found = Some(found);
         }
     }
 
-    /// Adds configurations by the place that the room gives to the base, if the object is recognised, its base is not
-    /// in sight, and a configuration is unknown.
-    pub fn add_by_room(&mut self) {
+    /// Adds configurations of hinges by the place that the room gives to the base, if the object is recognised, its base
+    /// is not in sight, and a configuration is unknown. The score stays as it was.
+    pub fn complete_by_room(&mut self) {
         let lacks = |f: &Detection| f.evident.contains(&false) && !f.placed[0];
-        if !self.scene.has_depth()
-            || !self.is_recognised()
-            || !self.found.as_ref().is_some_and(lacks)
-        {
+        if !self.scene.has_depth() || !self.is_recognised() {
             return;
         }
-        let mut found = self.found.take();
-        if let Some(found) = &mut found {
-            add_by_room(&self.refiner(&self.distinct, 0), &self.of_room(), self.seed, found);
-        }
-        self.found = found;
+        let Some(mut found) = self.found.take_if(|found| lacks(found)) else { return };
+        let refiner = self.refiner(&self.distinct, 0);
+        add_configurations(&refiner, &self.room_matches(), self.seed, &mut found);
+        self.found = Some(found);
     }
 
     /// Distinct matches of the room and of the object's own base.
-    fn of_room(&self) -> Vec<Match> {
+    fn room_matches(&self) -> Vec<Match> {
         let of_room = Compared::new(&self.scene.features, self.scene.queries(), &self.object.room);
-        let mut room = of_room.distinct(|_| true, self.config);
-        tracing::debug!(object = self.object.model.object, distinct = room.len(), "of its room");
-        room.extend(self.distinct.iter().filter(|m| m.part == 0).cloned());
-        room
+        let mut matches = of_room.distinct(|_| true, self.config);
+        tracing::debug!(object = self.object.model.object, distinct = matches.len(), "of its room");
+        matches.extend(self.distinct.iter().filter(|m| m.part == 0).cloned());
+        matches
     }
 
     /// Searches for the object by its contour: plain objects have no features, but their surface ends.
@@ -321,10 +322,6 @@ fn refined_and_verified(refiner: &Refiner, hypothesis: &Hypothesis) -> Option<Re
     tracing::debug!(part, support, inliers, score, q = ?state.q, ?verdict, "refined");
     Some(RefinedPose { state, score, inliers, verdict })
 }
-
-/// Factor on the score of a state that determines no configuration: one rigid surface is less evidence than two that
-/// a joint connects. Fourteen plain things that were found so had scores from 0.50 on, and a door of other planks 0.43.
-const NO_CONFIGURATION: f64 = 0.9;
 
 /// Decides which configurations of a state are determined, and lowers the score if none is.
 fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {

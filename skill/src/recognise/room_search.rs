@@ -49,7 +49,7 @@ pub fn find(
     matches: &[Match],
     seed: u64,
 ) -> Option<Detection> {
-    let refined = by_room(refiner, matches, seed).filter_map(|(hypothesis, room)| {
+    let refined = base_hypotheses(refiner, matches, seed).filter_map(|(hypothesis, room)| {
         let in_room = Refiner { room: &room, ..*refiner };
         refined(&in_room, contours, &hypothesis).map(|refined| (refined, room))
     });
@@ -60,7 +60,7 @@ pub fn find(
 }
 
 /// Hypotheses of where the room puts the base, most support first, each with the matches that agree with it.
-pub fn by_room(
+pub fn base_hypotheses(
     refiner: &Refiner,
     matches: &[Match],
     seed: u64,
