@@ -13,9 +13,11 @@ use crate::math::grid::cell;
 use nalgebra::Point3;
 use std::collections::{HashMap, HashSet};
 
-/// Largest distance of the base's features from the swept volume, metres, to within a cell.
+/// Distance of the base's features from the swept volume, metres. One cell is added for depth noise, and cells are
+/// counted as wholes, so that features reach up to 0.36 m.
 const FEATURE_MARGIN_M: f64 = 0.3;
-/// Largest distance of the base's surface from the swept volume, metres, to within a cell, unless there is little of it.
+/// Distance of the base's surface from the swept volume, metres, for the same reasons up to 0.28 m. Where little surface
+/// is found, [`BASE_REACH_M`] applies.
 const SURFACE_MARGIN_M: f64 = 0.25;
 /// Largest distance from a moving part at rest to static surface that touches it, metres: the known points of a part
 /// do not reach its edges.

@@ -99,14 +99,43 @@ impl VoxelGrid {
         }
     }
 
-    /// One surfel for each voxel that at least two keyframes show with consistent normals. The first surfels are spread
-    /// over what each keyframe shows.
-    pub fn into_surfels(self) -> Vec<Surfel> {
-        surfels(self.voxels)
+    /// The surface: one surfel for each voxel that at least two keyframes show with consistent normals.
+    pub fn into_surface(self) -> Surface {
+        surface(self.voxels)
     }
 }
 
-fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
+/// Surface of an object.
+pub struct Surface {
+    /// Surfels in random order, so that the first ones are spread over all of it.
+    pub surfels: Vec<Surfel>,
+    /// Indices of the surfels in another order; see [`in_turns`].
+    order: Vec<usize>,
+}
+
+impl Surface {
+    /// At most `per_part` surfels of each part: half of them spread over what each keyframe shows, the others over all
+    /// of the part. Part by part, each in random order.
+    pub fn thinned(&self, per_part: usize) -> Vec<Surfel> {
+        let mut is_kept = vec![false; self.surfels.len()];
+        let mut taken: HashMap<u16, usize> = HashMap::new();
+        let mut keep = |i: usize, most: usize| {
+            let count = taken.entry(self.surfels[i].part).or_default();
+            if !is_kept[i] && *count < most {
+                is_kept[i] = true;
+                *count += 1;
+            }
+        };
+        self.order.iter().for_each(|&i| keep(i, per_part / 2));
+        (0..self.surfels.len()).for_each(|i| keep(i, per_part));
+        let kept = self.surfels.iter().zip(is_kept).filter(|(_, is_kept)| *is_kept);
+        let mut kept: Vec<Surfel> = kept.map(|(surfel, _)| *surfel).collect();
+        kept.sort_by_key(|s| s.part);
+        kept
+    }
+}
+
+fn surface(voxels: HashMap<VoxelKey, Voxel>) -> Surface {
     let mut solid: Vec<(VoxelKey, Voxel)> = voxels
         .into_iter()
         .filter(|(_, v)| v.colours.len() >= 2 && v.count >= 3.0 && v.normal.norm() > 0.8 * v.count)
@@ -127,8 +156,7 @@ fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
         normal: v.normal.normalize().map(|x| x as f32).into(),
         lab: albedo.map(|x| x as f32).into(),
     };
-    let surfels: Vec<Surfel> = solid.into_iter().zip(albedos).map(surfel).collect();
-    order.into_iter().map(|i| surfels[i]).collect()
+    Surface { surfels: solid.into_iter().zip(albedos).map(surfel).collect(), order }
 }
 
 /// Indices of the voxels in an order in which the keyframes take turns, each with the next voxel of a part that it
@@ -153,19 +181,6 @@ fn in_turns(voxels: &[(VoxelKey, Voxel)]) -> Vec<usize> {
         }
     }
     order
-}
-
-/// The first `per_part` surfels of each part.
-pub fn thinned(surfels: &[Surfel], per_part: usize) -> Vec<Surfel> {
-    let mut taken: HashMap<u16, usize> = HashMap::new();
-    let mut is_among_first = |s: &&Surfel| {
-        let count = taken.entry(s.part).or_default();
-        *count += 1;
-        *count <= per_part
-    };
-    let mut kept: Vec<Surfel> = surfels.iter().filter(&mut is_among_first).copied().collect();
-    kept.sort_by_key(|s| s.part);
-    kept
 }
 
 #[cfg(test)]
@@ -193,7 +208,7 @@ mod tests {
         for (keyframe, places) in keyframes {
             grid.add(*keyframe, places.iter().flat_map(|p| [p(), p()]).collect());
         }
-        grid.into_surfels()
+        grid.into_surface().surfels
     }
 
     #[test]
@@ -206,7 +221,7 @@ mod tests {
         };
         grid.add(0, vec![at(0.002, 0.1), at(0.008, -0.1)]);
         grid.add(1, vec![at(0.002, -0.1), at(0.008, 0.1)]);
-        let [surfel] = grid.into_surfels()[..] else { panic!("one voxel, one surfel") };
+        let [surfel] = grid.into_surface().surfels[..] else { panic!("one voxel, one surfel") };
         assert_eq!(surfel.part, 1);
         assert!((surfel.point[0] - 0.005).abs() < 1e-6 && (surfel.point[2] - 1.01).abs() < 1e-6);
         assert!((surfel.normal[2] + 1.0).abs() < 1e-6 && surfel.normal[0].abs() < 1e-6);
@@ -268,10 +283,10 @@ mod tests {
             let seen = seen.flat_map(|x| [0, 1].map(|_| place(0, x, towards_camera())));
             grid.add(keyframe, seen.collect());
         }
-        let first = thinned(&grid.into_surfels(), 20);
+        let first = grid.into_surface().thinned(40);
         let strip = (10.0 * VOXEL_M) as f32;
         assert_eq!(first.iter().filter(|s| s.point[0] < strip).count(), 10);
-        assert_eq!(first.len(), 20);
+        assert_eq!(first.len(), 40);
     }
 
     #[test]
@@ -282,9 +297,14 @@ mod tests {
             normal: [0.0, 0.0, -1.0],
             lab: [50.0, 0.0, 0.0],
         };
-        let all = [surfel(1, 0.0), surfel(0, 1.0), surfel(1, 2.0), surfel(1, 3.0), surfel(0, 4.0)];
-        let kept: Vec<(u16, f32)> = thinned(&all, 2).iter().map(|s| (s.part, s.point[0])).collect();
-        assert_eq!(kept, [(0, 1.0), (0, 4.0), (1, 0.0), (1, 2.0)]);
-        assert!(thinned(&all, 0).is_empty() && thinned(&[], 5).is_empty());
+        let surfels =
+            vec![surfel(1, 0.0), surfel(0, 1.0), surfel(1, 2.0), surfel(1, 3.0), surfel(0, 4.0)];
+        let all = Surface { surfels, order: vec![3, 0, 1, 2, 4] };
+        let kept = |per_part| -> Vec<(u16, f32)> {
+            all.thinned(per_part).iter().map(|s| (s.part, s.point[0])).collect()
+        };
+        // One of each part in the other order, one at random.
+        assert_eq!(kept(2), [(0, 1.0), (0, 4.0), (1, 0.0), (1, 3.0)]);
+        assert!(kept(0).is_empty());
     }
 }
