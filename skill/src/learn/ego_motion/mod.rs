@@ -115,12 +115,12 @@ impl EgoMotionEstimator {
     /// numbers of their tracks, and their places in the camera frame, metres.
     pub fn push(&mut self, lifted: &[(usize, Point3<f64>)], frame: &RgbdFrame) {
         let sensor = frame.camera.depth_sensor;
-        let pose = if let Some(&before) = self.camera_from_base.last() {
-            self.register(lifted, frame, &before)
-        } else {
-            self.first_surface = FirstSurface::of(frame);
-            Pose::identity()
-        };
+        let before = self.camera_from_base.last().copied();
+        let pose =
+            before.map_or_else(Pose::identity, |before| self.register(lifted, frame, &before));
+        if self.first_surface.is_little() {
+            self.first_surface = FirstSurface::of(frame, &pose);
+        }
         self.camera_from_base.push(pose);
         for (track, in_camera) in lifted {
             if self.map.len() <= *track {
@@ -153,15 +153,15 @@ impl EgoMotionEstimator {
         let Some(most) = ransac_rigid(&pairs, &options, Some(before), &mut self.rng) else {
             return *before;
         };
-        let mut poses = vec![most.motion];
         let mut follows_most = vec![false; pairs.len()];
         most.inliers.iter().for_each(|&i| follows_most[i] = true);
-        let mut follows = follows_most.iter();
-        pairs.retain(|_| !follows.next().unwrap_or(&false));
-        // Of its own randomness, so that the poses of later frames do not depend on it.
+        let others: Vec<Correspondence> =
+            (0..pairs.len()).filter(|&i| !follows_most[i]).map(|i| pairs[i]).collect();
+        // A generator of its own: the samples of later frames do not depend on the number of other features.
         let mut rng = ChaCha8Rng::seed_from_u64(self.camera_from_base.len() as u64);
-        let others = ransac_rigid(&pairs, &options, Some(before), &mut rng);
-        poses.extend(others.map(|found| found.motion));
+        let by_others = ransac_rigid(&others, &options, Some(before), &mut rng);
+        let mut poses = vec![most.motion];
+        poses.extend(by_others.map(|found| found.motion));
         poses.push(*before);
         let best = self.first_surface.best_of(frame, &poses);
         if best > 0 {
@@ -358,5 +358,30 @@ mod tests {
             [false, true, true]
         );
         assert!(Arc::ptr_eq(&extended.tracks[2], &early.tracks[2]), "it had ended");
+    }
+
+    #[test]
+    fn the_camera_stands_still_though_most_features_turn_with_a_door() {
+        use crate::test_data::{board, seen};
+        let hinge = Point3::new(-0.3, 0.0, 1.5);
+        let turned = |f: usize| {
+            let turn = nalgebra::UnitQuaternion::from_scaled_axis(
+                0.03 * f.saturating_sub(5) as f64 * Vector3::y(),
+            );
+            Pose::rotation_wrt_point(turn, hinge)
+        };
+        let on_door =
+            |i: usize| Point3::new(0.05 * (i % 10) as f64 - 0.25, 0.05 * (i / 10) as f64, 1.5);
+        let on_wall =
+            |i: usize| Point3::new(0.2 * (i % 5) as f64 - 0.5, 0.3 * (i / 5) as f64 - 0.4, 2.5);
+        let mut estimator = EgoMotionEstimator::new(1);
+        for f in 0..20 {
+            let door = (0..60).map(|i| (i, turned(f) * on_door(i)));
+            let wall = (0..20).map(|i| (60 + i, on_wall(i)));
+            let lifted: Vec<(usize, Point3<f64>)> = door.chain(wall).collect();
+            estimator.push(&lifted, &seen(f as i64, board(0.3, 1.5, 2.5)));
+        }
+        let last = estimator.camera_from_base().last().unwrap();
+        assert!(last.rotation.angle() < 0.01 && last.translation.vector.norm() < 0.02, "{last}");
     }
 }
