@@ -135,17 +135,20 @@ fn candidates_in_frame(
     known: Vec<JointEstimate>,
 ) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
     let FrameCandidates { parent, view, moving, hypotheses } = frame;
-    let grow = |h: &Hypothesis| grown_and_verified(search, h, (*parent, view, moving), "grown");
+    let grow = |h: &Hypothesis| {
+        let joint = grown(search, h, (*parent, view, moving))?;
+        Some(verify(search, view, joint, moving, "grown"))
+    };
     let config = search.config();
     let mut queue = hypotheses.iter().filter(|h| says_something(search, h, *parent, view));
     let mut limit = most_grown(search, config);
     let mut tried: Vec<&[usize]> = Vec::new();
-    let (mut grown, mut rejected) = (known, Vec::new());
+    let (mut candidates, mut rejected) = (known, Vec::new());
     loop {
         let mut batch: Vec<&Hypothesis> = Vec::new();
         while batch.len() < BATCH.min(limit) {
             let Some(h) = queue.next() else { break };
-            if is_new(search, h, *parent, view, &grown)
+            if is_new(search, h, *parent, view, &candidates)
                 && !tried.iter().any(|t| overlap(&h.tracks, t) > COVERED)
             {
                 tried.push(&h.tracks);
@@ -157,7 +160,7 @@ fn candidates_in_frame(
             }
         }
         if batch.is_empty() || search.is_cancelled() {
-            return (grown, rejected);
+            return (candidates, rejected);
         }
         limit -= batch.len();
         let more: Vec<Option<JointEstimate>> = batch.par_iter().map(|h| grow(h)).collect();
@@ -166,7 +169,7 @@ fn candidates_in_frame(
                 rejected.push(RejectedHypothesis::new(h, joint.as_ref(), view));
             }
         }
-        grown.extend(more.into_iter().flatten());
+        candidates.extend(more.into_iter().flatten());
     }
 }
 
@@ -179,13 +182,12 @@ fn most_grown(search: &SearchState, config: &JointSearchConfig) -> usize {
     }
 }
 
-/// Grows a hypothesis in the frame of `parent` to a candidate and verifies it; `None` where too few of the `moving`
-/// tracks follow it. `how` the candidate came about is logged.
-pub fn grown_and_verified(
+/// Grows a hypothesis in the frame of `parent` to a candidate that is not yet verified; `None` where too few of the
+/// `moving` tracks follow it.
+pub fn grown(
     search: &SearchState,
     h: &Hypothesis,
     (parent, view, moving): (Option<usize>, &TracksInFrame, &[usize]),
-    how: &str,
 ) -> Option<JointEstimate> {
     if search.is_cancelled() {
         return None;
@@ -197,7 +199,7 @@ pub fn grown_and_verified(
     let mut joint = grow_hypothesis(view, h, moving, search.config(), is_hopeless)?;
     joint.parent = parent;
     joint.seed.clone_from(&h.tracks);
-    Some(verify(search, view, joint, moving, how))
+    Some(joint)
 }
 
 /// True if a hypothesis in the frame of `part` also moves in the frame of that part's parent, and the

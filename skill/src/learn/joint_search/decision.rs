@@ -360,7 +360,7 @@ fn max_cost(joint: &JointEstimate, evidence: &Evidence) -> f64 {
         _ if found_everywhere && rests_at_an_end(joint) => ALLOWANCE_FOUND,
         _ => 0.0,
     };
-    let is_sure_sibling = evidence.is_sibling
+    let is_sure_sibling = evidence.is_parallel_sibling
         && evidence.discriminability >= WELL_DISCRIMINATED
         && solid
         && !may_sway;
@@ -514,9 +514,9 @@ mod tests {
 
     #[test]
     fn a_sibling_may_have_noisier_tracks_where_pictures_discriminate_it() {
-        let noisy = |is_sibling, discriminability| {
+        let noisy = |is_parallel_sibling, discriminability| {
             let joint = discriminated(drawer(0.95, 0.3), discriminability);
-            let evidence = Evidence { is_sibling, ..joint.evidence.clone() };
+            let evidence = Evidence { is_parallel_sibling, ..joint.evidence.clone() };
             is_accepted(&JointEstimate { evidence, cost: 4.6, ..joint })
         };
         assert!(noisy(true, 0.68));

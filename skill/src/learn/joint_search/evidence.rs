@@ -24,9 +24,9 @@ pub struct Evidence {
     /// Share of the tracks' observations, 0 to 1, in frames of unknown configuration. It is high
     /// for a hand, which moves on where the joint does not explain it.
     pub uncovered_ratio: f64,
-    /// True if the joint was searched as a sibling of an adopted joint, and its line is parallel to that joint's as
-    /// exactly as lines can be measured.
-    pub is_sibling: bool,
+    /// True if the joint was searched as a sibling of an adopted joint, and their lines are parallel as exactly as they
+    /// can be measured.
+    pub is_parallel_sibling: bool,
     /// By frame: configuration at keyframes, radians or metres, from depth alone where tracks do
     /// not give it; NaN in other frames.
     pub configuration_from_depth: Vec<f64>,
@@ -44,7 +44,7 @@ impl Evidence {
             unattached_ratio: 0.0,
             parent_correlation: 0.0,
             uncovered_ratio: 0.0,
-            is_sibling: false,
+            is_parallel_sibling: false,
             configuration_from_depth: vec![f64::NAN; frames],
             contradicted_frames: Vec::new(),
         }

@@ -47,6 +47,7 @@ use super::learned_joint::LearnedJoints;
 use super::recording::Recording;
 use crate::object::model::Joint;
 pub use config::SearchSettings;
+use estimate::JointEstimate;
 use search_state::SearchState;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -119,21 +120,30 @@ fn find_joints(search: &mut SearchState) {
         candidates = adoption::adopt(search, best, candidates, &mut unexplained);
     }
     if search.is_the_end() {
+        candidates = find_siblings(search, candidates, &mut unexplained);
         search.rejections = selection::rejections(search, &candidates);
-        find_siblings(search, &mut unexplained);
     }
     if search.config().chains && !search.is_cancelled() {
         reparent::reparent(search);
     }
 }
 
-/// Adopts the best sibling of an adopted joint until none is accepted.
-fn find_siblings(search: &mut SearchState, unexplained: &mut Vec<usize>) {
+/// Adopts the best sibling of an adopted joint until none is accepted. Returns the candidates that remain, with the
+/// siblings that are not accepted.
+fn find_siblings(
+    search: &mut SearchState,
+    mut candidates: Vec<JointEstimate>,
+    unexplained: &mut Vec<usize>,
+) -> Vec<JointEstimate> {
     for round in 0..ROUNDS {
-        let candidates = siblings::grow_siblings(search, unexplained, round);
-        let Some(best) = selection::best_of(search, &candidates) else { break };
-        adoption::adopt(search, best, candidates, unexplained);
+        let siblings = siblings::grow_siblings(search, unexplained, round);
+        let Some(best) = selection::best_of(search, &siblings) else {
+            candidates.extend(siblings);
+            break;
+        };
+        candidates = adoption::adopt(search, best, candidates, unexplained);
     }
+    candidates
 }
 
 #[cfg(test)]

@@ -68,7 +68,8 @@ fn attached(search: &SearchState, joint: usize, parent: usize) -> Option<JointEs
         // Depth confirms the part although the parent rests in all tracked frames, so a negative
         // correlation is set to 0.
         let parent_correlation = attached.evidence.parent_correlation.max(0.0);
-        attached.evidence = Evidence { parent_correlation, ..attached.evidence };
+        attached.evidence =
+            Evidence { parent_correlation, is_parallel_sibling: false, ..attached.evidence };
     }
     let goes_along = found_by_tracks || found_in_pictures;
     (goes_along && accepts(&attached, search.config())).then_some(attached)

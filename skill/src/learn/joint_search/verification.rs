@@ -46,7 +46,7 @@ pub fn evaluate(search: &SearchState, view: &TracksInFrame, joint: &JointEstimat
         unattached_ratio: seen.unattached_ratio,
         parent_correlation,
         uncovered_ratio,
-        is_sibling: before.is_sibling,
+        is_parallel_sibling: before.is_parallel_sibling,
         configuration_from_depth,
         contradicted_frames: seen.contradicted_frames,
     }

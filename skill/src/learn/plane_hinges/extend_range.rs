@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_about_an_open_door_does_not_shut_it() {
+    fn a_door_is_known_by_its_plane_where_tracks_do_not_show_it() {
         let turned = |f: usize| 0.15 * f.saturating_sub(6).min(8) as f64;
         let recording = door_recording(24, turned);
         let [x, z] = HINGE_M;
@@ -462,8 +462,9 @@ mod tests {
         };
         extend_to(0.6, &mut learned, &recording);
         let told = configurations(&learned);
-        let wrong = (12..24).filter(|&f| told[f].is_some_and(|q| (q - turned(f)).abs() > 0.05));
-        assert_eq!(wrong.collect::<Vec<_>>(), [0; 0], "{told:?}");
+        let is_right = |f: usize| told[f].map(|q| (q - turned(f)).abs() < 0.05);
+        let right: Vec<Option<bool>> = (12..24).map(is_right).collect();
+        assert!(right.contains(&Some(true)) && !right.contains(&Some(false)), "{told:?}");
     }
 
     #[test]
