@@ -25,7 +25,7 @@ const ROOM_REACH_M: f64 = 0.5;
 /// Smallest cosine between the normal of a table and the upward direction of the image, for cameras that look down by
 /// less than 60 degrees. The front of a tall cabinet is as large as a table, but faces forwards.
 const FACES_UPWARDS: f64 = 0.5;
-/// How far a room plane extends beyond its samples, metres.
+/// How far a room plane extends beyond its samples, metres: samples are some centimetres apart, and more at a distance.
 const EXTENT_M: f64 = 0.12;
 /// Fewest samples among which a plane is searched for.
 const MIN_SAMPLES: usize = 150;
