@@ -37,7 +37,7 @@ use part_growth::grown;
 use part_labels::{LabelGrid, NearPart, PosedFrame, label};
 use rayon::prelude::*;
 use region::Region;
-use surfels::{SeenSurfel, VoxelGrid, seen_surface};
+use surfels::{SeenSurfel, VoxelGrid, seen_surface, thinned};
 
 /// Side of a voxel in which surface is averaged, metres, for an object up to 1 m away. It grows in proportion to the
 /// distance beyond, because a farther object is seen in fewer, noisier pixels.
@@ -95,13 +95,13 @@ pub fn build(demonstration: &Demonstration) -> opencv::Result<Appearance> {
             voxels.add(*keyframe, seen.surface);
         }
     }
-    let surface = voxels.into_surface();
+    let surface = voxels.into_surfels();
     let near = swept.grown(EDGE_MARGIN_M);
     let may_end = |s: &&Surfel| s.part > 0 || near.holds(&Point3::from(s.point.map(f64::from)));
-    let near_motion: Vec<Surfel> = surface.surfels.iter().filter(may_end).copied().collect();
+    let near_motion: Vec<Surfel> = surface.iter().filter(may_end).copied().collect();
     Ok(Appearance {
         features: merged(features, MAX_FEATURES_PER_PART),
-        surfels: surface.thinned(MAX_SURFELS_PER_PART),
+        surfels: thinned(&surface, MAX_SURFELS_PER_PART),
         edges: edges(&posed, &near_motion, &demonstration.model, MAX_EDGES_PER_PART),
         room: merged(room, MAX_ROOM_FEATURES),
     })

@@ -14,7 +14,7 @@ use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::HashMap;
 
 /// Side of a neighbourhood whose pieces of surface are compared in colour, metres.
 const NEIGHBOURHOOD_M: f64 = 0.1;
@@ -99,43 +99,14 @@ impl VoxelGrid {
         }
     }
 
-    /// The surface: one surfel for each voxel that at least two keyframes show with consistent normals.
-    pub fn into_surface(self) -> Surface {
-        surface(self.voxels)
+    /// One surfel for each voxel that at least two keyframes show with consistent normals. The
+    /// order is random, so that the first surfels are spread over the whole surface.
+    pub fn into_surfels(self) -> Vec<Surfel> {
+        surfels(self.voxels)
     }
 }
 
-/// Surface of an object.
-pub struct Surface {
-    /// Surfels in random order, so that the first ones are spread over all of it.
-    pub surfels: Vec<Surfel>,
-    /// Indices of the surfels in another order; see [`in_turns`].
-    order: Vec<usize>,
-}
-
-impl Surface {
-    /// At most `per_part` surfels of each part: half of them spread over what each keyframe shows, the others over all
-    /// of the part. Part by part, each in random order.
-    pub fn thinned(&self, per_part: usize) -> Vec<Surfel> {
-        let mut is_kept = vec![false; self.surfels.len()];
-        let mut taken: HashMap<u16, usize> = HashMap::new();
-        let mut keep = |i: usize, most: usize| {
-            let count = taken.entry(self.surfels[i].part).or_default();
-            if !is_kept[i] && *count < most {
-                is_kept[i] = true;
-                *count += 1;
-            }
-        };
-        self.order.iter().for_each(|&i| keep(i, per_part / 2));
-        (0..self.surfels.len()).for_each(|i| keep(i, per_part));
-        let kept = self.surfels.iter().zip(is_kept).filter(|(_, is_kept)| *is_kept);
-        let mut kept: Vec<Surfel> = kept.map(|(surfel, _)| *surfel).collect();
-        kept.sort_by_key(|s| s.part);
-        kept
-    }
-}
-
-fn surface(voxels: HashMap<VoxelKey, Voxel>) -> Surface {
+fn surfels(voxels: HashMap<VoxelKey, Voxel>) -> Vec<Surfel> {
     let mut solid: Vec<(VoxelKey, Voxel)> = voxels
         .into_iter()
         .filter(|(_, v)| v.colours.len() >= 2 && v.count >= 3.0 && v.normal.norm() > 0.8 * v.count)
@@ -143,7 +114,6 @@ fn surface(voxels: HashMap<VoxelKey, Voxel>) -> Surface {
     solid.sort_by_key(|(key, _)| *key);
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     solid.shuffle(&mut rng);
-    let order = in_turns(&solid);
     let pieces = solid.iter().map(|((part, _, side), v)| Piece {
         face: (*part, *side),
         neighbourhood: cell(&Point3::from(v.point / v.count), NEIGHBOURHOOD_M),
@@ -156,31 +126,20 @@ fn surface(voxels: HashMap<VoxelKey, Voxel>) -> Surface {
         normal: v.normal.normalize().map(|x| x as f32).into(),
         lab: albedo.map(|x| x as f32).into(),
     };
-    Surface { surfels: solid.into_iter().zip(albedos).map(surfel).collect(), order }
+    solid.into_iter().zip(albedos).map(surfel).collect()
 }
 
-/// Indices of the voxels in an order in which the keyframes take turns, each with the next voxel of a part that it
-/// shows. Of a fridge whose door is shut only a strip around the door is in sight; in random order nearly all of the
-/// first voxels would lie inside.
-fn in_turns(voxels: &[(VoxelKey, Voxel)]) -> Vec<usize> {
-    let mut shown: BTreeMap<(u16, usize), VecDeque<usize>> = BTreeMap::new();
-    for (i, ((part, _, _), voxel)) in voxels.iter().enumerate() {
-        for seen in &voxel.colours {
-            shown.entry((*part, seen.keyframe)).or_default().push_back(i);
-        }
-    }
-    let mut is_taken = vec![false; voxels.len()];
-    let mut order = Vec::with_capacity(voxels.len());
-    while order.len() < voxels.len() {
-        for of_keyframe in shown.values_mut() {
-            let next = std::iter::from_fn(|| of_keyframe.pop_front()).find(|&i| !is_taken[i]);
-            if let Some(i) = next {
-                is_taken[i] = true;
-                order.push(i);
-            }
-        }
-    }
-    order
+/// The first `per_part` surfels of each part.
+pub fn thinned(surfels: &[Surfel], per_part: usize) -> Vec<Surfel> {
+    let mut taken: HashMap<u16, usize> = HashMap::new();
+    let mut is_among_first = |s: &&Surfel| {
+        let count = taken.entry(s.part).or_default();
+        *count += 1;
+        *count <= per_part
+    };
+    let mut kept: Vec<Surfel> = surfels.iter().filter(&mut is_among_first).copied().collect();
+    kept.sort_by_key(|s| s.part);
+    kept
 }
 
 #[cfg(test)]
@@ -208,7 +167,7 @@ mod tests {
         for (keyframe, places) in keyframes {
             grid.add(*keyframe, places.iter().flat_map(|p| [p(), p()]).collect());
         }
-        grid.into_surface().surfels
+        grid.into_surfels()
     }
 
     #[test]
@@ -221,7 +180,7 @@ mod tests {
         };
         grid.add(0, vec![at(0.002, 0.1), at(0.008, -0.1)]);
         grid.add(1, vec![at(0.002, -0.1), at(0.008, 0.1)]);
-        let [surfel] = grid.into_surface().surfels[..] else { panic!("one voxel, one surfel") };
+        let [surfel] = grid.into_surfels()[..] else { panic!("one voxel, one surfel") };
         assert_eq!(surfel.part, 1);
         assert!((surfel.point[0] - 0.005).abs() < 1e-6 && (surfel.point[2] - 1.01).abs() < 1e-6);
         assert!((surfel.normal[2] + 1.0).abs() < 1e-6 && surfel.normal[0].abs() < 1e-6);
@@ -275,21 +234,6 @@ mod tests {
     }
 
     #[test]
-    fn the_first_surfels_show_each_state_though_most_of_the_surface_is_seen_in_one() {
-        let mut grid = VoxelGrid::new(VOXEL_M);
-        // A strip of 10 places is always in sight, 200 places inside only in the last two keyframes.
-        for keyframe in 0..8 {
-            let seen = if keyframe < 6 { 0..10 } else { 0..210 };
-            let seen = seen.flat_map(|x| [0, 1].map(|_| place(0, x, towards_camera())));
-            grid.add(keyframe, seen.collect());
-        }
-        let first = grid.into_surface().thinned(40);
-        let strip = (10.0 * VOXEL_M) as f32;
-        assert_eq!(first.iter().filter(|s| s.point[0] < strip).count(), 10);
-        assert_eq!(first.len(), 40);
-    }
-
-    #[test]
     fn the_first_surfels_of_each_part_are_kept_part_by_part() {
         let surfel = |part, x| Surfel {
             part,
@@ -297,14 +241,9 @@ mod tests {
             normal: [0.0, 0.0, -1.0],
             lab: [50.0, 0.0, 0.0],
         };
-        let surfels =
-            vec![surfel(1, 0.0), surfel(0, 1.0), surfel(1, 2.0), surfel(1, 3.0), surfel(0, 4.0)];
-        let all = Surface { surfels, order: vec![3, 0, 1, 2, 4] };
-        let kept = |per_part| -> Vec<(u16, f32)> {
-            all.thinned(per_part).iter().map(|s| (s.part, s.point[0])).collect()
-        };
-        // One of each part in the other order, one at random.
-        assert_eq!(kept(2), [(0, 1.0), (0, 4.0), (1, 0.0), (1, 3.0)]);
-        assert!(kept(0).is_empty());
+        let all = [surfel(1, 0.0), surfel(0, 1.0), surfel(1, 2.0), surfel(1, 3.0), surfel(0, 4.0)];
+        let kept: Vec<(u16, f32)> = thinned(&all, 2).iter().map(|s| (s.part, s.point[0])).collect();
+        assert_eq!(kept, [(0, 1.0), (0, 4.0), (1, 0.0), (1, 2.0)]);
+        assert!(thinned(&all, 0).is_empty() && thinned(&[], 5).is_empty());
     }
 }
