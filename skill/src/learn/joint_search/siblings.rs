@@ -9,7 +9,7 @@
 use super::bundle_adjustment::OUTLIER_CUT;
 use super::candidates::grown;
 use super::estimate::JointEstimate;
-use super::motion_hypotheses::hypotheses;
+use super::motion_hypotheses::{COVERED, hypotheses};
 use super::screw_joint::ScrewJoint;
 use super::search_state::{MIN_MOVING, SearchState};
 use super::tracks_in_part_frame::TracksInFrame;
@@ -25,8 +25,6 @@ const KEEPS: f64 = 0.85;
 /// Largest number of hypotheses that are grown for each joint, because a user waits. Among tracks of one direction the
 /// strongest ones are siblings.
 const GROWN: usize = 3;
-/// Share of tracks in common from which two hypotheses lead to the same joint, as for all candidates.
-const SAME: f64 = 0.6;
 /// Smallest cosine of the angle between the lines of siblings, 8 degrees: a short motion gives a direction no better.
 const PARALLEL: f64 = 0.99;
 /// Smallest cosine of the angle between lines that are parallel as exactly as they can be measured, 2.5 degrees. Two
@@ -66,7 +64,7 @@ fn siblings_of(
         if tried.len() == GROWN {
             break;
         }
-        if tried.iter().any(|tracks| overlap(&h.tracks, tracks) > SAME) {
+        if tried.iter().any(|tracks| overlap(&h.tracks, tracks) > COVERED) {
             continue;
         }
         let candidate = grown(search, &h, (parent, &view, &moving));
@@ -139,11 +137,14 @@ mod tests {
     }
 
     #[test]
-    fn a_second_drawer_is_a_candidate_without_the_arm_that_pulls_it() {
+    fn a_second_drawer_is_a_candidate_and_the_arm_that_pulls_it_does_not_keep_to_its_line() {
         let recording = recording_of(two_drawers(), front);
         let config = JointSearchConfig::default();
         with_search(&recording, &config, &WarmStart::default(), |search| {
             let first = drawer(&search.base_view, |_| true);
+            let kept = (ON_FRONT..ON_FRONT + 2 * ON_SECOND)
+                .filter(|&track| keeps_to(&first.dof, &search.base_view, track));
+            assert!(kept.eq(ON_FRONT..ON_FRONT + ON_SECOND));
             search.joints.push(first);
             let unexplained: Vec<usize> = (ON_FRONT..ON_FRONT + 2 * ON_SECOND).collect();
             let found = grow_siblings(search, &unexplained, 0);
