@@ -69,8 +69,12 @@ impl Occupancy {
 
     /// True if no occupied cell lies within `distance`, metres, of a point.
     pub fn is_far_from(&self, p: &Point3<f64>, distance: f64) -> bool {
-        let centre = |c: &[i32; 3]| Point3::from(c.map(|x| (f64::from(x) + 0.5) * COARSE_M));
-        self.0.iter().all(|c| (centre(c) - p).norm() > distance)
+        self.centres().all(|centre| (centre - p).norm() > distance)
+    }
+
+    /// The centre of each occupied cell.
+    pub fn centres(&self) -> impl Iterator<Item = Point3<f64>> {
+        self.0.iter().map(|c| Point3::from(c.map(|x| (f64::from(x) + 0.5) * COARSE_M)))
     }
 
     /// The union with another grid.

@@ -235,8 +235,7 @@ impl<'f> SeenPlace<'f> {
     ) -> bool {
         let is_as_bright = shows(other.frame, claimed, self.luma);
         match depth {
-            _ if part == 0 => is_as_bright || self.is_so(other, claimed, is_same_under_other_light),
-            Depth::TellsThisPart => {
+            Depth::TellsThisPart | Depth::IsAloneClaimed => {
                 is_as_bright
                     || has_turned(self.here, other, part)
                     || self.is_so(other, claimed, is_same_under_other_light)
@@ -262,8 +261,10 @@ impl<'f> SeenPlace<'f> {
 enum Depth {
     /// Depth contradicts all other claims.
     TellsThisPart,
-    /// Depth does not contradict some other claim, or there is no other claim.
+    /// Depth does not contradict some other claim.
     TellsNothing,
+    /// There is no other claim.
+    IsAloneClaimed,
 }
 
 /// True if the pixel of a place, or one beside it, is about as bright as `wanted`.
@@ -341,7 +342,8 @@ fn support(
                     Verdict::at(other.frame, rival).is_some_and(|v| v != Verdict::There)
                 };
                 let depth = match &rivals[..] {
-                    [_, ..] if rivals.iter().all(contradicts) => Depth::TellsThisPart,
+                    [] => Depth::IsAloneClaimed,
+                    rivals if rivals.iter().all(contradicts) => Depth::TellsThisPart,
                     _ => Depth::TellsNothing,
                 };
                 let is_alike = seen.is_none_or(|s| s.is_alike_in(other, part, &claimed, depth));

@@ -22,6 +22,9 @@ const SURFACE_MARGIN_M: f64 = 0.25;
 /// Largest distance from a moving part at rest to static surface that touches it, metres: the known points of a part
 /// do not reach its edges.
 const TOUCH_M: f64 = 0.08;
+/// Fewest cells of connected surface. Fewer are errors of labels: what is near is taken instead. The foot of a screen
+/// is not connected with what is known of the screen, which near its axis is hard to tell from the foot.
+const MIN_CONNECTED: usize = 10;
 /// Reach of the base along connected surface, metres, if little surface lies near the swept volume.
 const BASE_REACH_M: f64 = 0.4;
 /// Number of coarse cells of the base's surface that is enough to recognise the base.
@@ -42,8 +45,8 @@ pub struct Region {
 
 impl Region {
     /// The static surface near the moving parts that is connected with their place `at_rest`, without the room's
-    /// planes. If there is little of it, connected surface farther away is added: the foot under a seat. If nothing
-    /// is connected, the region is all that is near.
+    /// planes. If there is little of it, connected surface farther away is added: the foot under a seat. If next to
+    /// nothing is connected, the region is all that is near.
     pub fn new(
         swept: &Occupancy,
         at_rest: &Occupancy,
@@ -56,7 +59,7 @@ impl Region {
         let connected_within = |margin: f64| {
             let near = swept.grown(margin);
             let connected = touching.connected(&near.intersection(&resting));
-            if connected.0.is_empty() { near } else { connected }
+            if connected.0.len() < MIN_CONNECTED { near } else { connected }
         };
         let surface = connected_within(SURFACE_MARGIN_M);
         let little = surface.intersection(&resting).0.len() < ENOUGH_SURFACE;
@@ -216,6 +219,21 @@ mod tests {
         assert!(!region.is_own_base(&region.surface, &hand, FRONT_M));
         let elsewhere = Point3::new(-0.16, 0.0, FRONT_M);
         assert!(region.is_own_base(&region.surface, &elsewhere, FRONT_M));
+    }
+
+    #[test]
+    fn a_few_connected_cells_are_no_base() {
+        // Of the front only a strip beside what moved is seen; the foot lies below, and is not connected.
+        let strip =
+            |x: f64, y: f64| (0.1..0.13).contains(&(x * FRONT_M)) && (y * FRONT_M).abs() < 0.04;
+        let foot =
+            |x: f64, y: f64| (0.22..0.4).contains(&(y * FRONT_M)) && (x * FRONT_M).abs() < 0.2;
+        let region = region_of(|x, y| match () {
+            () if strip(x, y) || foot(x, y) => FRONT_M,
+            () => WALL_M,
+        });
+        let on_foot = Point3::new(0.0, 0.26, FRONT_M);
+        assert!(region.is_own_base(&region.surface, &on_foot, FRONT_M));
     }
 
     #[test]

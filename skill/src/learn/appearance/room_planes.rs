@@ -25,6 +25,13 @@ const ROOM_REACH_M: f64 = 0.5;
 /// Smallest cosine between the normal of a table and the upward direction of the image, for cameras that look down by
 /// less than 60 degrees. The front of a tall cabinet is as large as a table, but faces forwards.
 const FACES_UPWARDS: f64 = 0.5;
+/// Smallest area of a support beyond [`ROOM_CLEARANCE_M`] of the swept volume, square metres. A support faces upwards
+/// and lies below all that moved: the table on which a safe stands. A quarter of a table of 0.8 m by 0.6 m.
+const SUPPORT_AREA_M2: f64 = 0.12;
+/// How far the swept volume may reach below a support, metres: half a cell, and noise.
+const BELOW_SUPPORT_M: f64 = 0.04;
+/// Largest share of the swept volume that may lie farther below a support; a hand passes below a table's edge.
+const SHARE_BELOW_SUPPORT: f64 = 0.05;
 /// How far a room plane extends beyond its samples, metres: samples are some centimetres apart, and more at a distance.
 const EXTENT_M: f64 = 0.12;
 /// Fewest samples among which a plane is searched for.
@@ -35,6 +42,11 @@ const MIN_ON_PLANE: usize = 120;
 const HYPOTHESES: usize = 80;
 /// Fewest samples at the image border of a plane that leaves the image.
 const MIN_BORDER_SAMPLES: usize = 4;
+/// Distance between samples, pixels.
+const SAMPLE_STEP: usize = 6;
+/// Smallest cosine between a normal and the direction of view by which the area of a sample is computed; at a flatter
+/// angle depth has no normal that can be trusted.
+const LEAST_FACING: f64 = 0.2;
 /// Width of the strip along the image border whose samples lie at the border, pixels.
 const BORDER_PX: usize = 16;
 
@@ -87,6 +99,8 @@ struct Sample {
     normal: Vector3<f64>,
     /// Depth at which the sample was measured, metres.
     z: f64,
+    /// Area that the sample stands for, square metres.
+    area: f64,
     /// True if the sample lies at the image border.
     at_border: bool,
 }
@@ -97,11 +111,14 @@ fn surface_samples(frame: &RgbdFrame, camera_from_object: &Pose) -> Vec<Sample> 
     let mut samples = Vec::new();
     let (width, height) = (frame.camera.width, frame.camera.height);
     let near_border = |x: usize, side: usize| x < BORDER_PX || x + BORDER_PX >= side;
-    for v in (0..height).step_by(6) {
-        for u in (0..width).step_by(6) {
+    for v in (0..height).step_by(SAMPLE_STEP) {
+        for u in (0..width).step_by(SAMPLE_STEP) {
             let (Some(p), Some(n)) = (frame.point_at(u, v), normals.at(u, v)) else { continue };
             if p.z < 3.5 {
+                let facing = n.normal.dot(&p.coords.normalize()).abs().max(LEAST_FACING);
+                let side = SAMPLE_STEP as f64 * p.z / frame.camera.fx;
                 samples.push(Sample {
+                    area: side * side / facing,
                     point: camera_from_object.inverse_transform_point(&p),
                     normal: camera_from_object.inverse_transform_vector(&n.normal),
                     z: p.z,
@@ -129,7 +146,8 @@ pub fn room_planes(first: Option<&PosedFrame>, swept: &Occupancy) -> Room {
         let Some(plane) = largest_plane(&left, camera.depth_sensor, &mut rng) else { break };
         let (on, off): (Vec<_>, Vec<_>) = left.into_iter().partition(|s| plane.carries(s));
         left = off;
-        if leads_away(&on, swept, plane.normal.dot(&up) > FACES_UPWARDS) {
+        let faces_upwards = plane.normal.dot(&up) > FACES_UPWARDS;
+        if leads_away(&on, swept, faces_upwards) || faces_upwards && supports(&plane, &on, swept) {
             let extent = Occupancy::new(on.iter().map(|s| s.point)).grown(EXTENT_M);
             planes.push((plane, extent));
         }
@@ -166,6 +184,16 @@ fn leads_away(plane: &[Sample], swept: &Occupancy, faces_upwards: bool) -> bool 
     };
     let leaves = plane.iter().filter(|s| s.at_border).count() >= MIN_BORDER_SAMPLES;
     beyond(ROOM_CLEARANCE_M) > 0.4 && (leaves || faces_upwards && beyond(ROOM_REACH_M) > 0.1)
+}
+
+/// True if a plane that faces upwards supports the object: it lies below all that moved, and a large area of it is far
+/// from there. A table of which the object covers the most, or what moved comes near, does not lead away.
+fn supports(plane: &Plane, on: &[Sample], swept: &Occupancy) -> bool {
+    let beyond = on.iter().filter(|s| swept.is_far_from(&s.point, ROOM_CLEARANCE_M));
+    let is_below = |c: &Point3<f64>| plane.normal.dot(&(c - plane.through)) < -BELOW_SUPPORT_M;
+    let below = swept.centres().filter(is_below).count();
+    beyond.map(|s| s.area).sum::<f64>() > SUPPORT_AREA_M2
+        && below as f64 <= SHARE_BELOW_SUPPORT * swept.0.len() as f64
 }
 
 /// The least-squares plane through all samples that lie on the given plane.
@@ -223,6 +251,28 @@ mod tests {
         });
         let on_table = Occupancy::new(std::iter::once(Point3::new(0.0, 0.45, 1.4)));
         assert_eq!(planes(&table, Some(Pose::identity()), &on_table).planes.len(), 1);
+    }
+
+    #[test]
+    fn the_table_below_what_moved_is_the_rooms_though_most_of_it_is_near() {
+        // A table 0.5 m below the camera, from 1.0 to 1.9 m away and within the image.
+        let table = seen(0, |x, y| {
+            let z = 0.5 / y;
+            if (1.0..1.9).contains(&z) && (z * x).abs() < 0.7 { z } else { f64::NAN }
+        });
+        let moved_down_to = |lowest: f64| {
+            let places = |from: f64, to: f64| {
+                (0..).map(move |i| from + 0.04 * f64::from(i)).take_while(move |p| *p < to)
+            };
+            let above = places(-0.35, 0.35).flat_map(|x| places(1.2, 1.7).map(move |z| [x, z]));
+            Occupancy::new(
+                above.flat_map(|[x, z]| places(0.3, lowest).map(move |y| Point3::new(x, y, z))),
+            )
+        };
+        let planes_with =
+            |lowest| planes(&table, Some(Pose::identity()), &moved_down_to(lowest)).planes.len();
+        assert_eq!(planes_with(0.48), 1);
+        assert_eq!(planes_with(0.8), 0, "what moves below a plane does not stand on it");
     }
 
     #[test]
