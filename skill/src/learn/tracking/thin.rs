@@ -115,7 +115,7 @@ impl TrackSet {
         let mut renumber = |track: &Track| {
             let stays = !track.observations.is_empty();
             stay += usize::from(stays);
-            stays.then_some(stay - 1)
+            stays.then(|| stay - 1)
         };
         let numbers = self.tracks.iter().map(&mut renumber).collect();
         self.tracks.retain(|track| !track.observations.is_empty());
