@@ -5,7 +5,7 @@
 //!
 //! In: the line of a hinge, points of its part, and the keyframes; metres.
 //! Out: the share (0 to 1) of the line, over all keyframes, that is in free space or outside the
-//! image.
+//! image; for a part around its line, the share of that end which is held better.
 //! From: measured on rendered demonstrations. At most 1 % of a true hinge's line had no surface
 //! near it; a leaning trunk's line had none at all. Of a swivel chair's line 73 % was in the air,
 //! between the armrests.
@@ -22,9 +22,9 @@ use std::f64::consts::{PI, TAU};
 pub const MAX_UNATTACHED: f64 = 0.4;
 /// Number of places on the line that are tested in each keyframe.
 const PLACES: usize = 11;
-/// Number of places at one end of the line, which hold a part that lies around it.
+/// Number of places at one end of the line; one end is enough to hold a part that lies around its line.
 const END_PLACES: usize = 3;
-/// Smallest distance from the line of a point by which the part lies on one side of it, metres.
+/// Smallest distance from the line of a point that counts for the side on which the part lies, metres.
 const ASIDE_M: f64 = 0.05;
 /// Smallest share of a part's points in each half space beside a line that the part surrounds.
 const SHARE_BESIDE: f64 = 0.05;
@@ -40,7 +40,7 @@ const BESIDE_M: f64 = 0.025;
 const MAX_THROUGH: f64 = 0.1;
 
 /// Share of the places on a hinge's line, over all keyframes, that are in free space or outside the
-/// image; 0 without `points`. The places lie along the part, from the 10th to the 90th percentile
+/// image; 0 without `points`. If the points surround the line, only its better held end counts. The places lie along the part, from the 10th to the 90th percentile
 /// of `points`, which are on the part in the frame of the line. `camera_from_line` is the pose of
 /// that frame at a frame of the recording.
 pub fn unattached_ratio(
@@ -79,11 +79,11 @@ pub fn unattached_ratio(
 
 /// True if points of a part lie on all sides of a line: each half space beside the line holds some of them.
 fn surrounds(points: &[Point3<f64>], line: &JointGeometry) -> bool {
-    let (across, along) = orthonormal_basis(&line.axis);
+    let (x_axis, y_axis) = orthonormal_basis(&line.axis);
     let angles: Vec<f64> = points
         .iter()
         .map(|p| p - line.origin)
-        .map(|d| [d.dot(&across), d.dot(&along)])
+        .map(|d| [d.dot(&x_axis), d.dot(&y_axis)])
         .filter(|[x, y]| x.hypot(*y) > ASIDE_M)
         .map(|[x, y]| y.atan2(x))
         .collect();

@@ -474,6 +474,18 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_plain_part_that_turns_in_its_own_plane_is_not_the_bases_because_the_light_changes() {
+        let frame = |i: i64| {
+            let picture = with_luma(seen(i + 1, board(0.2, 1.5, 3.0)), 40 + 8 * i as u8);
+            let turned = Pose::new(Vector3::zeros(), Vector3::z() * (0.06 * i as f64));
+            (picture, vec![Some(Pose::identity()), Some(turned)])
+        };
+        let frames: Vec<_> = (0..FRAMES).map(frame).collect();
+        let beside_the_axis = (MIDDLE.0 + 25, MIDDLE.1);
+        assert_ne!(labelled(&frames, 9).at(beside_the_axis.0, beside_the_axis.1), Some(0));
+    }
+
     /// Somebody stands before the wall in most of the frames.
     fn standing(away: impl Fn(i64) -> bool) -> Vec<(RgbdFrame, Vec<Option<Pose>>)> {
         let front = |i: i64| if away(i) { 2.0 } else { 1.5 };

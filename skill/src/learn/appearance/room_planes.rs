@@ -28,7 +28,7 @@ const FACES_UPWARDS: f64 = 0.5;
 /// Smallest area of a support beyond [`ROOM_CLEARANCE_M`] of the swept volume, square metres. A support faces upwards
 /// and lies below all that moved: the table on which a safe stands. A quarter of a table of 0.8 m by 0.6 m.
 const SUPPORT_AREA_M2: f64 = 0.12;
-/// How far the swept volume may reach below a support, metres: half a cell, and noise.
+/// How far the swept volume may reach below a support, metres: one cell of the swept volume.
 const BELOW_SUPPORT_M: f64 = 0.04;
 /// Largest share of the swept volume that may lie farther below a support; a hand passes below a table's edge.
 const SHARE_BELOW_SUPPORT: f64 = 0.05;
@@ -187,7 +187,7 @@ fn leads_away(plane: &[Sample], swept: &Occupancy, faces_upwards: bool) -> bool 
 }
 
 /// True if a plane that faces upwards supports the object: it lies below all that moved, and a large area of it is far
-/// from there. A table of which the object covers the most, or what moved comes near, does not lead away.
+/// from there. [`leads_away`] does not find a table most of which is near what moved.
 fn supports(plane: &Plane, on: &[Sample], swept: &Occupancy) -> bool {
     let beyond = on.iter().filter(|s| swept.is_far_from(&s.point, ROOM_CLEARANCE_M));
     let is_below = |c: &Point3<f64>| plane.normal.dot(&(c - plane.through)) < -BELOW_SUPPORT_M;
