@@ -106,6 +106,10 @@ const SMALL_TURN_RAD: f64 = 0.25;
 /// axis.
 const MIN_ARC_M: f64 = 0.03;
 
+/// Largest share of the comparisons of images in which the texture of a joint's tracks is still at its former place
+/// (see `former_place`).
+const MAX_STILL_THERE: f64 = 0.3;
+
 /// Allowance for a segment above the largest share of points that are seen through.
 pub const SEGMENT_VIOLATION_SLACK: f64 = 0.03;
 /// Allowance for a segment above the largest share of points that are missing.
@@ -234,6 +238,16 @@ pub enum Rejection {
         /// Share of the line beside the part that is in the air or outside the images, 0 to 1.
         share: f64,
     },
+    /// Images show the texture of the tracks at its former place while the joint has moved it away.
+    #[error(
+        "what moves is still seen at its former place in {:.0} % of the comparisons; at most {:.0} % are allowed",
+        100.0 * share,
+        100.0 * MAX_STILL_THERE
+    )]
+    StillThere {
+        /// Share of the decisive comparisons, 0 to 1.
+        share: f64,
+    },
     /// An accepted candidate explains the same tracks and is preferred: one is a joint of the base and the
     /// other of a part. A joint of the base needs 0.8 times the frames, a joint of a part 1.25 times.
     #[error("a candidate with another parent explains the same tracks and is preferred")]
@@ -305,6 +319,10 @@ pub fn decide(
         (
             evidence.unattached_ratio <= MAX_UNATTACHED,
             Rejection::Unattached { share: evidence.unattached_ratio },
+        ),
+        (
+            evidence.still_there_ratio <= MAX_STILL_THERE,
+            Rejection::StillThere { share: evidence.still_there_ratio },
         ),
     ];
     table.into_iter().find(|(is_kept, _)| !is_kept).map_or(Ok(()), |(_, rejection)| Err(rejection))

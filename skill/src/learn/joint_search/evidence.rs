@@ -24,6 +24,9 @@ pub struct Evidence {
     /// Share of the tracks' observations, 0 to 1, in frames of unknown configuration. It is high
     /// for a hand, which moves on where the joint does not explain it.
     pub uncovered_ratio: f64,
+    /// Share of the comparisons of images, 0 to 1, in which the texture of the joint's tracks is still at its former
+    /// place; 0 for a joint that other limits reject.
+    pub still_there_ratio: f64,
     /// True if the joint was searched as a sibling of an adopted joint, and their lines are parallel as exactly as they
     /// can be measured.
     pub is_parallel_sibling: bool,
@@ -44,6 +47,7 @@ impl Evidence {
             unattached_ratio: 0.0,
             parent_correlation: 0.0,
             uncovered_ratio: 0.0,
+            still_there_ratio: 0.0,
             is_parallel_sibling: false,
             configuration_from_depth: vec![f64::NAN; frames],
             contradicted_frames: Vec::new(),

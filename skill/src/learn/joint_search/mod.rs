@@ -20,6 +20,7 @@ mod correlation;
 mod decision;
 mod estimate;
 mod evidence;
+mod former_place;
 mod free_space_check;
 mod growth;
 mod helical_pitch;

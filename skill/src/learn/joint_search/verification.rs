@@ -8,6 +8,7 @@ use super::association::associate;
 use super::decision::{self, decide};
 use super::estimate::JointEstimate;
 use super::evidence::Evidence;
+use super::former_place::share_still_there;
 use super::growth::HOPELESSLY_UNCOVERED;
 use super::search_state::SearchState;
 use super::tracks_in_part_frame::TracksInFrame;
@@ -39,17 +40,24 @@ pub fn evaluate(search: &SearchState, view: &TracksInFrame, joint: &JointEstimat
     for (frame, q) in seen.configurations {
         configuration_from_depth[frame] = q;
     }
-    Evidence {
+    let evidence = Evidence {
         free_space_violation: seen.violation,
         discriminability: seen.discriminability,
         unobserved_ratio: seen.unobserved_ratio,
         unattached_ratio: seen.unattached_ratio,
         parent_correlation,
         uncovered_ratio,
+        still_there_ratio: 0.0,
         is_parallel_sibling: before.is_parallel_sibling,
         configuration_from_depth,
         contradicted_frames: seen.contradicted_frames,
+    };
+    // Images are compared last, because this takes longest.
+    if !search.is_the_end() || decide(joint, &evidence, search.config()).is_err() {
+        return evidence;
     }
+    let still_there_ratio = share_still_there(search.recording, view, joint, &search.joints);
+    Evidence { still_there_ratio, ..evidence }
 }
 
 /// Verifies a joint: removes outlier tracks and frames that depth images contradict, and adds the
@@ -158,6 +166,7 @@ fn trace(search: &SearchState, how: &str, joint: &JointEstimate) {
         discriminability = format!("{:.2}", evidence.discriminability),
         parent_correlation = format!("{:.2}", evidence.parent_correlation),
         uncovered = format!("{:.2}", evidence.uncovered_ratio),
+        still_there = format!("{:.2}", evidence.still_there_ratio),
         rejected = decide(joint, evidence, search.config()).err().map(tracing::field::display),
         "joint"
     );

@@ -52,7 +52,9 @@ const TRAVEL_RADII: f64 = 3.0;
 /// How much farther a part may move, metres.
 const TRAVEL_M: f64 = 0.1;
 /// Smallest ratio of a slide's agreement to a hinge's at which the slide is preferred, because it is simpler. A hinge
-/// on the line of a known one is preferred likewise: doors above each other hang on one line.
+/// on the line of a known one is preferred likewise: doors above each other hang on one line. So is a slide along the
+/// normal of its flat front, or parallel to a known slide, beside another slide: the depth of a flat front hardly
+/// changes as it shifts in its plane, so that its agreement does not tell the direction.
 const SIMPLER: f64 = 0.97;
 /// Standard deviation of the direction of a hinge that is built square to its surroundings, radians.
 const SQUARE_RAD: f64 = 0.035;
@@ -360,7 +362,7 @@ fn best_part(
         Some(axis) => {
             let mut along = *h;
             along.geometry.axis = *axis;
-            (along, follow(&along, FRONT_RAD))
+            (along, follow(&along, FRONT_RAD).along_known_direction())
         }
         None => (*h, follow(h, SQUARE_RAD)),
     });
@@ -378,7 +380,7 @@ fn best_part(
         .ok_or(None)?;
     let any = follow(&hypothesis, ANY_RAD).beside(&rivals, slides);
     any.trace();
-    let is_any = value(&any) > BETTER * value(&square);
+    let is_any = any.agreement() > BETTER * square.agreement();
     let (best, sigma) = if is_any { (any, ANY_RAD) } else { (square, SQUARE_RAD) };
     let best = with_other_face(best, surface, |surface| {
         let part = VacatedPart::follow(surface, &hypothesis, sigma, moving, recording);
@@ -419,7 +421,9 @@ fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
 
 /// Agreement of a part, with the preference for simpler joints.
 fn value(part: &VacatedPart) -> f64 {
-    part.agreement() / if is_slide(part) || part.is_on_known_line { SIMPLER } else { 1.0 }
+    let is_simpler = is_slide(part) || part.is_on_known_line;
+    let preferences = i32::from(is_simpler) + i32::from(part.is_along_known_direction);
+    part.agreement() / SIMPLER.powi(preferences)
 }
 
 /// True if a hypothesis is a slide about along a direction.

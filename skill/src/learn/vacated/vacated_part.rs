@@ -110,6 +110,8 @@ pub struct VacatedPart {
     radius: f64,
     /// True if the line is that of a known joint.
     pub is_on_known_line: bool,
+    /// True if the joint is a slide along the normal of its flat front or parallel to a known slide.
+    pub is_along_known_direction: bool,
     /// Share of the line that is attached to no visible surface; 0 for a slide.
     unattached_ratio: f64,
     /// How long something else moved near the surface while it still was at rest, seconds.
@@ -233,6 +235,7 @@ impl VacatedPart {
             reach,
             radius,
             is_on_known_line: is_known,
+            is_along_known_direction: false,
             unattached_ratio,
             lead_s,
             is_alone,
@@ -240,6 +243,11 @@ impl VacatedPart {
             rivals: Rivals::default(),
             is_parallel: false,
         }
+    }
+
+    /// The part, as a slide along the normal of its flat front or parallel to a known slide.
+    pub fn along_known_direction(self) -> Self {
+        Self { is_along_known_direction: true, ..self }
     }
 
     /// The part, compared with the other motions of the same surface and with the directions of known slides.
