@@ -11,6 +11,7 @@
 //! between the armrests.
 
 use super::free_space::{Probe, probe_point};
+use super::keyframes::Keyframes;
 use super::recording::Recording;
 use crate::math::rigid::{Pose, orthonormal_basis};
 use crate::object::joint_geometry::JointGeometry;
@@ -40,9 +41,10 @@ const BESIDE_M: f64 = 0.025;
 const MAX_THROUGH: f64 = 0.1;
 
 /// Share of the places on a hinge's line, over all keyframes, that are in free space or outside the
-/// image; 0 without `points`. If the points surround the line, only its better held end counts. The places lie along the part, from the 10th to the 90th percentile
-/// of `points`, which are on the part in the frame of the line. `camera_from_line` is the pose of
-/// that frame at a frame of the recording.
+/// image; 0 without `points`. If the points surround the line, only its better held end counts. The
+/// places lie along the part, from the 10th to the 90th percentile of `points`, which are on the
+/// part in the frame of the line. `camera_from_line` is the pose of that frame at a frame of the
+/// recording; what holds the line rests in it, as a seat does that carries its back along.
 pub fn unattached_ratio(
     line: &JointGeometry,
     points: &[Point3<f64>],
@@ -62,10 +64,13 @@ pub fn unattached_ratio(
     // For each place, the number of keyframes in which it is unattached.
     let mut unattached = [0; PLACES];
     for (frame, picture) in recording.keyframes.iter() {
-        let camera_from_line = camera_from_line(frame);
-        let stays = |in_camera: &Point3<f64>| stays(in_camera, frame, recording);
+        let pose = camera_from_line(frame);
+        let stays = |in_camera: &Point3<f64>| {
+            let in_line = pose.inverse_transform_point(in_camera);
+            stays(&in_line, &recording.keyframes, &camera_from_line)
+        };
         for (count, place) in unattached.iter_mut().zip(&places) {
-            *count += usize::from(is_unattached(picture, &(camera_from_line * place), stays));
+            *count += usize::from(is_unattached(picture, &(pose * place), stays));
         }
     }
     let keyframes = recording.keyframes.len().max(1);
@@ -119,13 +124,15 @@ fn is_unattached(
     at_place.is_some_and(|r| r.z > in_camera.z + NEAR_M) && !beside.iter().any(holds)
 }
 
-/// True if at most `MAX_THROUGH` of the keyframes see through the point, which is given in the
-/// camera frame of keyframe `frame`.
-fn stays(in_camera: &Point3<f64>, frame: usize, recording: &Recording) -> bool {
-    let Recording { ego_motion: base, keyframes, .. } = recording;
-    let in_base = base.camera_from_base[frame].inverse() * in_camera;
-    let sees_through = |(other, picture): &(usize, &RgbdFrame)| {
-        probe_point(picture, &(base.camera_from_base[*other] * in_base)) == Probe::Through
+/// True if at most `MAX_THROUGH` of the keyframes see through the point, which rests in the frame of
+/// the line.
+fn stays(
+    in_line: &Point3<f64>,
+    keyframes: &Keyframes,
+    camera_from_line: &impl Fn(usize) -> Pose,
+) -> bool {
+    let sees_through = |(frame, picture): &(usize, &RgbdFrame)| {
+        probe_point(picture, &(camera_from_line(*frame) * in_line)) == Probe::Through
     };
     let through = keyframes.iter().filter(sees_through).count();
     through as f64 <= MAX_THROUGH * keyframes.len() as f64
@@ -135,7 +142,6 @@ fn stays(in_camera: &Point3<f64>, frame: usize, recording: &Recording) -> bool {
 mod tests {
     use super::*;
     use crate::learn::ego_motion::EgoMotion;
-    use crate::learn::keyframes::Keyframes;
     use crate::learn::tracking::TrackSet;
     use crate::test_data::{board, seen};
     use nalgebra::UnitVector3;
@@ -170,6 +176,29 @@ mod tests {
     fn a_line_in_the_air_or_outside_the_pictures_is_not() {
         assert_eq!(unattached_at(0.0, 1.5), 1.0);
         assert_eq!(unattached_at(9.0, 2.0), 1.0);
+    }
+
+    #[test]
+    fn a_line_at_the_border_of_what_carries_it_is_attached() {
+        // A board with a line at its border moves 0.1 m to the left from each keyframe to the next.
+        let moved = |f: usize| -0.1 * f as f64;
+        let mut keyframes = Keyframes::new(5);
+        for f in 0..5 {
+            let depth = board(0.25, 2.0, 4.0);
+            keyframes.offer(f, &seen(f as i64, |x, y| depth(x - 0.5 * moved(f), y)));
+        }
+        let camera_from_base = vec![Pose::identity(); 5];
+        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
+        let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
+        let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.27, 0.0, 2.0));
+        let points: Vec<Point3<f64>> =
+            (0..10).map(|k| Point3::new(0.0, 0.02 * f64::from(k) - 0.1, 2.0)).collect();
+        let unattached = |camera_from_line: &dyn Fn(usize) -> Pose| {
+            unattached_ratio(&line, &points, &recording, camera_from_line)
+        };
+        let carried = |f: usize| Pose::translation(moved(f), 0.0, 0.0);
+        assert_eq!(unattached(&carried), 0.0);
+        assert!(unattached(&|_| Pose::identity()) > MAX_UNATTACHED, "the board leaves the line");
     }
 
     #[test]

@@ -52,9 +52,8 @@ const TRAVEL_RADII: f64 = 3.0;
 /// How much farther a part may move, metres.
 const TRAVEL_M: f64 = 0.1;
 /// Smallest ratio of a slide's agreement to a hinge's at which the slide is preferred, because it is simpler. A hinge
-/// on the line of a known one is preferred likewise: doors above each other hang on one line. So is a slide along the
-/// normal of its flat front, or parallel to a known slide, beside another slide: the depth of a flat front hardly
-/// changes as it shifts in its plane, so that its agreement does not tell the direction.
+/// on the line of a known one is preferred likewise: doors above each other hang on one line. Beside another slide, so is
+/// a slide along the normal of its flat front or parallel to a known slide.
 const SIMPLER: f64 = 0.97;
 /// Standard deviation of the direction of a hinge that is built square to its surroundings, radians.
 const SQUARE_RAD: f64 = 0.035;
@@ -373,11 +372,10 @@ fn best_part(
     square.iter().for_each(|(_, part)| part.trace());
     let may_slide = frame.is_closed()
         && square.iter().any(|(_, part)| is_slide(part) && part.doubt().is_none());
-    let (hypothesis, square) = square
-        .into_iter()
-        .filter(|(_, part)| !(may_slide && part.hardly_turns()))
-        .max_by(|(_, a), (_, b)| value(a).total_cmp(&value(b)))
-        .ok_or(None)?;
+    let mut square: Vec<(Hypothesis, VacatedPart)> =
+        square.into_iter().filter(|(_, part)| !(may_slide && part.hardly_turns())).collect();
+    let best = best_of(&square).ok_or(None)?;
+    let (hypothesis, square) = square.swap_remove(best);
     let any = follow(&hypothesis, ANY_RAD).beside(&rivals, slides);
     any.trace();
     let is_any = any.agreement() > BETTER * square.agreement();
@@ -390,6 +388,21 @@ fn best_part(
         None => Ok(best),
         Some(reason) => Err(Some(refused(best.geometry().kind, best.shown().count(), reason))),
     }
+}
+
+/// Index of the part of largest value. If that is a slide, one along a known direction is taken that agrees nearly as well: the
+/// depth of a flat front hardly changes as it shifts in its plane, so that its agreement does not tell the direction.
+fn best_of(parts: &[(Hypothesis, VacatedPart)]) -> Option<usize> {
+    let value_of = |k: &usize| value(&parts[*k].1);
+    let by_value = |a: &usize, b: &usize| value_of(a).total_cmp(&value_of(b));
+    let best = (0..parts.len()).max_by(by_value)?;
+    let is_as_good = |k: &usize| {
+        let (part, best) = (&parts[*k].1, &parts[best].1);
+        part.is_along_known_direction
+            && is_slide(best)
+            && part.agreement() >= SIMPLER * best.agreement()
+    };
+    (0..parts.len()).filter(is_as_good).max_by(by_value).or(Some(best))
 }
 
 /// The part followed by both faces, if it shows its other face, as a lid that stands open does, and is accepted and
@@ -421,9 +434,7 @@ fn places_on(joints: &[LearnedJoint], frame: usize) -> Vec<Point3<f64>> {
 
 /// Agreement of a part, with the preference for simpler joints.
 fn value(part: &VacatedPart) -> f64 {
-    let is_simpler = is_slide(part) || part.is_on_known_line;
-    let preferences = i32::from(is_simpler) + i32::from(part.is_along_known_direction);
-    part.agreement() / SIMPLER.powi(preferences)
+    part.agreement() / if is_slide(part) || part.is_on_known_line { SIMPLER } else { 1.0 }
 }
 
 /// True if a hypothesis is a slide about along a direction.
@@ -550,6 +561,28 @@ mod tests {
         assert!(joint.axis[2].abs() > 0.999, "{:?}", joint.axis);
         assert!((joint.range[1] - joint.range[0] - 0.3).abs() < 0.02, "{:?}", joint.range);
         assert!(joints(&drawer(|frame| 0.25 * turn(frame), 0.0)).is_empty(), "nothing holds it");
+    }
+
+    #[test]
+    fn of_two_slides_that_agree_alike_the_one_along_a_known_direction_is_taken() {
+        let recording = drawer(|frame| 0.25 * turn(frame), 0.2);
+        let views = View::all(&recording);
+        let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
+        let moving = MovingPoints::near(&surface.centre(), 1.0, &views, &|_| Vec::new());
+        let followed = |line: &JointGeometry| {
+            let hypotheses = best_hypotheses(surface, &[], &[*line], &moving, [1, 1]);
+            let part = VacatedPart::follow(surface, &hypotheses[0], FRONT_RAD, &moving, &recording);
+            (hypotheses[0], part)
+        };
+        let slide = JointGeometry::slide(Vector3::z_axis(), surface.centre());
+        let along_known = |(h, part): (Hypothesis, VacatedPart)| (h, part.along_known_direction());
+        // Of parts of equal value the last would be taken.
+        assert_eq!(best_of(&[along_known(followed(&slide)), followed(&slide)]), Some(0));
+        assert_eq!(best_of(&[followed(&slide), along_known(followed(&slide))]), Some(1));
+        // Across its front it hardly agrees, whatever is known.
+        let across = JointGeometry::slide(Vector3::x_axis(), surface.centre());
+        assert_eq!(best_of(&[along_known(followed(&across)), followed(&slide)]), Some(1));
+        assert_eq!(best_of(&[]), None);
     }
 
     #[test]
