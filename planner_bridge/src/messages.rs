@@ -157,6 +157,7 @@ pub fn prediction(
         camera_from_object: prediction.camera_from_object,
         base_known: prediction.base_known,
         joints: states,
+        evidence: Vec::new(),
         assumed: Vec::new(),
     };
     let moving = || prediction.joints.iter().filter(|j| !j.trajectory.is_empty());

@@ -151,6 +151,7 @@ fn recognised(model: &ObjectModel) -> Recognised {
         camera_from_object: model.reference_frame.camera_from_object,
         base_known: true,
         joints: model.joints.iter().map(state).collect(),
+        evidence: Vec::new(),
         assumed: model.joints.iter().map(|j| j.range[0]).collect(),
     }
 }

@@ -47,6 +47,7 @@ pub fn fridge() -> (ObjectModel, Recognised) {
             reason: None,
             range: [0.0, 1.5],
         }],
+        evidence: Vec::new(),
         assumed: vec![0.3],
     };
     (model, recognised)

@@ -49,7 +49,7 @@ mod verify;
 use config::RecogniseConfig;
 pub use follow::{Asked, Followed, Follower, Lost};
 pub use known_object::KnownObject;
-pub use result::{JointState, RECOGNITION_SCHEMA, Recognised, Recognition};
+pub use result::{JointState, PartEvidence, RECOGNITION_SCHEMA, Recognised, Recognition};
 pub use scene::Scene;
 pub use still_frames::StillFrames;
 

@@ -7,9 +7,10 @@
 use super::evidence::{Detection, probability};
 use super::kinematics::Articulated;
 use super::known_object::KnownObject;
+use super::verdict::PartVerdict;
 use crate::math::rigid::{Pose, pose_to_array};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
-use crate::object::model::ObjectModel;
+use crate::object::model::{ObjectModel, Part};
 use nalgebra::UnitVector3;
 use serde::{Deserialize, Serialize};
 
@@ -69,6 +70,23 @@ impl JointState {
     }
 }
 
+/// What the image shows of one part where the reported state puts it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PartEvidence {
+    /// Name of the part.
+    pub part: String,
+    /// True if what is seen of the part determines its place.
+    pub placed: bool,
+    /// Number of surfels (points of the learned surface) that agree with the image in depth and normal.
+    pub surface: usize,
+    /// Number of surfels that the image sees through.
+    pub seen_through: usize,
+    /// Correlation of the colour with the learned one, -1 to 1; `None`, and left out of JSON, where too little surface
+    /// is seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colour: Option<f64>,
+}
+
 /// A recognised object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Recognised {
@@ -88,6 +106,10 @@ pub struct Recognised {
     pub base_known: bool,
     /// Joints of the object.
     pub joints: Vec<JointState>,
+    /// What is seen of each part, in the order of the model's parts; empty, and left out of JSON, where it was not
+    /// compared with depth.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub evidence: Vec<PartEvidence>,
     /// Configurations that belong to the pose, rad or m, including those that are not determined; empty if they are
     /// not known. Not written to JSON.
     #[serde(skip)]
@@ -171,8 +193,22 @@ pub fn report(object: &KnownObject, articulated: &Articulated, found: &Detection
         camera_from_object: pose_to_array(&found.state.camera_from_object),
         base_known: base_is_known(articulated, found),
         joints: (0..object.model.joints.len()).map(state_of).collect(),
+        evidence: part_evidence(&object.model, found),
         assumed: found.state.q.clone(),
     }
+}
+
+/// What is seen of each part.
+fn part_evidence(model: &ObjectModel, found: &Detection) -> Vec<PartEvidence> {
+    let parts = model.parts.iter().zip(&found.verdict.parts).zip(&found.placed);
+    let of_part = |((part, verdict), placed): ((&Part, &PartVerdict), &bool)| PartEvidence {
+        part: part.name.clone(),
+        placed: *placed,
+        surface: verdict.agree,
+        seen_through: verdict.through,
+        colour: verdict.correlation,
+    };
+    parts.map(of_part).collect()
 }
 
 /// Converts one joint of a detection to its reported form.

@@ -8,7 +8,7 @@ use super::units::{amount, probability};
 use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
 use linkage_skill::object::{ObjectModel, StoredObject};
-use linkage_skill::recognise::{JointState, Recognised, Recognition};
+use linkage_skill::recognise::{JointState, PartEvidence, Recognised, Recognition};
 use linkage_skill::{Pose, pose_from_array};
 use maud::{Markup, html};
 
@@ -55,6 +55,10 @@ pub fn recognition_page(
                 p.note { "Lines are axes; dots are the learned surface where it was recognised." }
                 (keys(object.model.parts.iter().map(|p| (p.id, p.name.as_str()))))
             }
+        }
+        @if found.iter().any(|m| !m.evidence.is_empty()) {
+            h2 { "What was seen of each part" }
+            @for m in found { (evidence(m)) }
         }
         @if !found.is_empty() {
             h2 { "Numbers" }
@@ -161,6 +165,29 @@ fn is_known(model: &ObjectModel, m: &Recognised, part: usize) -> bool {
     true
 }
 
+/// A table with what was seen of each part of an object. A joint is told where both of its parts have a place.
+fn evidence(m: &Recognised) -> Markup {
+    let colour = |e: &PartEvidence| {
+        e.colour.map_or_else(|| "not compared".to_owned(), |c| format!("{c:.2}"))
+    };
+    html! {
+        table {
+            tr {
+                th { (m.object) } th { "its place is" } th { "surface points that agree" }
+                th { "seen through" } th { "correlation of colour" }
+            }
+            @for e in &m.evidence {
+                tr {
+                    td { (e.part) } td { (if e.placed { "seen" } else { "not known" }) }
+                    td { (e.surface) } td { (e.seen_through) } td { (colour(e)) }
+                }
+            }
+        }
+        p.note { "A joint is told where the places of both of its parts are seen, and where no other configuration "
+            "agrees as well." }
+    }
+}
+
 /// A table of the object and one a joint.
 pub fn numbers(m: &Recognised) -> Markup {
     let pose = m.camera_from_object.map(|x| format!("{x:.3}")).join(", ");
@@ -229,8 +256,26 @@ mod tests {
             camera_from_object: [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             base_known: true,
             joints: Vec::new(),
+            evidence: Vec::new(),
             assumed: Vec::new(),
         }
+    }
+
+    #[test]
+    fn what_was_seen_of_each_part_is_told() {
+        let seen = |part: &str, placed, colour| PartEvidence {
+            part: part.to_owned(),
+            placed,
+            surface: 480,
+            seen_through: 2,
+            colour,
+        };
+        let evidence = vec![seen("base", true, Some(0.912)), seen("part1", false, None)];
+        let told = super::evidence(&Recognised { evidence, ..drawer() }).into_string();
+        let row = |part: &str, rest: &str| format!("<td>{part}</td>{rest}");
+        let base = row("base", "<td>seen</td><td>480</td><td>2</td><td>0.91</td>");
+        let part = row("part1", "<td>not known</td><td>480</td><td>2</td><td>not compared</td>");
+        assert!(told.contains(&base) && told.contains(&part), "{told}");
     }
 
     #[test]

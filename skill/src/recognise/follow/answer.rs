@@ -91,6 +91,7 @@ mod tests {
             camera_from_object: pose_to_array(&Pose::translation(0.0, 0.1, 1.0)),
             base_known: true,
             joints: Vec::new(),
+            evidence: Vec::new(),
             assumed: vec![0.11],
         };
         let answer = Answer::new(&articulated, &Asked(at(0.1)), &at(0.2), &found).unwrap();
