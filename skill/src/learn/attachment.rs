@@ -11,7 +11,6 @@
 //! between the armrests.
 
 use super::free_space::{Probe, probe_point};
-use super::keyframes::Keyframes;
 use super::recording::Recording;
 use crate::math::rigid::{Pose, orthonormal_basis};
 use crate::object::joint_geometry::JointGeometry;
@@ -34,10 +33,11 @@ const DIRECTIONS: usize = 16;
 /// Largest difference in depth between a place on the line and a surface that supports it, metres:
 /// half the thickness of furniture.
 const NEAR_M: f64 = 0.12;
-/// Distance beside a place, parallel to the image, at which a static surface supports it too,
-/// metres: the hinge of a thing that hangs at a wall is at the border of that thing.
+/// Distance beside a place, parallel to the image, at which a surface that rests in the frame of the
+/// line supports it too, metres: the hinge of a thing that hangs at a wall is at the border of that
+/// thing.
 const BESIDE_M: f64 = 0.025;
-/// Largest share of the keyframes that may see through a static surface.
+/// Largest share of the keyframes that may see through a surface that rests.
 const MAX_THROUGH: f64 = 0.1;
 
 /// Share of the places on a hinge's line, over all keyframes, that are in free space or outside the
@@ -61,19 +61,20 @@ pub fn unattached_ratio(
         .map(|k| low + (high - low) * k as f64 / (PLACES - 1) as f64)
         .map(|along| line.origin + line.axis.into_inner() * along)
         .collect();
+    let views: Vec<(&RgbdFrame, Pose)> = recording
+        .keyframes
+        .iter()
+        .map(|(frame, picture)| (picture, camera_from_line(frame)))
+        .collect();
     // For each place, the number of keyframes in which it is unattached.
     let mut unattached = [0; PLACES];
-    for (frame, picture) in recording.keyframes.iter() {
-        let pose = camera_from_line(frame);
-        let stays = |in_camera: &Point3<f64>| {
-            let in_line = pose.inverse_transform_point(in_camera);
-            stays(&in_line, &recording.keyframes, &camera_from_line)
-        };
+    for (picture, pose) in &views {
+        let stays = |p: &Point3<f64>| stays(&pose.inverse_transform_point(p), &views);
         for (count, place) in unattached.iter_mut().zip(&places) {
             *count += usize::from(is_unattached(picture, &(pose * place), stays));
         }
     }
-    let keyframes = recording.keyframes.len().max(1);
+    let keyframes = views.len().max(1);
     let share = |of: &[usize]| of.iter().sum::<usize>() as f64 / (of.len() * keyframes) as f64;
     if surrounds(points, line) {
         share(&unattached[..END_PLACES]).min(share(&unattached[PLACES - END_PLACES..]))
@@ -99,8 +100,8 @@ fn surrounds(points: &[Point3<f64>], line: &JointGeometry) -> bool {
     directions.map(beyond).all(|n| n as f64 > SHARE_BESIDE * points.len() as f64)
 }
 
-/// True if the place is outside the image, or if only free space is seen at it and no static
-/// surface beside it.
+/// True if the place is outside the image, or if only free space is seen at it and no surface that
+/// rests beside it.
 fn is_unattached(
     picture: &RgbdFrame,
     in_camera: &Point3<f64>,
@@ -126,22 +127,18 @@ fn is_unattached(
 
 /// True if at most `MAX_THROUGH` of the keyframes see through the point, which rests in the frame of
 /// the line.
-fn stays(
-    in_line: &Point3<f64>,
-    keyframes: &Keyframes,
-    camera_from_line: &impl Fn(usize) -> Pose,
-) -> bool {
-    let sees_through = |(frame, picture): &(usize, &RgbdFrame)| {
-        probe_point(picture, &(camera_from_line(*frame) * in_line)) == Probe::Through
+fn stays(in_line: &Point3<f64>, views: &[(&RgbdFrame, Pose)]) -> bool {
+    let sees_through = |(picture, pose): &&(&RgbdFrame, Pose)| {
+        probe_point(picture, &(pose * in_line)) == Probe::Through
     };
-    let through = keyframes.iter().filter(sees_through).count();
-    through as f64 <= MAX_THROUGH * keyframes.len() as f64
+    views.iter().filter(sees_through).count() as f64 <= MAX_THROUGH * views.len() as f64
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::learn::ego_motion::EgoMotion;
+    use crate::learn::keyframes::Keyframes;
     use crate::learn::tracking::TrackSet;
     use crate::test_data::{board, seen};
     use nalgebra::UnitVector3;

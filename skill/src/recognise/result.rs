@@ -70,12 +70,13 @@ impl JointState {
     }
 }
 
-/// What the image shows of one part where the reported state puts it.
+/// What the image shows of one part where the search put it. A configuration that what the image rules out tells
+/// afterwards is not compared again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PartEvidence {
     /// Name of the part.
     pub part: String,
-    /// True if what is seen of the part determines its place.
+    /// True if the place of the part is determined: by what is seen of it, or for the base by the room.
     pub placed: bool,
     /// Number of surfels (points of the learned surface) that agree with the image in depth and normal.
     pub surface: usize,
@@ -193,14 +194,17 @@ pub fn report(object: &KnownObject, articulated: &Articulated, found: &Detection
         camera_from_object: pose_to_array(&found.state.camera_from_object),
         base_known: base_is_known(articulated, found),
         joints: (0..object.model.joints.len()).map(state_of).collect(),
-        evidence: part_evidence(&object.model, found),
+        evidence: part_evidence(&object.model.parts, found),
         assumed: found.state.q.clone(),
     }
 }
 
-/// What is seen of each part.
-fn part_evidence(model: &ObjectModel, found: &Detection) -> Vec<PartEvidence> {
-    let parts = model.parts.iter().zip(&found.verdict.parts).zip(&found.placed);
+/// What is seen of each part; empty where no surface was compared with depth.
+fn part_evidence(parts: &[Part], found: &Detection) -> Vec<PartEvidence> {
+    if found.verdict.judged == 0 {
+        return Vec::new();
+    }
+    let seen = parts.iter().zip(&found.verdict.parts).zip(&found.placed);
     let of_part = |((part, verdict), placed): ((&Part, &PartVerdict), &bool)| PartEvidence {
         part: part.name.clone(),
         placed: *placed,
@@ -208,7 +212,7 @@ fn part_evidence(model: &ObjectModel, found: &Detection) -> Vec<PartEvidence> {
         seen_through: verdict.through,
         colour: verdict.correlation,
     };
-    parts.map(of_part).collect()
+    seen.map(of_part).collect()
 }
 
 /// Converts one joint of a detection to its reported form.
@@ -267,6 +271,29 @@ mod tests {
         assert!(is_known([true, false]) && is_known([true, true]));
         // Only the door is seen, and how far it is open is not told.
         assert!(!is_known([false, true]));
+    }
+
+    #[test]
+    fn what_is_seen_of_each_part_is_told_and_nothing_without_depth() {
+        let (_, mut found) = door([true, false]);
+        let named = |id, name: &str| Part { id, name: name.to_owned(), features: 0, grasp: None };
+        let parts = [named(0, "base"), named(1, "door")];
+        found.verdict = Verdict::nothing_yet(2);
+        assert!(part_evidence(&parts, &found).is_empty());
+        let seen = |agree, through, correlation| PartVerdict {
+            agree,
+            through,
+            correlation,
+            ..PartVerdict::default()
+        };
+        found.verdict.judged = 9;
+        found.verdict.parts = vec![seen(7, 2, Some(0.5)), seen(0, 0, None)];
+        let told = serde_json::to_value(part_evidence(&parts, &found)).unwrap();
+        let expected = serde_json::json!([
+            { "part": "base", "placed": true, "surface": 7, "seen_through": 2, "colour": 0.5 },
+            { "part": "door", "placed": false, "surface": 0, "seen_through": 0 },
+        ]);
+        assert_eq!(told, expected);
     }
 
     #[test]

@@ -165,7 +165,7 @@ fn is_known(model: &ObjectModel, m: &Recognised, part: usize) -> bool {
     true
 }
 
-/// A table with what was seen of each part of an object. A joint is told where both of its parts have a place.
+/// A table with what was seen of each part of an object.
 fn evidence(m: &Recognised) -> Markup {
     let colour = |e: &PartEvidence| {
         e.colour.map_or_else(|| "not compared".to_owned(), |c| format!("{c:.2}"))
@@ -173,18 +173,20 @@ fn evidence(m: &Recognised) -> Markup {
     html! {
         table {
             tr {
-                th { (m.object) } th { "its place is" } th { "surface points that agree" }
+                th { (m.object) } th { "its place" } th { "surface points that agree" }
                 th { "seen through" } th { "correlation of colour" }
             }
             @for e in &m.evidence {
                 tr {
-                    td { (e.part) } td { (if e.placed { "seen" } else { "not known" }) }
+                    td { (e.part) } td { (if e.placed { "known" } else { "not known" }) }
                     td { (e.surface) } td { (e.seen_through) } td { (colour(e)) }
                 }
             }
         }
-        p.note { "A joint is told where the places of both of its parts are seen, and where no other configuration "
-            "agrees as well." }
+        p.note {
+            "The configuration of a joint is mostly told where the place of at least one part on each side of it is "
+            "known. It may also follow from the room, or from what the image rules out."
+        }
     }
 }
 
@@ -273,7 +275,7 @@ mod tests {
         let evidence = vec![seen("base", true, Some(0.912)), seen("part1", false, None)];
         let told = super::evidence(&Recognised { evidence, ..drawer() }).into_string();
         let row = |part: &str, rest: &str| format!("<td>{part}</td>{rest}");
-        let base = row("base", "<td>seen</td><td>480</td><td>2</td><td>0.91</td>");
+        let base = row("base", "<td>known</td><td>480</td><td>2</td><td>0.91</td>");
         let part = row("part1", "<td>not known</td><td>480</td><td>2</td><td>not compared</td>");
         assert!(told.contains(&base) && told.contains(&part), "{told}");
     }

@@ -4,7 +4,7 @@
 //! In: the best candidate, the other candidates, and the tracks that no joint explains.
 //! Out: the search with the joint added, and the candidates that remain. Frames do not change.
 
-use super::decision::{MAX_COST, SEGMENT_VIOLATION_SLACK, is_segment};
+use super::decision::{MAX_COST, MAX_STILL_THERE, SEGMENT_VIOLATION_SLACK, is_segment};
 use super::estimate::JointEstimate;
 use super::evidence::Evidence;
 use super::merge_segments::{LineMatch, adds_frames, line_match, merged};
@@ -68,7 +68,8 @@ fn try_merge(
     let needed = a.gain.max(b.gain) + line_match.required_gain() * a.gain.min(b.gain);
     let is_better = whole.gain > needed
         && whole.cost < MAX_COST + COST_SLACK
-        && whole.evidence.free_space_violation < config.max_through + SEGMENT_VIOLATION_SLACK;
+        && whole.evidence.free_space_violation < config.max_through + SEGMENT_VIOLATION_SLACK
+        && whole.evidence.still_there_ratio <= MAX_STILL_THERE;
     tracing::debug!(gain = whole.gain as i64, before = a.gain as i64, is_better, "merge");
     is_better.then_some(whole)
 }

@@ -108,7 +108,7 @@ const MIN_ARC_M: f64 = 0.03;
 
 /// Largest share of the comparisons of images in which the texture of a joint's tracks is still at its former place
 /// (see `former_place`).
-const MAX_STILL_THERE: f64 = 0.3;
+pub const MAX_STILL_THERE: f64 = 0.3;
 
 /// Allowance for a segment above the largest share of points that are seen through.
 pub const SEGMENT_VIOLATION_SLACK: f64 = 0.03;
@@ -661,6 +661,17 @@ mod tests {
         };
         assert!(is_accepted(&with_drift), "with a camera that moves, rest drifts");
         assert!(!is_accepted(&slide(|f| 0.025 + 0.025 * (0.3 * f as f64).sin())), "a trunk");
+    }
+
+    #[test]
+    fn what_is_still_at_its_former_place_is_no_joint() {
+        let decided_with = |still_there_ratio| {
+            let joint = drawer(0.95, 0.3);
+            let evidence = Evidence { still_there_ratio, ..joint.evidence.clone() };
+            decided(&JointEstimate { evidence, ..joint })
+        };
+        assert!(decided_with(0.2).is_ok());
+        assert!(matches!(decided_with(0.41), Err(Rejection::StillThere { .. })));
     }
 
     #[test]

@@ -181,7 +181,8 @@ impl FreeSpaceCheck<'_> {
             && others.through <= own.through + own.agrees / 20
     }
 
-    fn camera_from_parent(
+    /// Pose of the frame of a joint's parent in the camera, at a frame of the recording.
+    pub fn camera_from_parent(
         &self,
         joint: &JointEstimate,
         joints: &[JointEstimate],

@@ -52,8 +52,8 @@ const TRAVEL_RADII: f64 = 3.0;
 /// How much farther a part may move, metres.
 const TRAVEL_M: f64 = 0.1;
 /// Smallest ratio of a slide's agreement to a hinge's at which the slide is preferred, because it is simpler. A hinge
-/// on the line of a known one is preferred likewise: doors above each other hang on one line. Beside another slide, so is
-/// a slide along the normal of its flat front or parallel to a known slide.
+/// on the line of a known one is preferred likewise: doors above each other hang on one line. So is a slide along the
+/// normal of its flat front, or parallel to a known slide, if the other one is a slide as well.
 const SIMPLER: f64 = 0.97;
 /// Standard deviation of the direction of a hinge that is built square to its surroundings, radians.
 const SQUARE_RAD: f64 = 0.035;
@@ -390,8 +390,9 @@ fn best_part(
     }
 }
 
-/// Index of the part of largest value. If that is a slide, one along a known direction is taken that agrees nearly as well: the
-/// depth of a flat front hardly changes as it shifts in its plane, so that its agreement does not tell the direction.
+/// Index of the part of largest value. If that part is a slide, an accepted slide along a known direction that agrees
+/// nearly as well is taken instead. The depth of a flat front hardly changes as it shifts in its plane, so its agreement
+/// does not tell the direction.
 fn best_of(parts: &[(Hypothesis, VacatedPart)]) -> Option<usize> {
     let value_of = |k: &usize| value(&parts[*k].1);
     let by_value = |a: &usize, b: &usize| value_of(a).total_cmp(&value_of(b));
@@ -401,6 +402,7 @@ fn best_of(parts: &[(Hypothesis, VacatedPart)]) -> Option<usize> {
         part.is_along_known_direction
             && is_slide(best)
             && part.agreement() >= SIMPLER * best.agreement()
+            && (part.doubt().is_none() || best.doubt().is_some())
     };
     (0..parts.len()).filter(is_as_good).max_by(by_value).or(Some(best))
 }
