@@ -25,7 +25,7 @@ pub struct Evidence {
     /// for a hand, which moves on where the joint does not explain it.
     pub uncovered_ratio: f64,
     /// Share of the comparisons of images, 0 to 1, in which the texture of the joint's tracks is still at its former
-    /// place; 0 for a joint that other limits reject.
+    /// place; 0 for a joint that other limits reject, and before the last frame.
     pub still_there_ratio: f64,
     /// True if the joint was searched as a sibling of an adopted joint, and their lines are parallel as exactly as they
     /// can be measured.

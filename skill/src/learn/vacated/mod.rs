@@ -378,7 +378,7 @@ fn best_part(
     let (hypothesis, square) = square.swap_remove(best);
     let any = follow(&hypothesis, ANY_RAD).beside(&rivals, slides);
     any.trace();
-    let is_any = any.agreement() > BETTER * square.agreement();
+    let is_any = value(&any) > BETTER * value(&square);
     let (best, sigma) = if is_any { (any, ANY_RAD) } else { (square, SQUARE_RAD) };
     let best = with_other_face(best, surface, |surface| {
         let part = VacatedPart::follow(surface, &hypothesis, sigma, moving, recording);
