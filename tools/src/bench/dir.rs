@@ -10,10 +10,11 @@ use crate::steps::{last_frame, remember, skill_config};
 use crate::truth::{TrueJoint, Truth};
 use anyhow::{Context, anyhow};
 use linkage_skill::SkillConfig;
-use linkage_skill::internals::median;
-use linkage_skill::object::StoredObject;
-use linkage_skill::recognise::{Recognised, Scene};
+use linkage_skill::internals::{distance_to_line, line_angle, median};
+use linkage_skill::object::{JointKind, StoredObject};
+use linkage_skill::recognise::{JointState, Recognised, Scene};
 use linkage_skill::store::Library;
+use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -266,6 +267,9 @@ fn encounter_row(
     }
 }
 
+/// Difference of direction that counts as much as a metre between two lines, radians.
+const PARALLEL_RAD: f64 = 0.2;
+
 /// Configurations are compared as differences from the demonstration's first frame, the sign
 /// following the predicted axis.
 pub fn configuration_scores(
@@ -273,28 +277,40 @@ pub fn configuration_scores(
     truth: &Truth,
     demonstrated: &Truth,
 ) -> Vec<ConfigurationScore> {
-    use linkage_skill::internals::line_angle;
-    use nalgebra::Vector3;
     found
         .joints
         .iter()
         .filter_map(|j| {
             let axis = Vector3::from(j.axis);
-            let angle = |t: &TrueJoint| line_angle(&axis, &Vector3::from(t.axis_last));
-            let t = truth.joints.iter().min_by(|a, b| angle(a).total_cmp(&angle(b)))?;
+            let t = nearest_joint(j, &truth.joints)?;
             let first = demonstrated.joints.iter().find(|d| d.name == t.name)?.configuration[0];
             let change = t.configuration.last()? - first;
             let sign = axis.dot(&Vector3::from(t.axis_last)).signum();
-            let slide = t.kind == linkage_skill::object::JointKind::Prismatic;
+            let slide = t.kind == JointKind::Prismatic;
             let scale = if slide { 100.0 } else { 1.0_f64.to_degrees() };
             Some(ConfigurationScore {
                 joint: t.name.clone(),
                 error: j.configuration.map(|q| scale * (sign * q - change).abs()),
-                axis_deg: angle(t).to_degrees(),
+                axis_deg: line_angle(&axis, &Vector3::from(t.axis_last)).to_degrees(),
                 unit: if slide { "cm" } else { "°" },
             })
         })
         .collect()
+}
+
+/// The true joint whose line is nearest, in the camera frame of the last frame: by its direction, and among parallel
+/// ones, such as those of two drawers, by its place. A slide's place is the point that is given on its line.
+fn nearest_joint<'t>(found: &JointState, all: &'t [TrueJoint]) -> Option<&'t TrueJoint> {
+    let (axis, place) = (Vector3::from(found.axis), Point3::from(found.origin));
+    let off = |t: &TrueJoint| {
+        let (true_axis, true_place) = (Vector3::from(t.axis_last), Point3::from(t.origin_last));
+        let apart_m = match t.kind {
+            JointKind::Prismatic => (place - true_place).norm(),
+            _ => distance_to_line(&true_place, &true_axis, &place),
+        };
+        line_angle(&axis, &true_axis) / PARALLEL_RAD + apart_m
+    };
+    all.iter().min_by(|a, b| off(a).total_cmp(&off(b)))
 }
 
 fn print_encounter_row(row: &EncounterRow) {
@@ -319,4 +335,43 @@ fn print_encounter_row(row: &EncounterRow) {
 fn name_of(path: &Path) -> String {
     path.file_name()
         .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_two_drawers_in_parallel_each_is_compared_with_itself() {
+        let slide = |name: &str, y: f64| TrueJoint {
+            name: name.to_owned(),
+            kind: JointKind::Prismatic,
+            parent: "base".to_owned(),
+            child: name.to_owned(),
+            axis: [0.0, 0.0, -1.0],
+            origin: [0.0, y, 1.5],
+            axis_last: [0.0, 0.0, -1.0],
+            origin_last: [0.0, y, 1.5],
+            pitch: 0.0,
+            configuration: Vec::new(),
+            range_observed: [0.0, 0.3],
+            moved: true,
+            grasp: None,
+        };
+        let found = |y: f64| JointState {
+            name: "joint1".to_owned(),
+            kind: JointKind::Prismatic,
+            axis: [0.0, 0.01, -1.0],
+            origin: [0.05, y, 1.45],
+            pitch: 0.0,
+            configuration: None,
+            deviation: None,
+            reason: None,
+            range: [0.0, 0.3],
+        };
+        let all = [slide("upper", -0.1), slide("lower", 0.1)];
+        let name = |y: f64| nearest_joint(&found(y), &all).map(|t| t.name.as_str());
+        assert_eq!((name(-0.12), name(0.08)), (Some("upper"), Some("lower")));
+        assert!(nearest_joint(&found(0.0), &[]).is_none());
+    }
 }
