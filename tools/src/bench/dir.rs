@@ -267,9 +267,6 @@ fn encounter_row(
     }
 }
 
-/// Difference of direction that counts as much as a metre between two lines, radians.
-const PARALLEL_RAD: f64 = 0.2;
-
 /// Configurations are compared as differences from the demonstration's first frame, the sign
 /// following the predicted axis.
 pub fn configuration_scores(
@@ -298,6 +295,9 @@ pub fn configuration_scores(
         .collect()
 }
 
+/// Angle between the directions of two lines that counts as much as a metre between their places, radians.
+const ANGLE_LIKE_A_METRE_RAD: f64 = 0.2;
+
 /// The true joint whose line is nearest, in the camera frame of the last frame: by its direction, and among parallel
 /// ones, such as those of two drawers, by its place. A slide's place is the point that is given on its line.
 fn nearest_joint<'t>(found: &JointState, all: &'t [TrueJoint]) -> Option<&'t TrueJoint> {
@@ -308,7 +308,7 @@ fn nearest_joint<'t>(found: &JointState, all: &'t [TrueJoint]) -> Option<&'t Tru
             JointKind::Prismatic => (place - true_place).norm(),
             _ => distance_to_line(&true_place, &true_axis, &place),
         };
-        line_angle(&axis, &true_axis) / PARALLEL_RAD + apart_m
+        line_angle(&axis, &true_axis) / ANGLE_LIKE_A_METRE_RAD + apart_m
     };
     all.iter().min_by(|a, b| off(a).total_cmp(&off(b)))
 }
