@@ -143,14 +143,20 @@ mod tests {
     use crate::test_data::{board, seen};
     use nalgebra::UnitVector3;
 
+    /// A recording of these pictures by a camera that rests.
+    fn recording_of(pictures: impl Iterator<Item = RgbdFrame>) -> Recording {
+        let pictures: Vec<RgbdFrame> = pictures.collect();
+        let mut keyframes = Keyframes::new(pictures.len());
+        pictures.iter().enumerate().for_each(|(f, picture)| keyframes.offer(f, picture));
+        let camera_from_base = vec![Pose::identity(); pictures.len()];
+        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
+        Recording { tracks: TrackSet::default(), ego_motion, keyframes }
+    }
+
     /// Unattached share of an upright line at `x`, `z`, before a board with a side of half a metre
     /// at 2 m and a wall at 4 m.
     fn unattached_at(x: f64, z: f64) -> f64 {
-        let mut keyframes = Keyframes::new(3);
-        (0..3).for_each(|f| keyframes.offer(f, &seen(f as i64, board(0.25, 2.0, 4.0))));
-        let camera_from_base = vec![Pose::identity(); 3];
-        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
-        let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
+        let recording = recording_of((0..3).map(|f| seen(f, board(0.25, 2.0, 4.0))));
         let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(x, 0.0, z));
         let points: Vec<Point3<f64>> =
             (0..10).map(|k| Point3::new(0.0, 0.02 * f64::from(k) - 0.1, 2.0)).collect();
@@ -179,14 +185,9 @@ mod tests {
     fn a_line_at_the_border_of_what_carries_it_is_attached() {
         // A board with a line at its border moves 0.1 m to the left from each keyframe to the next.
         let moved = |f: usize| -0.1 * f as f64;
-        let mut keyframes = Keyframes::new(5);
-        for f in 0..5 {
-            let depth = board(0.25, 2.0, 4.0);
-            keyframes.offer(f, &seen(f as i64, |x, y| depth(x - 0.5 * moved(f), y)));
-        }
-        let camera_from_base = vec![Pose::identity(); 5];
-        let ego_motion = EgoMotion { camera_from_base, ..EgoMotion::default() };
-        let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
+        let depth = board(0.25, 2.0, 4.0);
+        let picture = |f: usize| seen(f as i64, |x, y| depth(x - 0.5 * moved(f), y));
+        let recording = recording_of((0..5).map(picture));
         let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.27, 0.0, 2.0));
         let points: Vec<Point3<f64>> =
             (0..10).map(|k| Point3::new(0.0, 0.02 * f64::from(k) - 0.1, 2.0)).collect();
@@ -212,11 +213,7 @@ mod tests {
         assert!(!surrounds(&beside, &line), "a door lies on one side of its line");
         // Only the seat holds the line: above it is air.
         let picture = seen(0, |_, y| if y * 2.0 > 0.06 { 2.0 } else { 4.0 });
-        let mut keyframes = Keyframes::new(1);
-        keyframes.offer(0, &picture);
-        let ego_motion =
-            EgoMotion { camera_from_base: vec![Pose::identity()], ..EgoMotion::default() };
-        let recording = Recording { tracks: TrackSet::default(), ego_motion, keyframes };
+        let recording = recording_of(std::iter::once(picture));
         let unattached = |points: &[Point3<f64>]| {
             unattached_ratio(&line, points, &recording, |_| Pose::identity())
         };
@@ -226,11 +223,7 @@ mod tests {
 
     #[test]
     fn a_part_without_points_says_nothing() {
-        let recording = Recording {
-            tracks: TrackSet::default(),
-            ego_motion: EgoMotion::default(),
-            keyframes: Keyframes::new(1),
-        };
+        let recording = recording_of(std::iter::empty());
         let axis = UnitVector3::new_normalize(Vector3::y());
         let line = JointGeometry::hinge(axis, Point3::origin());
         assert_eq!(unattached_ratio(&line, &[], &recording, |_| Pose::identity()), 0.0);
