@@ -78,6 +78,11 @@ pub fn count_free_space(
     found
 }
 
+/// At most `most` of the points, evenly spread over the list.
+pub fn thinned(points: &[Point3<f64>], most: usize) -> Vec<Point3<f64>> {
+    points.iter().copied().step_by(points.len().div_ceil(most).max(1)).collect()
+}
+
 /// Columns and rows from the pixel of a point to the readings that are compared with it.
 const AROUND: [(isize, isize); 9] =
     [(0, 0), (-2, -2), (0, -2), (2, -2), (-2, 0), (2, 0), (-2, 2), (0, 2), (2, 2)];

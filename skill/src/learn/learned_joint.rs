@@ -1,7 +1,9 @@
 //! What every learning method returns: joints, each with the part that it moves, and rejected
 //! candidates.
 
-use super::tracking::Trajectory;
+use super::ego_motion::EgoMotion;
+use super::tracking::{TrackSet, Trajectory};
+use crate::math::rigid::Pose;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::Joint;
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -18,6 +20,44 @@ pub struct LearnedJoint {
     pub tracks: Vec<usize>,
     /// Points of a part that was found without tracks, in part coordinates, metres; else empty.
     pub plain_surface: Vec<Point3<f64>>,
+}
+
+impl LearnedJoint {
+    /// Points of the part at configuration 0, base frame, metres: of its plain surface, or one of each track.
+    pub fn points(&self, base: &EgoMotion) -> Vec<Point3<f64>> {
+        if !self.plain_surface.is_empty() {
+            return self.plain_surface.clone();
+        }
+        let first = |&id: &usize| {
+            let seen = base.tracks[id].points.iter().enumerate();
+            let mut posed = seen.filter_map(|(i, p)| {
+                let base_from_part = self.base_from_part[base.tracks[id].first_frame + i]?;
+                Some(base_from_part.inverse() * (*p)?.point)
+            });
+            posed.next()
+        };
+        self.tracks.iter().filter_map(first).collect()
+    }
+
+    /// Configuration of a hinge in each frame, radians, from the part's pose.
+    pub fn configurations(&self) -> Vec<Option<f64>> {
+        let axis = self.joint.geometry().axis;
+        let turn = |pose: &Pose| pose.rotation.scaled_axis().dot(&axis);
+        self.base_from_part.iter().map(|pose| pose.as_ref().map(turn)).collect()
+    }
+
+    /// Sets the configuration of a hinge in some frames, radians, with the part's poses and the joint's range.
+    pub fn place(&mut self, shown: &[(usize, f64)], set: &TrackSet) {
+        let geometry = self.joint.geometry();
+        for &(frame, q) in shown {
+            self.base_from_part[frame] = Some(geometry.motion(q));
+        }
+        let known = self.configurations().into_iter().enumerate();
+        let (frames, turns): (Vec<usize>, Vec<f64>) =
+            known.filter_map(|(frame, q)| Some((frame, q?))).unzip();
+        self.joint.range = range_of(&turns);
+        self.joint.configuration = set.timed(&frames, &turns);
+    }
 }
 
 /// A moving thing that a method found and rejected as a part of the object.

@@ -13,6 +13,7 @@ mod background_search;
 mod best_path;
 pub(crate) mod config;
 pub(crate) mod demonstration;
+mod edge_on;
 pub(crate) mod ego_motion;
 mod episodes;
 mod followed_surface;
@@ -260,8 +261,12 @@ fn learn_joints(
                 true => times.measure("planes", || plane_hinges::complete(found, recording)),
                 false => found,
             };
-            match settings.planes.vacated {
+            let found = match settings.planes.vacated {
                 true => times.measure("vacated", || vacated::complete(found, recording)),
+                false => found,
+            };
+            match settings.planes.enabled {
+                true => times.measure("edge on", || edge_on::complete(found, recording)),
                 false => found,
             }
         }

@@ -353,6 +353,7 @@ fn stage_in_words(stage: &str) -> &str {
         "articulate" | "katz" => "joints, from poses of parts",
         "base" => "tracks in the frame of the base",
         "camera" => "motion of the camera",
+        "edge on" => "how far hinged parts turned that were seen from their edge",
         "grasp" => "where the hand held the part",
         "joints" => "joints, from tracks",
         "planes" => "joints, from planes in depth",

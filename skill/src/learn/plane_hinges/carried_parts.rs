@@ -7,11 +7,11 @@
 //! In: the joints of the base, and the recording.
 //! Out: hinges whose parent is a slide of the base; line and points are those at the first frame, metres and radians.
 
-use super::depth_following::{MAX_POINTS, thinned};
+use super::depth_following::MAX_POINTS;
 use super::extend_range::extend_to;
 use super::plain_search::search;
 use super::same_joint::is_known;
-use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
+use crate::learn::free_space::{FreeSpaceCounts, count_free_space, thinned};
 use crate::learn::learned_joint::LearnedJoint;
 use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;

@@ -10,7 +10,7 @@
 //! From: dynamic programming (Viterbi), then point-to-plane alignment by Gauss-Newton.
 
 use crate::learn::best_path::best_path;
-use crate::learn::free_space::{FreeSpaceCounts, count_free_space};
+use crate::learn::free_space::{FreeSpaceCounts, count_free_space, thinned};
 use crate::learn::recording::Recording;
 use crate::math::rigid::Pose;
 use crate::object::joint_geometry::JointGeometry;
@@ -95,11 +95,6 @@ impl Surface {
         let to_camera = -(camera_from_part * place).coords;
         (camera_from_part * self.normal).dot(&to_camera) / to_camera.norm()
     }
-}
-
-/// At most `most` of the points, evenly spread over the list.
-pub fn thinned(points: &[Point3<f64>], most: usize) -> Vec<Point3<f64>> {
-    points.iter().copied().step_by(points.len().div_ceil(most).max(1)).collect()
 }
 
 /// Configuration of a surface in one keyframe, with the agreement of the depth image.

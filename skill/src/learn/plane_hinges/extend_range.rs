@@ -66,7 +66,7 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
     };
     direct(learned, &patches, &recording.tracks, &linked);
     let mut shown = shown_by_plane(learned, &patches, &frames, &linked);
-    let points = part_points(learned, &recording.ego_motion);
+    let points = learned.points(&recording.ego_motion);
     let line = learned.joint.geometry();
     shown.retain(|&(frame, q)| {
         learned.base_from_part[frame].is_some()
@@ -74,7 +74,7 @@ pub fn extend_to(reach: f64, learned: &mut LearnedJoint, recording: &Recording) 
     });
     if !shown.is_empty() {
         let known_from = learned.base_from_part.iter().position(Option::is_some);
-        apply(learned, &shown, &recording.tracks);
+        learned.place(&shown, &recording.tracks);
         if shown.iter().any(|(frame, _)| Some(*frame) < known_from) {
             count_from_first_frame(learned, &recording.tracks);
         }
@@ -99,22 +99,6 @@ fn is_seen_through(
     !is_edge_on && count_free_space(picture, points, &camera_from_part).margin() < 0
 }
 
-/// Points of the part at configuration 0: of its plain surface, or one of each track.
-fn part_points(learned: &LearnedJoint, base: &EgoMotion) -> Vec<Point3<f64>> {
-    if !learned.plain_surface.is_empty() {
-        return learned.plain_surface.clone();
-    }
-    let known = |&id: &usize| {
-        let seen = base.tracks[id].points.iter().enumerate();
-        let mut posed = seen.filter_map(|(i, p)| {
-            let base_from_part = learned.base_from_part[base.tracks[id].first_frame + i]?;
-            Some(base_from_part.inverse() * (*p)?.point)
-        });
-        posed.next()
-    };
-    learned.tracks.iter().filter_map(known).collect()
-}
-
 /// Distance from the line within which 95 % of the joint's track points lie, metres.
 fn reach(learned: &LearnedJoint, base: &EgoMotion, line: &JointGeometry) -> f64 {
     let mut found: Vec<f64> = learned
@@ -135,7 +119,7 @@ fn direct(
     linked: &impl Fn(usize, usize) -> usize,
 ) {
     let line = learned.joint.geometry();
-    let known = configurations(learned);
+    let known = learned.configurations();
     let plane_observations = plane_observations(&line, patches);
     let direction = PartPlane::of(&plane_observations, &known, linked)
         .and_then(|plane| Direction::across(&plane.normals()));
@@ -147,14 +131,14 @@ fn direct(
 
 /// Recomputes the part's poses after the joint's line was changed.
 pub fn pose_anew(learned: &mut LearnedJoint, set: &TrackSet) {
-    let known = configurations(learned);
+    let known = learned.configurations();
     set_configurations(learned, &known, set);
 }
 
 /// Sets the part's poses from the known configurations, by frame.
 fn set_configurations(learned: &mut LearnedJoint, known: &[Option<f64>], set: &TrackSet) {
     let all = known.iter().enumerate().filter_map(|(frame, q)| Some((frame, (*q)?)));
-    apply(learned, &all.collect::<Vec<_>>(), set);
+    learned.place(&all.collect::<Vec<_>>(), set);
 }
 
 /// Frames and configurations in which the plane shows another configuration than the tracks, or in which only the
@@ -166,7 +150,7 @@ fn shown_by_plane(
     linked: &impl Fn(usize, usize) -> usize,
 ) -> Vec<(usize, f64)> {
     let geometry = learned.joint.geometry();
-    let known = configurations(learned);
+    let known = learned.configurations();
     let plane_observations = plane_observations(&geometry, patches);
     let Some(plane) = PartPlane::of(&plane_observations, &known, linked) else { return Vec::new() };
     let (zero, mended) = plane.mended(&known);
@@ -186,31 +170,10 @@ fn shown_by_plane(
     shown
 }
 
-/// Configuration of each frame, radians, from the part's pose.
-fn configurations(learned: &LearnedJoint) -> Vec<Option<f64>> {
-    let axis = learned.joint.geometry().axis;
-    let turn = |pose: &Pose| pose.rotation.scaled_axis().dot(&axis);
-    learned.base_from_part.iter().map(|pose| pose.as_ref().map(turn)).collect()
-}
-
-fn apply(learned: &mut LearnedJoint, shown: &[(usize, f64)], set: &TrackSet) {
-    let geometry = learned.joint.geometry();
-    for &(frame, q) in shown {
-        learned.base_from_part[frame] = Some(geometry.motion(q));
-    }
-    let (frames, turns): (Vec<usize>, Vec<f64>) = configurations(learned)
-        .into_iter()
-        .enumerate()
-        .filter_map(|(frame, q)| Some((frame, q?)))
-        .unzip();
-    learned.joint.range = range_of(&turns);
-    learned.joint.configuration = set.timed(&frames, &turns);
-}
-
 /// Moves configuration 0 to the first frame, if planes show the part in frames before those in which it was known.
 /// Otherwise a flap that was first known standing open would count as open when it is shut.
 fn count_from_first_frame(learned: &mut LearnedJoint, set: &TrackSet) {
-    let known = configurations(learned).into_iter().enumerate();
+    let known = learned.configurations().into_iter().enumerate();
     let (frames, mut turns): (Vec<usize>, Vec<f64>) =
         known.filter_map(|(frame, q)| Some((frame, q?))).unzip();
     // A single frame may show the plane of a hand.
@@ -461,7 +424,7 @@ mod tests {
             plain_surface: (1..11).flat_map(|i| (-4..5).map(move |k| place(i, k))).collect(),
         };
         extend_to(0.6, &mut learned, &recording);
-        let told = configurations(&learned);
+        let told = learned.configurations();
         let is_right = |f: usize| told[f].map(|q| (q - turned(f)).abs() < 0.05);
         let right: Vec<Option<bool>> = (12..24).map(is_right).collect();
         assert!(right.contains(&Some(true)) && !right.contains(&Some(false)), "{told:?}");
@@ -480,8 +443,8 @@ mod tests {
             tracks: vec![0],
             plain_surface: Vec::new(),
         };
-        assert!((part_points(&learned, &base)[0] - Point3::new(0.2, 0.0, 1.0)).norm() < 1e-9);
+        assert!((learned.points(&base)[0] - Point3::new(0.2, 0.0, 1.0)).norm() < 1e-9);
         learned.plain_surface = vec![Point3::origin()];
-        assert_eq!(part_points(&learned, &base), [Point3::origin()]);
+        assert_eq!(learned.points(&base), [Point3::origin()]);
     }
 }

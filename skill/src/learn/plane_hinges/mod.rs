@@ -24,7 +24,7 @@ mod plane_segments;
 mod planes_about_axis;
 mod same_joint;
 #[cfg(test)]
-mod test_data;
+pub(super) mod test_data;
 
 use super::learned_joint::{LearnedJoint, LearnedJoints};
 use super::recording::Recording;
