@@ -267,7 +267,7 @@ impl<'q> Dispatcher<'q> {
         };
         let utime = message.utime;
         if let Err(fault) = self.pass_on(&message, sender, now) {
-            self.refusals.add(Refusal::Command { utime, fault });
+            self.refusals.add(Refusal::Command { utime, fault }, sender);
         }
     }
 
@@ -278,7 +278,7 @@ impl<'q> Dispatcher<'q> {
             Some(utime) => Refusal::Command { utime, fault: Fault::Damaged(error) },
             None => Refusal::Packet(error),
         };
-        self.refusals.add(refusal);
+        self.refusals.add(refusal, sender);
     }
 
     fn pass_on(
@@ -291,7 +291,7 @@ impl<'q> Dispatcher<'q> {
         let utime = message.utime;
         // One that was passed on is answered again for as long as anybody asks.
         if self.known.contains(&utime) {
-            self.repeats.add(utime);
+            self.repeats.add(utime, sender);
             return Ok(());
         }
         let action = Action::read(message)?;
@@ -334,13 +334,49 @@ const TELL_EVERY: Duration = Duration::from_millis(50);
 /// Commands that one report names.
 const TOLD_BY_NAME: usize = 8;
 
+/// What the next report tells by name, with the host that it came from. If there is no room, the host with the most
+/// makes room for one with fewer: a host that floods this service does not keep it from answering another one.
+#[derive(Debug)]
+struct Shared<T> {
+    told: Vec<(Option<IpAddr>, T)>,
+}
+
+impl<T> Default for Shared<T> {
+    fn default() -> Self {
+        Self { told: Vec::new() }
+    }
+}
+
+impl<T> Shared<T> {
+    fn add(&mut self, sender: Option<IpAddr>, item: T) {
+        let count = |of: &Option<IpAddr>| self.told.iter().filter(|(s, _)| s == of).count();
+        if self.told.len() >= TOLD_BY_NAME {
+            let places = self.told.iter().enumerate();
+            let Some((place, most)) =
+                places.map(|(i, (s, _))| (i, count(s))).max_by_key(|(_, count)| *count)
+            else {
+                return;
+            };
+            if most <= count(&sender) + 1 {
+                return;
+            }
+            self.told.remove(place);
+        }
+        self.told.push((sender, item));
+    }
+
+    fn take(&mut self) -> impl Iterator<Item = T> + '_ {
+        self.told.drain(..).map(|(_, item)| item)
+    }
+}
+
 /// Refusals since they were told last.
 #[derive(Debug, Default)]
 struct Refusals {
     count: u64,
     latest: String,
     /// Those whose senders may know: name and reason.
-    answers: Vec<(i64, String)>,
+    answers: Shared<(i64, String)>,
     told: Option<Instant>,
 }
 
@@ -351,13 +387,13 @@ impl Refusals {
         self.latest = refusal.to_string();
     }
 
-    fn add(&mut self, refusal: Refusal) {
+    fn add(&mut self, refusal: Refusal, sender: Option<IpAddr>) {
         self.count += 1;
         self.latest = refusal.to_string();
         let Refusal::Command { utime, fault } = refusal else { return };
         let is_answered = !matches!(&fault, Fault::Unauthorised(u) if !u.is_answered());
-        if is_answered && self.answers.len() < TOLD_BY_NAME {
-            self.answers.push((utime, fault.to_string()));
+        if is_answered {
+            self.answers.add(sender, (utime, fault.to_string()));
         }
     }
 
@@ -367,7 +403,7 @@ impl Refusals {
         }
         let reason = std::mem::take(&mut self.latest);
         out.note(Note::Refused { count: std::mem::take(&mut self.count), reason });
-        for (utime, text) in self.answers.drain(..) {
+        for (utime, text) in self.answers.take() {
             out.note(Note::NotTaken(Answer { utime, accepted: false, done: true, text }));
         }
         self.told = Some(Instant::now());
@@ -377,20 +413,21 @@ impl Refusals {
 /// Commands that came again since they were told last.
 #[derive(Debug, Default)]
 struct Repeats {
-    utimes: Vec<i64>,
+    utimes: Shared<i64>,
     told: Option<Instant>,
 }
 
 impl Repeats {
-    fn add(&mut self, utime: i64) {
-        if self.utimes.len() < TOLD_BY_NAME && !self.utimes.contains(&utime) {
-            self.utimes.push(utime);
+    fn add(&mut self, utime: i64, sender: Option<IpAddr>) {
+        if !self.utimes.told.iter().any(|(_, known)| *known == utime) {
+            self.utimes.add(sender, utime);
         }
     }
 
     fn report(&mut self, out: &Outbox) {
-        if !self.utimes.is_empty() && self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY) {
-            self.utimes.drain(..).for_each(|utime| out.note(Note::Again(utime)));
+        let is_due = self.told.is_none_or(|t| t.elapsed() >= TELL_EVERY);
+        if is_due && !self.utimes.told.is_empty() {
+            self.utimes.take().for_each(|utime| out.note(Note::Again(utime)));
             self.told = Some(Instant::now());
         }
     }
@@ -579,6 +616,33 @@ mod tests {
         bench.dispatcher.report();
         assert!(matches!(bench.notes.pop(Duration::ZERO), Ok(Note::Again(NOW))));
         assert!(bench.commands.try_recv().is_err());
+    }
+
+    #[test]
+    fn a_host_that_floods_does_not_keep_another_one_from_being_answered() {
+        let [loud, quiet] = [1, 2].map(|k| Some(IpAddr::from([10, 0, 0, k])));
+        let mut bench = bench(64);
+        let known = encode(&message(2)).unwrap();
+        bench.dispatcher.take(&known, quiet, NOW);
+        let bad = |utime: i64| encode(&linkage::Command { utime, ..message(77) }).unwrap();
+        let again = |utime: i64| encode(&linkage::Command { utime, ..message(2) }).unwrap();
+        (1..30).for_each(|i| bench.dispatcher.take(&again(NOW + i), loud, NOW));
+        for i in 1..200 {
+            bench.dispatcher.take(&bad(NOW + 1000 + i), loud, NOW);
+            bench.dispatcher.take(&again(NOW + 1 + i % 29), loud, NOW);
+            if i == 100 {
+                bench.dispatcher.take(&bad(NOW + 5000), quiet, NOW);
+                bench.dispatcher.take(&known, quiet, NOW);
+            }
+        }
+        bench.dispatcher.report();
+        let notes: Vec<Note> =
+            std::iter::from_fn(|| bench.notes.pop(Duration::ZERO).ok()).collect();
+        let is_answered = |n: &Note| matches!(n, Note::NotTaken(a) if a.utime == NOW + 5000);
+        assert!(notes.iter().any(is_answered));
+        assert!(notes.iter().any(|n| matches!(n, Note::Again(NOW))));
+        let named = notes.iter().filter(|n| !matches!(n, Note::Refused { .. })).count();
+        assert_eq!(named, 2 * TOLD_BY_NAME);
     }
 
     #[test]

@@ -10,7 +10,7 @@
 
 use super::best_path::best_path;
 use super::free_space::{FreeSpaceCounts, count_free_space, thinned};
-use super::learned_joint::{LearnedJoint, LearnedJoints, span_of};
+use super::learned_joint::{LearnedJoints, span_of};
 use super::recording::Recording;
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use linkage_frames::RgbdFrame;
@@ -51,8 +51,13 @@ pub fn complete(mut found: LearnedJoints, recording: &Recording) -> LearnedJoint
         if joint.kind != JointKind::Revolute || joint.parent != 0 {
             continue;
         }
+        let all = learned.configurations();
+        let known: Vec<Option<f64>> = recording.keyframes.iter().map(|(f, _)| all[f]).collect();
+        let points = learned.points(&recording.ego_motion);
         let (frames, told): (Vec<usize>, Vec<f64>) =
-            configurations_by_exclusion(learned, recording).into_iter().unzip();
+            configurations_by_exclusion(&joint.geometry(), &points, &known, recording)
+                .into_iter()
+                .unzip();
         if told.is_empty() {
             continue;
         }
@@ -75,20 +80,24 @@ pub fn complete(mut found: LearnedJoints, recording: &Recording) -> LearnedJoint
     found
 }
 
-/// Frames and configurations, radians, of the keyframes in which the configuration is not known and which leave a
-/// short interval of it.
-fn configurations_by_exclusion(learned: &LearnedJoint, recording: &Recording) -> Vec<(usize, f64)> {
-    let pictures: Vec<(usize, &RgbdFrame)> = recording.keyframes.iter().collect();
-    let all = learned.configurations();
-    let known: Vec<Option<f64>> = pictures.iter().map(|(frame, _)| all[*frame]).collect();
+/// Frames and configurations, radians, of the keyframes that leave a short interval for the configuration of a hinge.
+/// `known`: configuration in each keyframe in which it is known. `points`: the part's surface at configuration 0, base
+/// frame, metres.
+pub fn configurations_by_exclusion(
+    line: &JointGeometry,
+    points: &[Point3<f64>],
+    known: &[Option<f64>],
+    recording: &Recording,
+) -> Vec<(usize, f64)> {
     let told: Vec<f64> = known.iter().copied().flatten().collect();
-    let points = thinned(&learned.points(&recording.ego_motion), MAX_POINTS);
+    let points = thinned(points, MAX_POINTS);
     if told.len() == known.len() || span_of(&told) < MIN_SPAN_RAD || points.len() < MIN_POINTS {
         return Vec::new();
     }
+    let pictures: Vec<(usize, &RgbdFrame)> = recording.keyframes.iter().collect();
     let grid = Grid::around(&told);
-    let counts = grid.counts(&learned.joint.geometry(), &points, &pictures, &known, recording);
-    let path = grid.path(&counts, &known, points.len(), recording);
+    let counts = grid.counts(line, &points, &pictures, known, recording);
+    let path = grid.path(&counts, known, points.len(), recording);
     let of = |i: usize| {
         let counts = counts[i].as_deref()?;
         let possible = possible_interval(counts, path[i], points.len())?;
@@ -190,6 +199,7 @@ fn possible_interval(
 mod tests {
     use super::*;
     use crate::learn::keyframes::Keyframes;
+    use crate::learn::learned_joint::LearnedJoint;
     use crate::learn::plane_hinges::test_data::{HINGE_M, door_recording};
     use crate::object::model::Joint;
     use linkage_frames::DepthImage;

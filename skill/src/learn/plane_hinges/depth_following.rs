@@ -151,6 +151,17 @@ impl Following {
         self.placements.len()
     }
 
+    /// Takes the configurations in some frames, radians, in which the surface shows its edge: they count neither for nor
+    /// against it.
+    pub fn set_edge_on(&mut self, configurations: &[(usize, f64)]) {
+        for &(frame, q) in configurations {
+            if let Ok(i) = self.placements.binary_search_by_key(&frame, |p| p.frame) {
+                let counts = FreeSpaceCounts::default();
+                self.placements[i] = Placement { frame, q, found: counts, aside: counts, of: 0 };
+            }
+        }
+    }
+
     /// Share of the keyframes that show the surface, among those that do not see it edge-on.
     pub fn shown_ratio(&self) -> f64 {
         let may_show = self.placements.iter().filter(|p| p.of > 0).count();
@@ -415,6 +426,27 @@ mod tests {
         };
         assert!(is_certain(60, 0) && is_certain(60, 8), "a door nearly seen from its edge");
         assert!(!is_certain(60, 20) && !is_certain(30, 0));
+    }
+
+    #[test]
+    fn what_shows_its_edge_counts_neither_for_nor_against() {
+        let placed = |agrees: usize| Placement {
+            frame: 0,
+            q: 0.0,
+            found: FreeSpaceCounts { through: 100 - agrees, agrees },
+            aside: FreeSpaceCounts::default(),
+            of: 100,
+        };
+        let placements: Vec<Placement> = (0..12)
+            .map(|frame| Placement { frame, ..placed(if frame < 4 { 95 } else { 5 }) })
+            .collect();
+        let mut following = Following { placements };
+        assert!(!following.is_there_throughout() && following.shown_ratio() < 0.4);
+        let edge_on: Vec<(usize, f64)> = (4..12).map(|frame| (frame, 1.5)).collect();
+        following.set_edge_on(&edge_on);
+        assert!(following.is_there_throughout() && following.shown_ratio() >= 1.0);
+        assert!(following.free_space_violation() < 0.06);
+        assert_eq!((following.at(6), following.range()), (Some(1.5), [0.0, 0.0]));
     }
 
     fn followed(configurations: &[f64]) -> Following {

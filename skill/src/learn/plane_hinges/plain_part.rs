@@ -10,6 +10,7 @@ use super::hinge::{Candidate, Hinge};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
+use crate::learn::edge_on::configurations_by_exclusion;
 use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
 use crate::learn::line_step::with_shared_errors;
@@ -302,7 +303,7 @@ fn followed(
     let surface = surface.clone();
     let is_fast = !followed.keeps_within(&max_steps)
         || followed.longest_run_at(&max_steps) >= HELD_BACK_STEPS;
-    Some(PlainPart {
+    let mut part = PlainPart {
         hinge,
         line,
         surface,
@@ -312,7 +313,9 @@ fn followed(
         explained,
         first_turn,
         unattached_ratio,
-    })
+    };
+    part.find_edge_on(recording);
+    Some(part)
 }
 
 /// The hinge of the planes, with the edges of their face if these agree. Outliers are removed from `support`.
@@ -343,6 +346,20 @@ impl PlainPart {
         let more = self.agreement().total_cmp(&other.agreement());
         let better_known = other.place_sigma().total_cmp(&self.place_sigma());
         steady.then(more).then(better_known).is_gt()
+    }
+
+    /// Finds the part in keyframes that see it from its edge, if few keyframes show it: a door that is left wide open
+    /// shows no face until the end.
+    fn find_edge_on(&mut self, recording: &Recording) {
+        if self.followed.shown_ratio() >= LEAST_KEYFRAMES && self.followed.is_there_throughout() {
+            return;
+        }
+        let told = self.configuration();
+        let known: Vec<Option<f64>> =
+            recording.keyframes.iter().map(|(frame, _)| told.get(&frame).copied()).collect();
+        let (line, points) = (&self.line.geometry, &self.surface.points);
+        let edge_on = configurations_by_exclusion(line, points, &known, recording);
+        self.followed.set_edge_on(&edge_on);
     }
 
     /// Number of planes that agree with the part, reduced by their residual.
@@ -504,8 +521,11 @@ mod tests {
     use super::super::plane_segments::{Sampling, moving_patches};
     use super::super::test_data::{HINGE_M, door_recording, turn};
     use super::*;
+    use crate::learn::keyframes::Keyframes;
     use crate::math::rigid::{distance_to_line, line_angle};
+    use linkage_frames::DepthImage;
     use nalgebra::{Point3, Vector3};
+    use std::f64::consts::FRAC_PI_2;
 
     /// What is found about the line that most planes of a recording turn about.
     fn found(recording: &Recording) -> Followed {
@@ -538,6 +558,31 @@ mod tests {
         let [low, high] = part.followed.range();
         assert!((high - low - turn(23)).abs() < 0.08, "{low} to {high}");
         assert!(!part.jumps() && part.doubt().is_none());
+    }
+
+    /// The recording, without readings where the camera sees the door from its edge from frame 16 on.
+    fn without_readings_of_its_edge(recording: Recording) -> Recording {
+        let mut keyframes = Keyframes::new(recording.keyframes.len());
+        for (frame, picture) in recording.keyframes.iter() {
+            let mut picture = picture.clone();
+            let (width, height) = (picture.depth.width(), picture.depth.height());
+            let ray = picture.camera.cx + picture.camera.fx * HINGE_M[0] / HINGE_M[1];
+            let is_edge = |i: usize| frame >= 16 && ((i % width) as f64 - ray).abs() < 9.0;
+            let metres = picture.depth.as_metres().iter().enumerate();
+            let left = metres.map(|(i, z)| if is_edge(i) { f32::NAN } else { *z }).collect();
+            picture.depth = DepthImage::from_metres(width, height, left).unwrap();
+            keyframes.offer(frame, &picture);
+        }
+        Recording { keyframes, ..recording }
+    }
+
+    #[test]
+    fn a_door_that_is_left_so_wide_open_that_it_shows_its_edge_is_a_part() {
+        let edge_on = FRAC_PI_2 + (HINGE_M[0] / HINGE_M[1]).atan();
+        let recording = door_recording(40, |f| edge_on / 1.3 * turn(f));
+        let part = part(&without_readings_of_its_edge(recording));
+        assert!(2 * part.followed.shown().count() < part.followed.keyframes());
+        assert!(part.doubt().is_none());
     }
 
     #[test]
