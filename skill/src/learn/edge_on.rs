@@ -63,6 +63,7 @@ pub fn complete(mut found: LearnedJoints, recording: &Recording) -> LearnedJoint
         }
         let joint = &mut learned.joint;
         let before = joint.range;
+        joint.observations += frames.len();
         joint.configuration.extend(recording.tracks.timed(&frames, &told));
         joint.configuration.sort_by(|a, b| a[0].total_cmp(&b[0]));
         for q in told {
