@@ -10,7 +10,7 @@ use super::hinge::{Candidate, Hinge};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
-use crate::learn::edge_on::configurations_by_exclusion;
+use crate::learn::edge_on::left_edge_on;
 use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
 use crate::learn::line_step::with_shared_errors;
@@ -358,7 +358,7 @@ impl PlainPart {
         let known: Vec<Option<f64>> =
             recording.keyframes.iter().map(|(frame, _)| told.get(&frame).copied()).collect();
         let (line, points) = (&self.line.geometry, &self.surface.points);
-        let edge_on = configurations_by_exclusion(line, points, &known, recording);
+        let edge_on = left_edge_on(line, points, &known, recording);
         self.followed.set_edge_on(&edge_on);
     }
 
@@ -519,13 +519,10 @@ impl PlainPart {
 mod tests {
     use super::super::hinge::candidates;
     use super::super::plane_segments::{Sampling, moving_patches};
-    use super::super::test_data::{HINGE_M, door_recording, turn};
+    use super::super::test_data::{HINGE_M, door_recording, left_edge_on_recording, turn};
     use super::*;
-    use crate::learn::keyframes::Keyframes;
     use crate::math::rigid::{distance_to_line, line_angle};
-    use linkage_frames::DepthImage;
     use nalgebra::{Point3, Vector3};
-    use std::f64::consts::FRAC_PI_2;
 
     /// What is found about the line that most planes of a recording turn about.
     fn found(recording: &Recording) -> Followed {
@@ -560,27 +557,9 @@ mod tests {
         assert!(!part.jumps() && part.doubt().is_none());
     }
 
-    /// The recording, without readings where the camera sees the door from its edge from frame 16 on.
-    fn without_readings_of_its_edge(recording: Recording) -> Recording {
-        let mut keyframes = Keyframes::new(recording.keyframes.len());
-        for (frame, picture) in recording.keyframes.iter() {
-            let mut picture = picture.clone();
-            let (width, height) = (picture.depth.width(), picture.depth.height());
-            let ray = picture.camera.cx + picture.camera.fx * HINGE_M[0] / HINGE_M[1];
-            let is_edge = |i: usize| frame >= 16 && ((i % width) as f64 - ray).abs() < 9.0;
-            let metres = picture.depth.as_metres().iter().enumerate();
-            let left = metres.map(|(i, z)| if is_edge(i) { f32::NAN } else { *z }).collect();
-            picture.depth = DepthImage::from_metres(width, height, left).unwrap();
-            keyframes.offer(frame, &picture);
-        }
-        Recording { keyframes, ..recording }
-    }
-
     #[test]
     fn a_door_that_is_left_so_wide_open_that_it_shows_its_edge_is_a_part() {
-        let edge_on = FRAC_PI_2 + (HINGE_M[0] / HINGE_M[1]).atan();
-        let recording = door_recording(40, |f| edge_on / 1.3 * turn(f));
-        let part = part(&without_readings_of_its_edge(recording));
+        let part = part(&left_edge_on_recording(40));
         assert!(2 * part.followed.shown().count() < part.followed.keyframes());
         assert!(part.doubt().is_none());
     }

@@ -6,7 +6,8 @@ use crate::learn::recording::Recording;
 use crate::learn::tracking::TrackSet;
 use crate::math::rigid::Pose;
 use crate::test_data::seen;
-use linkage_frames::RgbdFrame;
+use linkage_frames::{DepthImage, RgbdFrame};
+use std::f64::consts::FRAC_PI_2;
 
 /// Width of the door, metres.
 pub const WIDTH_M: f64 = 0.6;
@@ -44,6 +45,27 @@ fn door(turn: f64, pulled: Option<f64>) -> RgbdFrame {
 /// A recording of the door in a front, with the door's turn in each frame. All frames are kept.
 pub fn door_recording(frames: usize, turn: impl Fn(usize) -> f64) -> Recording {
     recording((0..frames).map(|f| door(turn(f), None)).collect())
+}
+
+/// Turn at which the camera sees the door from its edge, radians.
+pub fn edge_on_rad() -> f64 {
+    FRAC_PI_2 + (HINGE_M[0] / HINGE_M[1]).atan()
+}
+
+/// A recording of the door that is opened until the camera sees its edge, of which there is no depth, and is left so
+/// from frame 16 on.
+pub fn left_edge_on_recording(frames: usize) -> Recording {
+    let of = |frame: usize| {
+        let mut picture = door(edge_on_rad() / turn(16) * turn(frame), None);
+        let (width, height) = (picture.depth.width(), picture.depth.height());
+        let edge = picture.camera.cx + picture.camera.fx * HINGE_M[0] / HINGE_M[1];
+        let is_edge = |i: usize| frame >= 16 && ((i % width) as f64 - edge).abs() < 9.0;
+        let metres = picture.depth.as_metres().iter().enumerate();
+        let left = metres.map(|(i, z)| if is_edge(i) { f32::NAN } else { *z }).collect();
+        picture.depth = DepthImage::from_metres(width, height, left).expect("it fits");
+        picture
+    };
+    recording((0..frames).map(of).collect())
 }
 
 /// A recording of the door of a cupboard that is pulled forwards, with the turn and the shift in each frame.
