@@ -335,7 +335,7 @@ const TELL_EVERY: Duration = Duration::from_millis(50);
 const TOLD_BY_NAME: usize = 8;
 
 /// What the next report tells by name, with the host that it came from. If there is no room, the host with the most
-/// makes room for one with fewer: a host that floods this service does not keep it from answering another one.
+/// makes room for one with fewer: a single host that floods this service does not keep it from answering another one.
 #[derive(Debug)]
 struct Shared<T> {
     told: Vec<(Option<IpAddr>, T)>,
@@ -419,7 +419,7 @@ struct Repeats {
 
 impl Repeats {
     fn add(&mut self, utime: i64, sender: Option<IpAddr>) {
-        if !self.utimes.told.iter().any(|(_, known)| *known == utime) {
+        if !self.utimes.told.contains(&(sender, utime)) {
             self.utimes.add(sender, utime);
         }
     }
@@ -632,6 +632,7 @@ mod tests {
             bench.dispatcher.take(&again(NOW + 1 + i % 29), loud, NOW);
             if i == 100 {
                 bench.dispatcher.take(&bad(NOW + 5000), quiet, NOW);
+                bench.dispatcher.take(&known, loud, NOW);
                 bench.dispatcher.take(&known, quiet, NOW);
             }
         }

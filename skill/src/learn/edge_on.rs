@@ -42,8 +42,8 @@ const BESIDE_RAD: f64 = 0.2;
 /// most half of it.
 const MAX_WIDTH_RAD: f64 = 0.36;
 
-/// Smallest share of the keyframes that see a part from its edge, for which it counts as left so. Of a small surface that
-/// was followed about a wrong line, the last 5 of 39 keyframes did; of four doors that were left wide open, at least 68 %.
+/// Smallest share of the keyframes that must see a part from its edge, so that these keyframes do not count. Of a small
+/// surface that was followed about a wrong line it was 5 of 39; of four doors that were left wide open, at least 68 %.
 const LEAST_EDGE_ON: f64 = 0.3;
 
 /// Adds the configurations of hinges of the base in keyframes that see their parts nearly from the edge. The poses of
@@ -111,8 +111,9 @@ fn configurations_by_exclusion(
     (0..pictures.len()).filter_map(of).collect()
 }
 
-/// [`configurations_by_exclusion`] of a part that is left so wide open that it shows its edge for long; empty otherwise.
-pub fn left_edge_on(
+/// [`configurations_by_exclusion`], if it tells at least [`LEAST_EDGE_ON`] of the keyframes; empty otherwise. These are
+/// mostly the last ones, of a door that is left wide open.
+pub fn long_edge_on(
     line: &JointGeometry,
     points: &[Point3<f64>],
     known: &[Option<f64>],
@@ -167,7 +168,7 @@ impl Grid {
     }
 
     /// Index of the configuration in each keyframe, along the path on which least is seen through and which passes
-    /// through the known configurations.
+    /// through the known configurations where its speed allows.
     fn path(
         &self,
         counts: &[Option<Vec<FreeSpaceCounts>>],
@@ -305,7 +306,7 @@ mod tests {
             let door = door(1.25);
             let known: Vec<Option<f64>> =
                 recording.keyframes.iter().map(|(f, _)| known(f)).collect();
-            left_edge_on(&door.joint.geometry(), &door.plain_surface, &known, recording)
+            long_edge_on(&door.joint.geometry(), &door.plain_surface, &known, recording)
         };
         let way = |f: usize| edge_on_rad() / opened(16) * opened(f);
         let open = left(&left_edge_on_recording(40), &|f| (f < 16).then(|| way(f)));

@@ -10,7 +10,7 @@ use super::hinge::{Candidate, Hinge};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
-use crate::learn::edge_on::left_edge_on;
+use crate::learn::edge_on::long_edge_on;
 use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
 use crate::learn::line_step::with_shared_errors;
@@ -358,7 +358,7 @@ impl PlainPart {
         let known: Vec<Option<f64>> =
             recording.keyframes.iter().map(|(frame, _)| told.get(&frame).copied()).collect();
         let (line, points) = (&self.line.geometry, &self.surface.points);
-        let edge_on = left_edge_on(line, points, &known, recording);
+        let edge_on = long_edge_on(line, points, &known, recording);
         self.followed.set_edge_on(&edge_on);
     }
 

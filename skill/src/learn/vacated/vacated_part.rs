@@ -11,7 +11,7 @@ use super::moving_points::{Evidence, MovingPoints};
 use super::rest_surface::RestSurface;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
 use crate::learn::best_path::best_path;
-use crate::learn::edge_on::left_edge_on;
+use crate::learn::edge_on::long_edge_on;
 use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, span_of};
 use crate::learn::line_step::{line_covariance, with_shared_errors};
@@ -272,7 +272,7 @@ impl VacatedPart {
         let shown: BTreeMap<usize, f64> = self.shown().collect();
         let known: Vec<Option<f64>> =
             recording.keyframes.iter().map(|(frame, _)| shown.get(&frame).copied()).collect();
-        let edge_on = left_edge_on(self.geometry(), &surface.points, &known, recording);
+        let edge_on = long_edge_on(self.geometry(), &surface.points, &known, recording);
         if edge_on.is_empty() {
             return;
         }
@@ -286,7 +286,7 @@ impl VacatedPart {
 
     /// True if the part is left so that it shows its edge. A person who has gone is nowhere, and is seen through. (Two
     /// doors that were left wide open were 6.7 and 7.2 mm from their readings while they moved.)
-    fn is_left_edge_on(&self) -> bool {
+    fn is_long_edge_on(&self) -> bool {
         self.seen.iter().any(|s| s.edge_on)
     }
 
@@ -335,7 +335,7 @@ impl VacatedPart {
             (
                 !self
                     .distances
-                    .are_of_one_shape(self.is_clearly_a_slide() || self.is_left_edge_on()),
+                    .are_of_one_shape(self.is_clearly_a_slide() || self.is_long_edge_on()),
                 "it does not keep its shape",
             ),
             (self.agreement_elsewhere() < MIN_AGREEMENT, "it is not found elsewhere"),
@@ -626,17 +626,19 @@ mod tests {
     }
 
     #[test]
-    fn a_door_that_is_left_so_wide_open_that_it_shows_its_edge_neither_left_nor_is_missed() {
+    fn a_door_that_is_left_so_wide_open_that_it_shows_its_edge_has_neither_left_nor_is_missed() {
         let [x, z] = HINGE_M;
         let line = JointGeometry::hinge(Vector3::y_axis(), Point3::new(x, 0.0, z));
         followed(&left_edge_on_recording(40), &line, |part, _, _| {
             let edge_on = part.seen.iter().filter(|s| s.edge_on).count();
             assert!((20..=24).contains(&edge_on), "{edge_on}");
-            assert!(part.is_shown_in_most() && part.is_there_throughout());
+            assert!(
+                part.is_long_edge_on() && part.is_shown_in_most() && part.is_there_throughout()
+            );
             let last = part.aligned.q.last().unwrap().abs();
             assert!((last - edge_on_rad()).abs() < 0.1, "{last}");
         });
-        followed(&lever(turn), &hinge(), |part, _, _| assert!(!part.is_left_edge_on()));
+        followed(&lever(turn), &hinge(), |part, _, _| assert!(!part.is_long_edge_on()));
     }
 
     #[test]
