@@ -354,7 +354,9 @@ impl PlainPart {
         if self.followed.shown_ratio() >= LEAST_KEYFRAMES && self.followed.is_there_throughout() {
             return;
         }
-        let told = self.configuration();
+        let mut told: BTreeMap<usize, f64> =
+            self.followed.shown().map(|p| (p.frame, p.q)).collect();
+        told.extend(self.configuration());
         let known: Vec<Option<f64>> =
             recording.keyframes.iter().map(|(frame, _)| told.get(&frame).copied()).collect();
         let (line, points) = (&self.line.geometry, &self.surface.points);
