@@ -336,18 +336,12 @@ const TOLD_BY_NAME: usize = 8;
 
 /// What the next report tells by name, with the host that it came from. If there is no room, the host with the most
 /// makes room for one with fewer: a single host that floods this service does not keep it from answering another one.
-#[derive(Debug)]
-struct Shared<T> {
+#[derive(Debug, Default)]
+struct FairList<T> {
     told: Vec<(Option<IpAddr>, T)>,
 }
 
-impl<T> Default for Shared<T> {
-    fn default() -> Self {
-        Self { told: Vec::new() }
-    }
-}
-
-impl<T> Shared<T> {
+impl<T> FairList<T> {
     fn add(&mut self, sender: Option<IpAddr>, item: T) {
         let count = |of: &Option<IpAddr>| self.told.iter().filter(|(s, _)| s == of).count();
         if self.told.len() >= TOLD_BY_NAME {
@@ -376,7 +370,7 @@ struct Refusals {
     count: u64,
     latest: String,
     /// Those whose senders may know: name and reason.
-    answers: Shared<(i64, String)>,
+    answers: FairList<(i64, String)>,
     told: Option<Instant>,
 }
 
@@ -413,7 +407,7 @@ impl Refusals {
 /// Commands that came again since they were told last.
 #[derive(Debug, Default)]
 struct Repeats {
-    utimes: Shared<i64>,
+    utimes: FairList<i64>,
     told: Option<Instant>,
 }
 

@@ -10,7 +10,7 @@ use super::hinge::{Candidate, Hinge};
 use super::line_alignment::{AlignedLine, align_line, largest_place_sigma};
 use super::plane_segments::PlanePatch;
 use crate::learn::attachment::{MAX_UNATTACHED, unattached_ratio};
-use crate::learn::edge_on::long_edge_on;
+use crate::learn::edge_on::{MAX_SPEED_RAD_S, long_edge_on};
 use crate::learn::followed_surface::FollowedSurface;
 use crate::learn::learned_joint::{LearnedJoint, RejectedCandidate};
 use crate::learn::line_step::with_shared_errors;
@@ -65,8 +65,6 @@ const REST_PLANES: usize = 4;
 const REST_OF_PLANES_RAD: f64 = 0.016;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
-/// Speed above which a followed path is doubted, radians a second: people open things at up to 2.6.
-const MAX_SPEED_RAD_S: f64 = 3.0;
 /// Consecutive steps at the largest speed from which the bound counts as holding a path back: without it, the path
 /// would jump from one surface to another.
 const HELD_BACK_STEPS: usize = 3;
