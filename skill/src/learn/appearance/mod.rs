@@ -20,7 +20,9 @@ mod part_growth;
 mod part_labels;
 mod region;
 mod room_planes;
+mod shadows;
 mod surfels;
+mod tally;
 #[cfg(test)]
 mod test_data;
 
@@ -37,6 +39,7 @@ use part_growth::grown;
 use part_labels::{LabelGrid, NearPart, PosedFrame, label};
 use rayon::prelude::*;
 use region::Region;
+use shadows::without_shadows;
 use surfels::{SeenSurfel, VoxelGrid, seen_surface, thinned};
 
 /// Side of a voxel in which surface is averaged, metres, for an object up to 1 m away. It grows in proportion to the
@@ -144,7 +147,8 @@ fn labelled_keyframes(
             let mut features = dynamic_features.in_frame(posed[index].number);
             // A feature that moves near a part may lie on that part.
             features.dynamic.retain(|p| !is_near_a_part(&posed[index], p, &near_part));
-            (index, label(posed, index, &near_part, &features))
+            let labels = label(posed, index, &near_part, &features);
+            (index, without_shadows(posed[index].frame, labels))
         })
         .collect()
 }

@@ -8,6 +8,7 @@
 
 use super::dynamic_features::FrameFeatures;
 use super::other_light::{has_same_contrast, is_same_under_other_light};
+use super::tally::{Support, Tally, Verdict};
 use crate::math::rigid::Pose;
 use linkage_frames::{ColorImage, RgbdFrame};
 use nalgebra::Point3;
@@ -30,25 +31,20 @@ pub const STEP: usize = 4;
 /// between them.
 const MIN_DIFFERENCE_M: f64 = 0.03;
 
-/// Fewest decisive frames for a claim.
-const MIN_DECISIVE: f64 = 3.0;
 /// Difference of luma up to which two pixels count as equally bright: light and noise explain it.
 const MAX_LUMA_DIFFERENCE: u8 = 18;
-/// Largest share of the decisive frames that may contradict a claim.
-const MAX_CONTRADICTION: f64 = 0.12;
-/// Smallest share of the decisive frames in which depth alone determines the part, for the label to count as
-/// determined by depth.
-const TOLD_BY_DEPTH: f64 = 0.25;
 /// Turn of a part, radians, above which its colour is not compared, because it reflects other light. A drawer does
 /// not turn: another hue where it was is the hand that pulled it.
 const OTHER_LIGHT_RAD: f64 = 0.15;
-/// Number of frames that see through a place from which the place does not belong to the base. Fewer see through
-/// static surface; a person who stands beside the object for most of the time bends down at some time.
-const SEEN_THROUGH_FRAMES: usize = 2;
 /// Smallest distance from a place that is seen through to the surface behind it, metres.
 const FAR_BEHIND_M: f64 = 0.15;
 /// Distance to the neighbouring pixels that must lie behind the place as well, pixels.
 const AROUND_PX: f64 = 3.0;
+
+/// Pixel in the middle of a place of a grid with this many columns.
+pub fn pixel_of(place: usize, columns: usize) -> (usize, usize) {
+    ((place % columns) * STEP + STEP / 2, (place / columns) * STEP + STEP / 2)
+}
 
 /// Label of each place on a grid of [`STEP`] pixels.
 pub struct LabelGrid {
@@ -63,8 +59,8 @@ enum Label {
     Nothing,
     /// The keyframes contradict all claims: the place moves by itself, as the person does.
     Foreign,
-    /// A part; 0 is the base.
-    Part(u16),
+    /// A part, and what determined it.
+    Part(Told),
     /// The depth agrees with the base, but features near the place move: a person stands there or reaches past it.
     /// Other keyframes decide between the two.
     Dynamic,
@@ -74,7 +70,7 @@ impl LabelGrid {
     /// The part at a pixel; also 0 where the depth agrees with the base but features near the pixel move.
     pub fn at(&self, u: usize, v: usize) -> Option<u16> {
         match self.label(u, v) {
-            Some(Label::Part(part)) => Some(part),
+            Some(Label::Part(told)) => Some(told.part),
             Some(Label::Dynamic) => Some(0),
             Some(Label::Nothing | Label::Foreign) | None => None,
         }
@@ -88,6 +84,34 @@ impl LabelGrid {
     /// True if neither the base nor a part moves as this place does.
     pub fn is_foreign(&self, u: usize, v: usize) -> bool {
         self.label(u, v) == Some(Label::Foreign)
+    }
+
+    /// Grid with this many places in a row.
+    #[cfg(test)]
+    pub fn of(columns: usize, told: Vec<Option<Told>>) -> Self {
+        let labels =
+            told.into_iter().map(|told| told.map_or(Label::Nothing, Label::Part)).collect();
+        Self { columns, labels }
+    }
+
+    /// Number of places in a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// For each place, row by row, the part and what determined it.
+    pub fn told(&self) -> impl Iterator<Item = Option<Told>> + '_ {
+        self.labels.iter().map(|label| match label {
+            Label::Part(told) => Some(*told),
+            Label::Dynamic | Label::Nothing | Label::Foreign => None,
+        })
+    }
+
+    /// The grid without the labels of these places.
+    pub fn without(mut self, is_left_out: &[bool]) -> Self {
+        let labels = self.labels.iter_mut().zip(is_left_out);
+        labels.filter(|(_, left_out)| **left_out).for_each(|(label, _)| *label = Label::Nothing);
+        self
     }
 
     fn label(&self, u: usize, v: usize) -> Option<Label> {
@@ -112,13 +136,13 @@ pub fn label(
     let labels = (0..columns * rows)
         .into_par_iter()
         .map(|i| {
-            let (u, v) = ((i % columns) * STEP + STEP / 2, (i / columns) * STEP + STEP / 2);
+            let (u, v) = pixel_of(i, columns);
             let moves = || picture.point_at(u, v).is_some_and(|p| features.are_dynamic_near(&p));
             match label_point(frames, index, (u, v), near_part) {
                 None if is_foreign(frames, index, (u, v), near_part) => Label::Foreign,
                 None => Label::Nothing,
                 Some(Told { part: 0, .. }) if moves() => Label::Dynamic,
-                Some(Told { part, .. }) => Label::Part(part),
+                Some(told) => Label::Part(told),
             }
         })
         .collect();
@@ -134,7 +158,7 @@ pub fn belongs(
     in_base: &Point3<f64>,
 ) -> bool {
     let claims = [(0, *in_base), (part, *at_rest)];
-    support(frames, None, part, at_rest, &claims).is_some_and(|s| s.share > 0.8)
+    tally(frames, None, part, at_rest, &claims).support().is_some_and(|s| s.share > 0.8)
 }
 
 /// The part of the surface that a keyframe shows at a pixel, and whether depth determined it; `None` if no claim is
@@ -157,10 +181,17 @@ pub fn label_point(
             (part == 0 || near_part(part, &at_rest)).then_some((part, at_rest))
         })
         .collect();
-    let supports: Vec<(Option<Support>, usize)> = claims
+    let tallies: Vec<(Tally, usize)> = claims
         .iter()
-        .map(|&(part, at_rest)| (support(frames, seen, part, &at_rest, &claims), part))
+        .map(|&(part, at_rest)| (tally(frames, seen, part, &at_rest, &claims), part))
         .collect();
+    told_by_support(&tallies).or_else(|| told_by_leaving(&tallies))
+}
+
+/// The part whose claim the decisive frames support, and clearly more than the claim of any other part.
+fn told_by_support(tallies: &[(Tally, usize)]) -> Option<Told> {
+    let supports: Vec<(Option<Support>, usize)> =
+        tallies.iter().map(|(tally, part)| (tally.support(), *part)).collect();
     let mut supported: Vec<(Support, usize)> =
         supports.iter().map(|&(support, part)| (support.unwrap_or_default(), part)).collect();
     supported.sort_by(|a, b| b.0.share.total_cmp(&a.0.share));
@@ -171,6 +202,16 @@ pub fn label_point(
     let undecided = part == 0 && supports.iter().any(|s| s.0.is_none());
     let is_told = best > 0.5 && best > rival + 0.2 && !undecided;
     is_told.then_some(Told { part: part as u16, by_depth })
+}
+
+/// The only part that may have been at a place that is empty later, although no frame confirms the part: the outer face
+/// of a lid turns away from the camera.
+fn told_by_leaving(tallies: &[(Tally, usize)]) -> Option<Told> {
+    let is_vacated = tallies.iter().any(|(tally, part)| *part == 0 && tally.is_vacated());
+    let mut may_be = tallies.iter().filter(|(tally, part)| *part > 0 && tally.is_unrefuted());
+    let (_, part) = may_be.next()?;
+    let is_told = is_vacated && may_be.next().is_none();
+    is_told.then_some(Told { part: *part as u16, by_depth: true })
 }
 
 /// Share of the decisive frames that agree with a claim, below which the claim is contradicted.
@@ -196,8 +237,8 @@ fn is_foreign(
         if part > 0 && near_part(part, &at_rest) {
             return false;
         }
-        let of_claim = support(frames, Some(seen), part, &at_rest, &[(part, at_rest)]);
-        of_claim.is_some_and(|support| support.share < CONTRADICTED)
+        let of_claim = tally(frames, Some(seen), part, &at_rest, &[(part, at_rest)]);
+        of_claim.support().is_some_and(|support| support.share < CONTRADICTED)
     })
 }
 
@@ -242,6 +283,13 @@ impl<'f> SeenPlace<'f> {
             }
             Depth::TellsNothing => is_as_bright && self.is_so(other, claimed, has_same_contrast),
         }
+    }
+
+    /// True if the surface that another frame shows at a place was not there in this frame, if it belongs to a part.
+    fn is_empty_at(&self, other: &PosedFrame, part: usize, place: &Point3<f64>) -> bool {
+        let poses = self.here.camera_from_part[part].zip(other.camera_from_part[part]);
+        let here = poses.map(|(here, other)| here * other.inverse_transform_point(place));
+        here.and_then(|place| Verdict::at(self.here.frame, &place)) == Some(Verdict::SeenThrough)
     }
 
     fn is_so(
@@ -290,28 +338,18 @@ pub struct Told {
     pub by_depth: bool,
 }
 
-/// How well the keyframes support a claim.
-#[derive(Debug, Clone, Copy, Default)]
-struct Support {
-    /// Share of the decisive frames that agree.
-    share: f64,
-    /// True if depth contradicts all other claims in many of the decisive frames.
-    by_depth: bool,
-}
-
-/// How well the decisive frames support a claim; `None` if too few are decisive, 0 if too many contradict. A surface
-/// is hardly ever seen through, but a hand that holds it is, before it comes and after it has left.
+/// What the frames say of a claim.
 ///
 /// A frame is decisive if the places that the claims predict differ in it; with a single claim, all frames are.
 /// `seen` is where the place was seen: a surface that slides in its own plane agrees in depth with any claim, but
 /// shows another place of its pattern.
-fn support(
+fn tally(
     frames: &[PosedFrame],
     seen: Option<SeenPlace<'_>>,
     part: usize,
     at_rest: &Point3<f64>,
     claims: &[(usize, Point3<f64>)],
-) -> Option<Support> {
+) -> Tally {
     let mut tally = Tally::default();
     for (i, other) in frames.iter().enumerate() {
         if seen.is_some_and(|seen| i == seen.index) {
@@ -319,27 +357,34 @@ fn support(
         }
         let Some(pose) = &other.camera_from_part[part] else { continue };
         let claimed = pose * at_rest;
-        let rivals: Option<Vec<Point3<f64>>> = claims
+        let rivals: Option<Vec<(usize, Point3<f64>)>> = claims
             .iter()
             .filter(|(p, _)| *p != part)
-            .map(|(p, rest)| Some(other.camera_from_part[*p].as_ref()? * rest))
+            .map(|(p, rest)| Some((*p, other.camera_from_part[*p].as_ref()? * rest)))
             .collect();
         let Some(rivals) = rivals else { continue };
-        let through = || usize::from(part == 0 && is_seen_through(other.frame, &claimed));
-        if rivals.iter().any(|rival| (rival - claimed).norm() <= MIN_DIFFERENCE_M) {
-            tally.clearly_through += through();
-            continue;
+        let verdict = Verdict::at(other.frame, &claimed);
+        let is_decisive =
+            rivals.iter().all(|(_, rival)| (rival - claimed).norm() > MIN_DIFFERENCE_M);
+        let may_be_empty = !is_decisive || verdict == Some(Verdict::SeenThrough);
+        if part > 0 {
+            tally.note_presence(verdict);
+        } else if may_be_empty && is_seen_through(other.frame, &claimed) {
+            tally.add_clearly_through();
         }
-        let Some(verdict) = Verdict::at(other.frame, &claimed) else { continue };
+        let Some(verdict) = verdict.filter(|_| is_decisive) else { continue };
         match verdict {
-            Verdict::SeenThrough => {
-                tally.clearly_through += through();
-                tally.against += 1.0;
-                tally.decisive += 1.0;
-            }
+            Verdict::SeenThrough => tally.add_through(),
             Verdict::There => {
-                let contradicts = |rival: &Point3<f64>| {
-                    Verdict::at(other.frame, rival).is_some_and(|v| v != Verdict::There)
+                let contradicts = |(rival, place): &(usize, Point3<f64>)| {
+                    match Verdict::at(other.frame, place) {
+                        Some(Verdict::SeenThrough) => true,
+                        // An occluder alone does not contradict: an arm passes over the floor.
+                        Some(Verdict::Hidden) => {
+                            seen.is_none_or(|seen| seen.is_empty_at(other, *rival, &claimed))
+                        }
+                        Some(Verdict::There) | None => false,
+                    }
                 };
                 let depth = match &rivals[..] {
                     [] => Depth::IsAloneClaimed,
@@ -347,43 +392,12 @@ fn support(
                     _ => Depth::TellsNothing,
                 };
                 let is_alike = seen.is_none_or(|s| s.is_alike_in(other, part, &claimed, depth));
-                tally.agree += f64::from(u8::from(is_alike));
-                let is_by_depth = is_alike && depth == Depth::TellsThisPart;
-                tally.by_depth += f64::from(u8::from(is_by_depth));
-                tally.decisive += 1.0;
+                tally.add_there(is_alike, depth == Depth::TellsThisPart);
             }
-            Verdict::Hidden => {}
+            Verdict::Hidden => tally.add_hidden(),
         }
     }
-    tally.support()
-}
-
-/// What the frames say of a claim, in frames.
-#[derive(Debug, Clone, Copy, Default)]
-struct Tally {
-    agree: f64,
-    against: f64,
-    decisive: f64,
-    /// Frames that agree and in which depth contradicts all other claims.
-    by_depth: f64,
-    clearly_through: usize,
-}
-
-impl Tally {
-    fn support(&self) -> Option<Support> {
-        let Self { agree, against, decisive, by_depth, clearly_through } = *self;
-        if clearly_through >= SEEN_THROUGH_FRAMES {
-            return Some(Support::default());
-        }
-        if decisive < MIN_DECISIVE {
-            return None;
-        }
-        let is_contradicted = against > MAX_CONTRADICTION * decisive;
-        Some(Support {
-            share: if is_contradicted { 0.0 } else { agree / decisive },
-            by_depth: by_depth >= TOLD_BY_DEPTH * decisive,
-        })
-    }
+    tally
 }
 
 /// True if a part's orientation in the base frame differs so much between two frames that the part may reflect other
@@ -396,31 +410,6 @@ fn has_turned(a: &PosedFrame, b: &PosedFrame, part: usize) -> bool {
     base_from_part(a)
         .zip(base_from_part(b))
         .is_some_and(|(a, b)| a.rotation.angle_to(&b.rotation) > OTHER_LIGHT_RAD)
-}
-
-/// What a depth image shows at a place in the camera frame.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Verdict {
-    /// The surface lies at the place.
-    There,
-    /// The surface lies behind the place.
-    SeenThrough,
-    /// An occluder stands before the place.
-    Hidden,
-}
-
-impl Verdict {
-    /// The verdict of a depth image on a place; `None` outside of the image and where there is no depth.
-    fn at(frame: &RgbdFrame, place: &Point3<f64>) -> Option<Self> {
-        let pixel = frame.camera.project(place)?;
-        let z = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?);
-        let margin = 0.012 + 3.0 * frame.camera.depth_sensor.feature_sigma(place.z);
-        Some(match z - place.z {
-            difference if difference > margin => Self::SeenThrough,
-            difference if difference > -margin => Self::There,
-            _ => Self::Hidden,
-        })
-    }
 }
 
 /// True if all that is seen at a place and around it lies far behind, so that no depth error at an edge explains it.
@@ -451,11 +440,15 @@ mod tests {
         frame
     }
 
-    fn labelled(frames: &[(RgbdFrame, Vec<Option<Pose>>)], index: usize) -> LabelGrid {
-        let posed: Vec<PosedFrame> = frames
+    fn posed(frames: &[(RgbdFrame, Vec<Option<Pose>>)]) -> Vec<PosedFrame<'_>> {
+        frames
             .iter()
             .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
-            .collect();
+            .collect()
+    }
+
+    fn labelled(frames: &[(RgbdFrame, Vec<Option<Pose>>)], index: usize) -> LabelGrid {
+        let posed = posed(frames);
         let near_part = |_: usize, p: &Point3<f64>| p.x.abs() < 0.25 && p.y.abs() < 0.25;
         label(&posed, index, &near_part, &FrameFeatures::default())
     }
@@ -486,6 +479,57 @@ mod tests {
         assert_ne!(labelled(&frames, 9).at(beside_the_axis.0, beside_the_axis.1), Some(0));
     }
 
+    #[test]
+    fn floor_that_an_arm_passes_over_is_not_determined_by_depth() {
+        // A board that slides before a plain wall, and an occluder before all of the wall from frame 4 on.
+        let frame = |i: i64| {
+            let wall = if i < 4 { 2.0 } else { 1.0 };
+            let slid = Pose::translation(0.02 * i as f64, 0.0, 0.0);
+            let show = move |x: f64, _: f64| if x < 0.0 { wall } else { 2.0 };
+            (seen(i + 1, show), vec![Some(Pose::identity()), Some(slid)])
+        };
+        let frames: Vec<_> = (0..FRAMES).map(frame).collect();
+        let posed = posed(&frames);
+        let beside_the_occluder = (MIDDLE.0 - 4, MIDDLE.1);
+        let told = label_point(&posed, 0, beside_the_occluder, &|_, _| true);
+        assert!(told.is_none_or(|told| told.part == 0 || !told.by_depth), "{told:?}");
+    }
+
+    #[test]
+    fn the_hand_that_comes_and_leaves_while_a_drawer_is_closed_is_none_of_it() {
+        // The hand holds the front from frame 4 to frame 16, the drawer is open from frame 6 to frame 14.
+        let slid = |i: i64| if (6..15).contains(&i) { 0.04 + 0.02 * (i - 6) as f64 } else { 0.0 };
+        let frame = |i: i64| {
+            let front = 1.5 - slid(i);
+            let hand = if (4..17).contains(&i) { front - 0.1 } else { front };
+            let show = move |x: f64, y: f64| match (x.abs().max(y.abs()), board(0.2, front, 1.5)) {
+                (from_middle, _) if from_middle < 0.03 => hand,
+                (_, board) => board(x, y),
+            };
+            let drawer = Pose::translation(0.0, 0.0, -slid(i));
+            (seen(i + 1, show), vec![Some(Pose::identity()), Some(drawer)])
+        };
+        let frames: Vec<_> = (0..FRAMES).map(frame).collect();
+        for index in [5, 10, 15] {
+            let grid = labelled(&frames, index);
+            assert_eq!(grid.at(MIDDLE.0, MIDDLE.1), None, "the hand in frame {index}");
+            assert_eq!(grid.at(MIDDLE.0 + 20, MIDDLE.1), Some(1), "the front in frame {index}");
+        }
+    }
+
+    #[test]
+    fn the_face_of_a_lid_that_turns_away_is_the_lids() {
+        // The lid is gone from frame 8 on, to a place behind a pillar.
+        let frame = |i: i64| {
+            let (lid, moved) = if i < 8 { (1.5, 0.0) } else { (2.5, 0.7) };
+            let show = move |x: f64, y: f64| if x > 0.3 { 1.0 } else { board(0.2, lid, 2.5)(x, y) };
+            let away = Pose::translation(moved, 0.0, 0.0);
+            (seen(i + 1, show), vec![Some(Pose::identity()), Some(away)])
+        };
+        let frames: Vec<_> = (0..FRAMES).map(frame).collect();
+        assert_eq!(labelled(&frames, 2).at(MIDDLE.0, MIDDLE.1), Some(1));
+    }
+
     /// Somebody stands before the wall in most of the frames.
     fn standing(away: impl Fn(i64) -> bool) -> Vec<(RgbdFrame, Vec<Option<Pose>>)> {
         let front = |i: i64| if away(i) { 2.0 } else { 1.5 };
@@ -505,10 +549,7 @@ mod tests {
     #[test]
     fn a_person_with_moving_features_is_dynamic() {
         let frames = standing(|_| false);
-        let posed: Vec<PosedFrame> = frames
-            .iter()
-            .map(|(frame, poses)| PosedFrame { frame, number: 0, camera_from_part: poses.clone() })
-            .collect();
+        let posed = posed(&frames);
         let dynamic = (0..4).map(|i| Point3::new(0.01 * f64::from(i), 0.0, 1.5)).collect();
         let features = FrameFeatures { dynamic, resting: Vec::new() };
         let grid = label(&posed, 0, &|_, _| false, &features);
