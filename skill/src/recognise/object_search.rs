@@ -335,11 +335,11 @@ fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
         withdraw_ambiguous(refiner, &mut found, 0..articulated.joints.len());
     }
     withdraw_uncertain(articulated, &mut found);
-    if config.eliminate && is_believed(found.score, config) {
-        add_by_elimination(scene, articulated, cloud, &mut found);
-    }
     if !found.evident.contains(&true) {
         found.score *= NO_CONFIGURATION * found.verdict.articulation_evidence(articulated);
+    }
+    if config.eliminate && is_believed(found.score, config) {
+        add_by_elimination(scene, articulated, cloud, &mut found);
     }
     found
 }
