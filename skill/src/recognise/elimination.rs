@@ -148,7 +148,7 @@ impl Trial {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::math::rigid::Pose;
     use crate::object::joint_geometry::JointGeometry;
@@ -161,7 +161,7 @@ mod tests {
     const WALL_M: f32 = 2.0;
 
     /// A wall, with `board` telling which pixels a near board hides.
-    fn scene(board: impl Fn(usize, usize) -> bool) -> Scene {
+    pub fn scene(board: impl Fn(usize, usize) -> bool) -> Scene {
         let camera = PinholeCamera::kinect();
         let (w, h) = (camera.width, camera.height);
         let depth = (0..w * h).map(|i| if board(i % w, i / w) { 0.8 } else { WALL_M }).collect();
@@ -171,7 +171,7 @@ mod tests {
     }
 
     /// A flap hinged in front of the wall, pointing straight away from the camera at 0.
-    fn flap() -> (Articulated, Cloud) {
+    pub fn flap() -> (Articulated, Cloud) {
         let geometry = JointGeometry::hinge(Vector3::x_axis(), Point3::new(0.0, 0.0, 1.2));
         let joints = vec![ChainJoint::new(geometry, [0, 1], [-1.0, 1.0])];
         let grid = || {

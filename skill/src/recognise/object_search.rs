@@ -346,6 +346,8 @@ fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
 
 #[cfg(test)]
 mod tests {
+    use super::super::elimination::tests::{flap, scene};
+    use super::super::kinematics::State;
     use super::*;
     use nalgebra::{UnitQuaternion, Vector3};
 
@@ -360,5 +362,35 @@ mod tests {
         assert!(tried.contains(1, &at(0.04, 0.1)));
         assert!(!tried.contains(1, &at(0.06, 0.0)) && !tried.contains(1, &at(0.0, 0.3)));
         assert!(!tried.contains(0, &at(0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_configuration_that_is_left_over_is_told_but_is_no_evidence_for_the_object() {
+        let ((articulated, cloud), scene) = (flap(), scene(|_, _| false));
+        let config = RecogniseConfig::default();
+        let decided = |score: f64| {
+            let refiner = Refiner {
+                scene: &scene,
+                articulated: &articulated,
+                cloud: &cloud,
+                coarse: &cloud,
+                matches: &[],
+                min_inliers: 0,
+                shape: None,
+                room: &[],
+                config: &config,
+            };
+            let state = State { camera_from_object: Pose::identity(), q: vec![0.7] };
+            let mut verdict = verify(&scene, &articulated, &cloud, &state);
+            // The wall is plain; a textured one would correlate.
+            verdict.parts[0].correlation = Some(0.9);
+            decide(&refiner, RefinedPose { state, score, inliers: 20, verdict })
+        };
+        let of_wall_alone = decided(0.8);
+        assert!(
+            of_wall_alone.placed == [true, false] && !is_believed(of_wall_alone.score, &config)
+        );
+        let certain = decided(1.0);
+        assert!(certain.evident == [true] && certain.score < 0.6, "{}", certain.score);
     }
 }

@@ -429,6 +429,12 @@ impl Hinge {
         [turns().fold(f64::INFINITY, f64::min), turns().fold(f64::NEG_INFINITY, f64::max)]
     }
 
+    /// Number of planes that lie between the ends of the range, farther than `apart` radians from both.
+    pub fn planes_between(&self, apart: f64) -> usize {
+        let [low, high] = self.range();
+        self.turns.iter().filter(|(_, q)| *q > low + apart && *q < high - apart).count()
+    }
+
     /// Indices in `turns` of the largest plane and of the planes at the ends of the range; each once.
     pub fn ends(&self) -> Vec<usize> {
         let by_turn = |a: &usize, b: &usize| self.turns[*a].1.total_cmp(&self.turns[*b].1);

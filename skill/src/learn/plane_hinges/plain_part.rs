@@ -453,6 +453,7 @@ impl PlainPart {
         tracing::debug!(
             planes = self.support.len(),
             turn_of_planes = self.turn_of_planes(),
+            between = self.hinge.planes_between(0.2),
             turn = high - low,
             rmse = self.hinge.rmse,
             residual = self.line.rmse,
