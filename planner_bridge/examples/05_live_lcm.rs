@@ -14,12 +14,19 @@ use linkage_lcm::messages::linkage::{Command, Joint, JointTrajectory, Prediction
 use linkage_lcm::{DEFAULT_URL, Lcm, decode};
 use linkage_planner_bridge::{Client, channel};
 use std::error::Error;
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 /// Longest wait for what was asked for.
 const LONGEST_WAIT: Duration = Duration::from_secs(20);
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    let Err(error) = run() else { return ExitCode::SUCCESS };
+    eprintln!("{error}");
+    ExitCode::FAILURE
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let (object, url) = match arguments.as_slice() {
         [object] => (object, DEFAULT_URL),

@@ -16,8 +16,15 @@ use linkage_skill::store::Store;
 use linkage_skill::{Learner, SkillConfig};
 use std::error::Error;
 use std::path::Path;
+use std::process::ExitCode;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    let Err(error) = run() else { return ExitCode::SUCCESS };
+    eprintln!("{error}");
+    ExitCode::FAILURE
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [path, recording, name] = arguments.as_slice() else {
         return Err("usage: 01_learn STORE RECORDING NAME".into());

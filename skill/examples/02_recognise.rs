@@ -14,8 +14,15 @@ use linkage_skill::recognise::{JointState, Scene, StillFrames};
 use linkage_skill::store::Store;
 use std::error::Error;
 use std::path::Path;
+use std::process::ExitCode;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    let Err(error) = run() else { return ExitCode::SUCCESS };
+    eprintln!("{error}");
+    ExitCode::FAILURE
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [path, recording] = arguments.as_slice() else {
         return Err("usage: 02_recognise STORE RECORDING".into());

@@ -16,11 +16,18 @@ use linkage_skill::{SkillConfig, pose_to_array};
 use nalgebra::Point3;
 use std::error::Error;
 use std::path::Path;
+use std::process::ExitCode;
 
 /// Steps of the way that are printed.
 const STEPS: u32 = 4;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    let Err(error) = run() else { return ExitCode::SUCCESS };
+    eprintln!("{error}");
+    ExitCode::FAILURE
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [path, recording, target] = arguments.as_slice() else {
         return Err("usage: 03_predict STORE RECORDING TARGET".into());

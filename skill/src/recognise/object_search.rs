@@ -323,7 +323,8 @@ fn refined_and_verified(refiner: &Refiner, hypothesis: &Hypothesis) -> Option<Re
     Some(RefinedPose { state, score, inliers, verdict })
 }
 
-/// Decides which configurations of a state are determined, and lowers the score if none is.
+/// Decides which configurations of a state are determined, and lowers the score if none is seen. One that follows by
+/// elimination does not raise it again: that a lid can be nowhere else says nothing about whose base is seen.
 fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
     let Refiner { scene, articulated, cloud, config, .. } = *refiner;
     let RefinedPose { state, score, inliers, verdict } = refined;

@@ -147,8 +147,7 @@ fn labelled_keyframes(
             let mut features = dynamic_features.in_frame(posed[index].number);
             // A feature that moves near a part may lie on that part.
             features.dynamic.retain(|p| !is_near_a_part(&posed[index], p, &near_part));
-            let labels = label(posed, index, &near_part, &features);
-            (index, without_shadows(posed[index].frame, labels))
+            (index, label(posed, index, &near_part, &features))
         })
         .collect()
 }
@@ -170,9 +169,10 @@ struct SeenObject {
 impl SeenObject {
     fn new(posed: &PosedFrame, grid: &LabelGrid, region: &Region) -> opencv::Result<Self> {
         let normals = NormalMap::new(&posed.frame.depth, &posed.frame.camera);
+        let grid = without_shadows(posed.frame, grid, &normals);
         Ok(Self {
-            features: seen_features(posed, grid, region, &normals)?,
-            surface: seen_surface(posed, grid, region, &normals)?,
+            features: seen_features(posed, &grid, region, &normals)?,
+            surface: seen_surface(posed, &grid, region, &normals)?,
         })
     }
 }

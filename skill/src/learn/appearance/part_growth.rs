@@ -8,7 +8,7 @@
 //! From: region growing.
 
 use super::occupancy::Occupancy;
-use super::part_labels::{PosedFrame, label_point};
+use super::part_labels::{By, PosedFrame, label_point};
 use crate::math::grid::cell;
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -63,7 +63,7 @@ pub fn grown(
         let told = |place: &Place| {
             let told = label_point(posed, place.frame, place.pixel, &may_be)?;
             let part = usize::from(told.part);
-            told.by_depth.then_some((part, place.at_rest[part]?))
+            (told.by == By::Depth).then_some((part, place.at_rest[part]?))
         };
         let told: Vec<(usize, Point3<f64>)> = asked.par_iter().filter_map(told).collect();
         let mut has_grown = false;

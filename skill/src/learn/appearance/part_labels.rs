@@ -36,7 +36,7 @@ const MAX_LUMA_DIFFERENCE: u8 = 18;
 /// Turn of a part, radians, above which its colour is not compared, because it reflects other light. A drawer does
 /// not turn: another hue where it was is the hand that pulled it.
 const OTHER_LIGHT_RAD: f64 = 0.15;
-/// Smallest distance from a place that is seen through to the surface behind it, metres.
+/// Smallest distance from a place of the base that is seen through to the surface behind it, metres.
 const FAR_BEHIND_M: f64 = 0.15;
 /// Distance to the neighbouring pixels that must lie behind the place as well, pixels.
 const AROUND_PX: f64 = 3.0;
@@ -108,10 +108,14 @@ impl LabelGrid {
     }
 
     /// The grid without the labels of these places.
-    pub fn without(mut self, is_left_out: &[bool]) -> Self {
-        let labels = self.labels.iter_mut().zip(is_left_out);
-        labels.filter(|(_, left_out)| **left_out).for_each(|(label, _)| *label = Label::Nothing);
-        self
+    pub fn without(&self, is_left_out: &[bool]) -> Self {
+        let label = |(label, is_left_out): (&Label, &bool)| {
+            if *is_left_out { Label::Nothing } else { *label }
+        };
+        Self {
+            columns: self.columns,
+            labels: self.labels.iter().zip(is_left_out).map(label).collect(),
+        }
     }
 
     fn label(&self, u: usize, v: usize) -> Option<Label> {
@@ -158,7 +162,7 @@ pub fn belongs(
     in_base: &Point3<f64>,
 ) -> bool {
     let claims = [(0, *in_base), (part, *at_rest)];
-    tally(frames, None, part, at_rest, &claims).support().is_some_and(|s| s.share > 0.8)
+    tally_of_claim(frames, None, part, at_rest, &claims).support().is_some_and(|s| s.share > 0.8)
 }
 
 /// The part of the surface that a keyframe shows at a pixel, and whether depth determined it; `None` if no claim is
@@ -183,35 +187,34 @@ pub fn label_point(
         .collect();
     let tallies: Vec<(Tally, usize)> = claims
         .iter()
-        .map(|&(part, at_rest)| (tally(frames, seen, part, &at_rest, &claims), part))
+        .map(|&(part, at_rest)| (tally_of_claim(frames, seen, part, &at_rest, &claims), part))
         .collect();
     told_by_support(&tallies).or_else(|| told_by_leaving(&tallies))
 }
 
 /// The part whose claim the decisive frames support, and clearly more than the claim of any other part.
 fn told_by_support(tallies: &[(Tally, usize)]) -> Option<Told> {
-    let supports: Vec<(Option<Support>, usize)> =
-        tallies.iter().map(|(tally, part)| (tally.support(), *part)).collect();
-    let mut supported: Vec<(Support, usize)> =
-        supports.iter().map(|&(support, part)| (support.unwrap_or_default(), part)).collect();
+    let support = |(tally, part): &(Tally, usize)| (tally.support().unwrap_or_default(), *part);
+    let mut supported: Vec<(Support, usize)> = tallies.iter().map(support).collect();
     supported.sort_by(|a, b| b.0.share.total_cmp(&a.0.share));
     let (Support { share: best, by_depth }, part) = *supported.first()?;
     // Two claims that hold equally well decide nothing. Near a part's axis too few frames may be decisive for the
     // part; that does not make the place part of the base.
     let rival = supported.get(1).map_or(0.0, |s| s.0.share);
-    let undecided = part == 0 && supports.iter().any(|s| s.0.is_none());
+    let undecided = part == 0 && tallies.iter().any(|(tally, _)| tally.support().is_none());
     let is_told = best > 0.5 && best > rival + 0.2 && !undecided;
-    is_told.then_some(Told { part: part as u16, by_depth })
+    let by = if by_depth { By::Depth } else { By::Colour };
+    is_told.then_some(Told { part: part as u16, by })
 }
 
-/// The only part that may have been at a place that is empty later, although no frame confirms the part: the outer face
-/// of a lid turns away from the camera.
+/// The only part that may have been at a place through which most keyframes see, although hardly any keyframe confirms
+/// the part: the outer face of a lid turns away from the camera.
 fn told_by_leaving(tallies: &[(Tally, usize)]) -> Option<Told> {
     let is_vacated = tallies.iter().any(|(tally, part)| *part == 0 && tally.is_vacated());
     let mut may_be = tallies.iter().filter(|(tally, part)| *part > 0 && tally.is_unrefuted());
     let (_, part) = may_be.next()?;
     let is_told = is_vacated && may_be.next().is_none();
-    is_told.then_some(Told { part: *part as u16, by_depth: true })
+    is_told.then_some(Told { part: *part as u16, by: By::Leaving })
 }
 
 /// Share of the decisive frames that agree with a claim, below which the claim is contradicted.
@@ -237,7 +240,7 @@ fn is_foreign(
         if part > 0 && near_part(part, &at_rest) {
             return false;
         }
-        let of_claim = tally(frames, Some(seen), part, &at_rest, &[(part, at_rest)]);
+        let of_claim = tally_of_claim(frames, Some(seen), part, &at_rest, &[(part, at_rest)]);
         of_claim.support().is_some_and(|support| support.share < CONTRADICTED)
     })
 }
@@ -285,8 +288,9 @@ impl<'f> SeenPlace<'f> {
         }
     }
 
-    /// True if the surface that another frame shows at a place was not there in this frame, if it belongs to a part.
-    fn is_empty_at(&self, other: &PosedFrame, part: usize, place: &Point3<f64>) -> bool {
+    /// True if this frame sees through the place where the surface that another frame shows at `place` would have been,
+    /// if that surface belonged to `part`.
+    fn is_absent_from(&self, other: &PosedFrame, part: usize, place: &Point3<f64>) -> bool {
         let poses = self.here.camera_from_part[part].zip(other.camera_from_part[part]);
         let here = poses.map(|(here, other)| here * other.inverse_transform_point(place));
         here.and_then(|place| Verdict::at(self.here.frame, &place)) == Some(Verdict::SeenThrough)
@@ -334,8 +338,19 @@ fn shows(frame: &RgbdFrame, place: &Point3<f64>, wanted: u8) -> bool {
 pub struct Told {
     /// Part number; 0 is the base.
     pub part: u16,
-    /// True if depth determined the part in many keyframes; otherwise its colour did.
-    pub by_depth: bool,
+    /// What determined it.
+    pub by: By,
+}
+
+/// What determined the part of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// The depth of many keyframes contradicts all other parts.
+    Depth,
+    /// The place looks the same in the keyframes, whose depth does not discriminate.
+    Colour,
+    /// The keyframes see through the place later, and do not see where the part took it.
+    Leaving,
 }
 
 /// What the frames say of a claim.
@@ -343,7 +358,7 @@ pub struct Told {
 /// A frame is decisive if the places that the claims predict differ in it; with a single claim, all frames are.
 /// `seen` is where the place was seen: a surface that slides in its own plane agrees in depth with any claim, but
 /// shows another place of its pattern.
-fn tally(
+fn tally_of_claim(
     frames: &[PosedFrame],
     seen: Option<SeenPlace<'_>>,
     part: usize,
@@ -357,47 +372,67 @@ fn tally(
         }
         let Some(pose) = &other.camera_from_part[part] else { continue };
         let claimed = pose * at_rest;
-        let rivals: Option<Vec<(usize, Point3<f64>)>> = claims
-            .iter()
-            .filter(|(p, _)| *p != part)
-            .map(|(p, rest)| Some((*p, other.camera_from_part[*p].as_ref()? * rest)))
-            .collect();
-        let Some(rivals) = rivals else { continue };
+        let Some(rivals) = rivals(other, part, claims) else { continue };
         let verdict = Verdict::at(other.frame, &claimed);
         let is_decisive =
             rivals.iter().all(|(_, rival)| (rival - claimed).norm() > MIN_DIFFERENCE_M);
         let may_be_empty = !is_decisive || verdict == Some(Verdict::SeenThrough);
-        if part > 0 {
-            tally.note_presence(verdict);
-        } else if may_be_empty && is_seen_through(other.frame, &claimed) {
-            tally.add_clearly_through();
-        }
-        let Some(verdict) = verdict.filter(|_| is_decisive) else { continue };
         match verdict {
-            Verdict::SeenThrough => tally.add_through(),
-            Verdict::There => {
-                let contradicts = |(rival, place): &(usize, Point3<f64>)| {
-                    match Verdict::at(other.frame, place) {
-                        Some(Verdict::SeenThrough) => true,
-                        // An occluder alone does not contradict: an arm passes over the floor.
-                        Some(Verdict::Hidden) => {
-                            seen.is_none_or(|seen| seen.is_empty_at(other, *rival, &claimed))
-                        }
-                        Some(Verdict::There) | None => false,
-                    }
-                };
-                let depth = match &rivals[..] {
-                    [] => Depth::IsAloneClaimed,
-                    rivals if rivals.iter().all(contradicts) => Depth::TellsThisPart,
-                    _ => Depth::TellsNothing,
-                };
+            _ if part == 0 => {
+                if may_be_empty && is_seen_through(other.frame, &claimed) {
+                    tally.add_clearly_through();
+                }
+            }
+            Some(Verdict::There) => tally.note_present(),
+            Some(Verdict::SeenThrough) => tally.note_absent(),
+            Some(Verdict::Hidden) | None => {}
+        }
+        match verdict.filter(|_| is_decisive) {
+            Some(Verdict::SeenThrough) => tally.add_through(),
+            Some(Verdict::There) => {
+                let depth = depth_tells(seen, other, &claimed, &rivals);
                 let is_alike = seen.is_none_or(|s| s.is_alike_in(other, part, &claimed, depth));
                 tally.add_there(is_alike, depth == Depth::TellsThisPart);
             }
-            Verdict::Hidden => tally.add_hidden(),
+            Some(Verdict::Hidden) => tally.add_hidden(),
+            None => {}
         }
     }
     tally
+}
+
+/// The other claims, each with its place in a frame, camera frame; `None` if the pose of one of the parts is unknown.
+fn rivals(
+    frame: &PosedFrame,
+    part: usize,
+    claims: &[(usize, Point3<f64>)],
+) -> Option<Vec<(usize, Point3<f64>)>> {
+    let others = claims.iter().filter(|(other, _)| *other != part);
+    others.map(|(p, rest)| Some((*p, frame.camera_from_part[*p].as_ref()? * rest))).collect()
+}
+
+/// What the depth of a frame that shows a surface at the claimed place tells about the rival claims.
+fn depth_tells(
+    seen: Option<SeenPlace<'_>>,
+    other: &PosedFrame,
+    claimed: &Point3<f64>,
+    rivals: &[(usize, Point3<f64>)],
+) -> Depth {
+    let contradicts = |(rival, place): &(usize, Point3<f64>)| {
+        match Verdict::at(other.frame, place) {
+            Some(Verdict::SeenThrough) => true,
+            // An occluder alone does not contradict: an arm passes over the floor.
+            Some(Verdict::Hidden) => {
+                seen.is_none_or(|seen| seen.is_absent_from(other, *rival, claimed))
+            }
+            Some(Verdict::There) | None => false,
+        }
+    };
+    match rivals {
+        [] => Depth::IsAloneClaimed,
+        rivals if rivals.iter().all(contradicts) => Depth::TellsThisPart,
+        _ => Depth::TellsNothing,
+    }
 }
 
 /// True if a part's orientation in the base frame differs so much between two frames that the part may reflect other
@@ -481,18 +516,37 @@ mod tests {
 
     #[test]
     fn floor_that_an_arm_passes_over_is_not_determined_by_depth() {
-        // A board that slides before a plain wall, and an occluder before all of the wall from frame 4 on.
+        // A part slides by 2 cm a frame before the floor. An arm is over the left half of the floor from frame 4 on.
+        let told = |floor_at_first: f64| {
+            let frame = |i: i64| {
+                let left = if i < 4 { floor_at_first } else { 1.0 };
+                let slid = Pose::translation(0.02 * i as f64, 0.0, 0.0);
+                let show = move |x: f64, _: f64| if x < 0.0 { left } else { 2.0 };
+                (seen(i + 1, show), vec![Some(Pose::identity()), Some(slid)])
+            };
+            let frames: Vec<_> = (0..FRAMES).map(frame).collect();
+            let posed = posed(&frames);
+            let beside_the_arm = (MIDDLE.0 - 4, MIDDLE.1);
+            let seen = SeenPlace::new(&posed, 0, beside_the_arm);
+            let at_rest = posed[0].frame.point_at(beside_the_arm.0, beside_the_arm.1).unwrap();
+            let claims = [(0, at_rest), (1, at_rest)];
+            tally_of_claim(&posed, seen, 1, &at_rest, &claims).support().unwrap()
+        };
+        let floor = told(2.0);
+        assert!(floor.share > 0.9 && !floor.by_depth, "{floor:?}");
+    }
+
+    #[test]
+    fn a_front_that_comes_towards_the_camera_is_determined_by_depth_although_it_hides_its_place() {
         let frame = |i: i64| {
-            let wall = if i < 4 { 2.0 } else { 1.0 };
-            let slid = Pose::translation(0.02 * i as f64, 0.0, 0.0);
-            let show = move |x: f64, _: f64| if x < 0.0 { wall } else { 2.0 };
-            (seen(i + 1, show), vec![Some(Pose::identity()), Some(slid)])
+            let slid = 0.02 * i as f64;
+            let drawer = Pose::translation(0.0, 0.0, -slid);
+            let show = board(0.2, 1.5 - slid, 1.5);
+            (seen(i + 1, show), vec![Some(Pose::identity()), Some(drawer)])
         };
         let frames: Vec<_> = (0..FRAMES).map(frame).collect();
-        let posed = posed(&frames);
-        let beside_the_occluder = (MIDDLE.0 - 4, MIDDLE.1);
-        let told = label_point(&posed, 0, beside_the_occluder, &|_, _| true);
-        assert!(told.is_none_or(|told| told.part == 0 || !told.by_depth), "{told:?}");
+        let told = label_point(&posed(&frames), 0, MIDDLE, &|_, _| true);
+        assert_eq!(told, Some(Told { part: 1, by: By::Depth }));
     }
 
     #[test]
@@ -518,8 +572,8 @@ mod tests {
     }
 
     #[test]
-    fn the_face_of_a_lid_that_turns_away_is_the_lids() {
-        // The lid is gone from frame 8 on, to a place behind a pillar.
+    fn the_face_of_a_part_that_moves_out_of_sight_is_the_parts() {
+        // The part is gone from frame 8 on, to a place behind a pillar.
         let frame = |i: i64| {
             let (lid, moved) = if i < 8 { (1.5, 0.0) } else { (2.5, 0.7) };
             let show = move |x: f64, y: f64| if x > 0.3 { 1.0 } else { board(0.2, lid, 2.5)(x, y) };
@@ -527,7 +581,8 @@ mod tests {
             (seen(i + 1, show), vec![Some(Pose::identity()), Some(away)])
         };
         let frames: Vec<_> = (0..FRAMES).map(frame).collect();
-        assert_eq!(labelled(&frames, 2).at(MIDDLE.0, MIDDLE.1), Some(1));
+        let told = label_point(&posed(&frames), 2, MIDDLE, &|_, _| true);
+        assert_eq!(told, Some(Told { part: 1, by: By::Leaving }));
     }
 
     /// Somebody stands before the wall in most of the frames.
