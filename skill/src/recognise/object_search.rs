@@ -36,8 +36,8 @@ const MIN_INLIERS: usize = 7;
 /// Largest number of objects of one class that are searched for in one frame.
 const MAX_OF_A_MAKE: usize = 4;
 /// Factor on the score of a state that determines no configuration: one rigid surface is less evidence than two that
-/// a joint connects. Fourteen plain things that were found so had scores from 0.50 on before, and a door of other planks
-/// 0.43, which is a probability of 0.54.
+/// a joint connects. Fourteen plain things that were found so had scores from 0.50 on before, and a door of other
+/// planks 0.43, which is a probability of 0.54.
 const NO_CONFIGURATION: f64 = 0.9;
 /// Largest share of an object's surface that may lie in space that another object occupies.
 const MAX_SHARED: f64 = 0.3;
@@ -136,8 +136,8 @@ impl<'l> ObjectSearch<'l> {
         }
     }
 
-    /// Adds configurations of hinges by the place that the room gives to the base, if the object is recognised, its base
-    /// is not in sight, and a configuration is unknown. The score stays as it was.
+    /// Adds configurations of hinges by the place that the room gives to the base, if the object is recognised, its
+    /// base is not in sight, and a configuration is unknown. The score stays as it was.
     pub fn complete_by_room(&mut self) {
         let lacks = |f: &Detection| f.evident.contains(&false) && !f.placed[0];
         if !self.scene.has_depth() || !self.is_recognised() {

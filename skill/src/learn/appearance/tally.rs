@@ -1,6 +1,7 @@
 //! Counts what the keyframes say of a claim that a place belongs to a part.
 //!
-//! In: for each keyframe, whether its depth shows a surface at the claimed place, sees through it, or shows an occluder.
+//! In: for each keyframe, whether its depth shows a surface at the claimed place, sees through it, or shows an
+//! occluder.
 //! Out: how well the claim is supported, and whether it could still hold where no keyframe confirms it.
 
 use linkage_frames::RgbdFrame;
@@ -111,8 +112,8 @@ impl Tally {
         self.absent_last = 0;
     }
 
-    /// Notes that a frame, decisive or not, sees through the claimed place: where all claims agree, that contradicts them
-    /// all.
+    /// Notes that a frame, decisive or not, sees through the claimed place: where all claims agree, that contradicts
+    /// them all.
     pub fn note_absent(&mut self) {
         self.absent += 1;
         self.absent_first += usize::from(self.present == 0);

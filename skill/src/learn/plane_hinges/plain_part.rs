@@ -407,8 +407,8 @@ impl PlainPart {
     }
 
     /// True if the planes turn far, and none lies between both ends: two static surfaces that are seen in turn, as the
-    /// desk that rises shows the front of the cabinet below. Of the doors and lids of 27 demonstrations that were
-    /// learned so and turn as far, at least 3 planes lay between.
+    /// desk that rises shows the front of the cabinet below. Of six doors and lids that turn as far, at least
+    /// 3 planes lay between; of the desk none.
     fn has_no_plane_between(&self) -> bool {
         self.turn_of_planes() > TURNS_FAR_RAD
             && self.hinge.planes_between(AT_END * self.turn_of_planes()) == 0
