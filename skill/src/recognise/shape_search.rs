@@ -70,7 +70,7 @@ fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detect
 /// For each part, true if it stands and ends where the state puts it, whatever its texture.
 fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     let is_placed = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
-        let stands = if part == 0 { seen.holds() } else { seen.stands() };
+        let stands = if part == 0 { seen.holds() } else { seen.stands() && !seen.is_unlike() };
         stands && (part == 0 || ends.count() < ENOUGH_ENDS || ends.share() > FOUND.0)
     };
     verdict.parts.iter().zip(in_sight).enumerate().map(is_placed).collect()
