@@ -67,7 +67,8 @@ fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detect
     told_by_surface(refiner, refined, placed)
 }
 
-/// For each part, true if it stands and ends where the state puts it, whatever its texture.
+/// For each part, true if it stands and ends where the state puts it. Of a texture only one that is contrary to the
+/// learned one counts: other light changes the rest.
 fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     let is_placed = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
         let stands = if part == 0 { seen.holds() } else { seen.stands() && !seen.is_unlike() };

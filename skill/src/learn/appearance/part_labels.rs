@@ -349,7 +349,7 @@ pub enum By {
     Depth,
     /// The place looks the same in the keyframes, whose depth does not discriminate.
     Colour,
-    /// The keyframes see through the place later, and do not see where the part took it.
+    /// Most keyframes see through the place, and hide where the part took it.
     Leaving,
 }
 
