@@ -132,17 +132,8 @@ mod tests {
         let joints = vec![ChainJoint::new(geometry, [0, 1], [-0.1, 0.1])];
         let articulated = Articulated { parts: 2, joints };
         let cloud = slider_surface(|_| 50.0);
-        let refiner = Refiner {
-            scene: &scene,
-            articulated: &articulated,
-            cloud: &cloud,
-            coarse: &cloud,
-            matches: &[],
-            shape: None,
-            min_inliers: 0,
-            room: &[],
-            config: &RecogniseConfig::default(),
-        };
+        let config = RecogniseConfig::default();
+        let refiner = Refiner::by_surface(&scene, &articulated, &cloud, &config);
         let state = State { camera_from_object: Pose::identity(), q: vec![0.0] };
         ambiguous_parts(&refiner, &state, 0)
     }

@@ -370,17 +370,7 @@ mod tests {
         let ((articulated, cloud), scene) = (flap(), scene(|_, _| false));
         let config = RecogniseConfig::default();
         let decided = |score: f64| {
-            let refiner = Refiner {
-                scene: &scene,
-                articulated: &articulated,
-                cloud: &cloud,
-                coarse: &cloud,
-                matches: &[],
-                min_inliers: 0,
-                shape: None,
-                room: &[],
-                config: &config,
-            };
+            let refiner = Refiner::by_surface(&scene, &articulated, &cloud, &config);
             let state = State { camera_from_object: Pose::identity(), q: vec![0.7] };
             let mut verdict = verify(&scene, &articulated, &cloud, &state);
             // The wall is plain; a textured one would correlate.

@@ -71,6 +71,21 @@ pub struct Refiner<'r> {
     pub config: &'r RecogniseConfig,
 }
 
+#[cfg(test)]
+impl<'r> Refiner<'r> {
+    /// Refinement by surface alone: without matches, room and contour.
+    pub fn by_surface(
+        scene: &'r Scene,
+        articulated: &'r Articulated,
+        cloud: &'r Cloud,
+        config: &'r RecogniseConfig,
+    ) -> Self {
+        let (matches, room): (&[Match], &[Match]) = (&[], &[]);
+        let (coarse, shape, min_inliers) = (cloud, None, 0);
+        Self { scene, articulated, cloud, coarse, matches, min_inliers, shape, room, config }
+    }
+}
+
 impl Refiner<'_> {
     /// State with the best fit near a hypothesis: of the fit to the matches alone, the aligned state, and scanned
     /// configurations. The matches alone compete, since depth may fit several states, and a plain board slides
@@ -341,17 +356,7 @@ mod tests {
     fn with_refiner<T>(slid: f64, config: &RecogniseConfig, look: impl FnOnce(&Refiner) -> T) -> T {
         let (scene, articulated) = (scene(slid), slider());
         let cloud = slider_surface(|_| 50.0);
-        let refiner = Refiner {
-            scene: &scene,
-            articulated: &articulated,
-            cloud: &cloud,
-            coarse: &cloud,
-            matches: &[],
-            shape: None,
-            min_inliers: 0,
-            room: &[],
-            config,
-        };
+        let refiner = Refiner::by_surface(&scene, &articulated, &cloud, config);
         look(&refiner)
     }
 

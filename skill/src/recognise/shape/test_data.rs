@@ -69,16 +69,8 @@ pub fn look_for_plain_slider<T>(
     let shape = ObjectShape::new(&cloud.edges, &cloud, 2);
     let seen = ContourGrid::of(&scene);
     let contours = Contours { shape: &shape, seen: &seen };
-    let refiner = Refiner {
-        scene: &scene,
-        articulated: &articulated,
-        cloud: &cloud,
-        coarse: &cloud,
-        matches: &[],
-        shape: Some(contours),
-        min_inliers: 0,
-        room: &[],
-        config: &RecogniseConfig::default(),
-    };
+    let config = RecogniseConfig::default();
+    let by_surface = Refiner::by_surface(&scene, &articulated, &cloud, &config);
+    let refiner = Refiner { shape: Some(contours), ..by_surface };
     look(&refiner, contours)
 }
