@@ -165,8 +165,7 @@ pub fn belongs(
     tally_of_claim(frames, None, part, at_rest, &claims).support().is_some_and(|s| s.share > 0.8)
 }
 
-/// The part of the surface that a keyframe shows at a pixel, and whether depth determined it; `None` if no claim is
-/// confirmed clearly.
+/// The part of the surface that a keyframe shows at a pixel, and what determined it; `None` if nothing does clearly.
 pub fn label_point(
     frames: &[PosedFrame],
     index: usize,
@@ -517,22 +516,19 @@ mod tests {
     #[test]
     fn floor_that_an_arm_passes_over_is_not_determined_by_depth() {
         // A part slides by 2 cm a frame before the floor. An arm is over the left half of the floor from frame 4 on.
-        let told = |floor_at_first: f64| {
-            let frame = |i: i64| {
-                let left = if i < 4 { floor_at_first } else { 1.0 };
-                let slid = Pose::translation(0.02 * i as f64, 0.0, 0.0);
-                let show = move |x: f64, _: f64| if x < 0.0 { left } else { 2.0 };
-                (seen(i + 1, show), vec![Some(Pose::identity()), Some(slid)])
-            };
-            let frames: Vec<_> = (0..FRAMES).map(frame).collect();
-            let posed = posed(&frames);
-            let beside_the_arm = (MIDDLE.0 - 4, MIDDLE.1);
-            let seen = SeenPlace::new(&posed, 0, beside_the_arm);
-            let at_rest = posed[0].frame.point_at(beside_the_arm.0, beside_the_arm.1).unwrap();
-            let claims = [(0, at_rest), (1, at_rest)];
-            tally_of_claim(&posed, seen, 1, &at_rest, &claims).support().unwrap()
+        let frame = |i: i64| {
+            let left = if i < 4 { 2.0 } else { 1.0 };
+            let slid = Pose::translation(0.02 * i as f64, 0.0, 0.0);
+            let show = move |x: f64, _: f64| if x < 0.0 { left } else { 2.0 };
+            (seen(i + 1, show), vec![Some(Pose::identity()), Some(slid)])
         };
-        let floor = told(2.0);
+        let frames: Vec<_> = (0..FRAMES).map(frame).collect();
+        let posed = posed(&frames);
+        let beside_the_arm = (MIDDLE.0 - 4, MIDDLE.1);
+        let at_first = SeenPlace::new(&posed, 0, beside_the_arm);
+        let place = posed[0].frame.point_at(beside_the_arm.0, beside_the_arm.1).unwrap();
+        let claims = [(0, place), (1, place)];
+        let floor = tally_of_claim(&posed, at_first, 1, &place, &claims).support().unwrap();
         assert!(floor.share > 0.9 && !floor.by_depth, "{floor:?}");
     }
 
