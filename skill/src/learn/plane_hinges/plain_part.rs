@@ -65,6 +65,9 @@ const REST_PLANES: usize = 4;
 const REST_OF_PLANES_RAD: f64 = 0.016;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
+/// Largest turn of the planes of a hinged plate, radians: a lid that is turned over lies at most three quarters of a turn
+/// from where it was. The top and the front of a chest, taken for one plate in turn, wound up to 9.4 rad.
+const MAX_TURN_RAD: f64 = 4.71;
 /// Turn of the planes from which some of them must lie between the ends of the range, radians.
 const TURNS_FAR_RAD: f64 = 0.9;
 /// Share of the range at either end whose planes do not lie between the ends.
@@ -382,6 +385,7 @@ impl PlainPart {
         let reasons = [
             (high - low < least_turn, "it hardly turns"),
             (self.turn_of_planes() < least_turn_of_planes, "its planes do not turn"),
+            (self.turn_of_planes() > MAX_TURN_RAD, "its planes turn farther than a hinge can"),
             (self.turns_unlike_its_planes(), "its two faces are not those of one plate"),
             (self.has_no_plane_between(), "its planes show two positions and nothing between"),
             (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
@@ -583,11 +587,17 @@ mod tests {
         let [low, high] = part.hinge.range();
         part.hinge.turns.retain(|(_, q)| *q < low + 0.1 || *q > high - 0.1);
         assert_eq!(part.hinge.range(), [low, high]);
-        let reason = match part.doubt() {
-            Some(Doubt::NoPart(reason)) => reason,
-            _ => "none",
-        };
+        let Some(Doubt::NoPart(reason)) = part.doubt() else { panic!("a part") };
         assert_eq!(reason, "its planes show two positions and nothing between");
+    }
+
+    #[test]
+    fn planes_that_wind_round_their_line_are_no_part() {
+        let mut part = part(&opened(1.0));
+        let last = part.hinge.turns.len() - 1;
+        part.hinge.turns[last].1 += 6.0;
+        let Some(Doubt::NoPart(reason)) = part.doubt() else { panic!("a part") };
+        assert_eq!(reason, "its planes turn farther than a hinge can");
     }
 
     #[test]
