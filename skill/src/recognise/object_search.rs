@@ -39,6 +39,11 @@ const MAX_OF_A_MAKE: usize = 4;
 /// a joint connects. Fourteen plain things that were found so had scores from 0.50 on before, and a door of other
 /// planks 0.43, which is a probability of 0.54.
 const NO_CONFIGURATION: f64 = 0.9;
+/// Fewest matches by which a moving part is known without base and outline. A table top of the veneer of a nightstand's
+/// drawer gave 7; doors and trays that were alone in sight had 15 and more, or showed their outline.
+const LEAST_OF_PATTERN: usize = 12;
+/// Factor of the score of a pattern alone.
+const PATTERN_ALONE: f64 = 0.5;
 /// Largest share of an object's surface that may lie in space that another object occupies.
 const MAX_SHARED: f64 = 0.3;
 
@@ -339,14 +344,26 @@ fn decide(refiner: &Refiner, refined: RefinedPose) -> Detection {
     if !found.evident.contains(&true) {
         found.score *= NO_CONFIGURATION * found.verdict.articulation_evidence(articulated);
     }
+    if is_pattern_alone(&found) {
+        found.score *= PATTERN_ALONE;
+    }
     if config.eliminate && is_believed(found.score, config) {
         add_by_elimination(scene, articulated, cloud, &mut found);
     }
     found
 }
 
+/// True if only moving parts are placed, by few matches, and nothing of their outline is seen: any plane of the same
+/// pattern agrees with them.
+fn is_pattern_alone(found: &Detection) -> bool {
+    let shows_outline =
+        found.verdict.parts.iter().any(|part| part.edges.as_learned > part.edges.goes_on);
+    !found.placed[0] && !shows_outline && found.inliers < LEAST_OF_PATTERN
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::edge_test::EdgeCounts;
     use super::super::elimination::tests::{flap, scene};
     use super::super::kinematics::State;
     use super::*;
@@ -363,6 +380,33 @@ mod tests {
         assert!(tried.contains(1, &at(0.04, 0.1)));
         assert!(!tried.contains(1, &at(0.06, 0.0)) && !tried.contains(1, &at(0.0, 0.3)));
         assert!(!tried.contains(0, &at(0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_pattern_alone_is_no_object_unless_many_matches_or_its_outline_tell() {
+        let ((articulated, cloud), scene) = (flap(), scene(|_, _| false));
+        let state = State { camera_from_object: Pose::identity(), q: vec![0.7] };
+        let mut verdict = verify(&scene, &articulated, &cloud, &state);
+        verdict.parts.iter_mut().for_each(|part| part.edges = EdgeCounts::default());
+        let mut found = Detection {
+            state,
+            score: 0.8,
+            inliers: 7,
+            verdict,
+            placed: vec![false, true],
+            evident: vec![false],
+            deviations: vec![None],
+        };
+        assert!(is_pattern_alone(&found));
+        found.verdict.parts[1].edges.as_learned = 5;
+        assert!(!is_pattern_alone(&found), "its outline is seen");
+        found.verdict.parts[1].edges.goes_on = 9;
+        assert!(is_pattern_alone(&found), "the surface goes on beyond it");
+        found.inliers = LEAST_OF_PATTERN;
+        assert!(!is_pattern_alone(&found));
+        found.inliers = 7;
+        found.placed[0] = true;
+        assert!(!is_pattern_alone(&found), "the base is seen");
     }
 
     #[test]

@@ -8,7 +8,7 @@
 use crate::learn::free_space::{Probe, probe_point};
 use crate::math::rigid::Pose;
 use linkage_frames::RgbdFrame;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 /// Distance between the places that are compared, pixels.
 const STEP_PX: usize = 16;
@@ -17,19 +17,12 @@ const STEP_PX: usize = 16;
 /// they give more exactly.
 const CLEARLY: f64 = 0.1;
 
-/// Distance from a place of the neighbours that tell its normal, pixels.
-const NORMAL_PX: usize = 7;
-
 /// Fewest places by which poses are compared: with few, single readings decide.
 const MIN_PLACES: usize = 100;
 
 /// Places of the first frame that shows enough surface, base frame, metres.
 #[derive(Default)]
-pub struct FirstSurface {
-    places: Vec<Point3<f64>>,
-    /// Those at which the surface is smooth, with its normal towards the camera.
-    smooth: Vec<(Point3<f64>, Vector3<f64>)>,
-}
+pub struct FirstSurface(Vec<Point3<f64>>);
 
 impl FirstSurface {
     /// The surface of a frame that was seen at a pose.
@@ -37,30 +30,13 @@ impl FirstSurface {
         let grid = |length: usize| (STEP_PX / 2..length).step_by(STEP_PX);
         let rows = grid(frame.camera.height);
         let pixels = rows.flat_map(|v| grid(frame.camera.width).map(move |u| (u, v)));
-        let into_base =
-            |in_camera: Point3<f64>| camera_from_base.inverse_transform_point(&in_camera);
-        let (mut places, mut smooth) = (Vec::new(), Vec::new());
-        for (u, v) in pixels {
-            let Some(in_camera) = frame.point_at(u, v) else { continue };
-            places.push(into_base(in_camera));
-            if let Some(normal) = normal_at(frame, u, v, &in_camera) {
-                smooth.push((
-                    into_base(in_camera),
-                    camera_from_base.inverse_transform_vector(&normal),
-                ));
-            }
-        }
-        Self { places, smooth }
-    }
-
-    /// Places at which the surface is smooth, each with its normal; base frame, metres.
-    pub fn smooth(&self) -> &[(Point3<f64>, Vector3<f64>)] {
-        &self.smooth
+        let seen = pixels.filter_map(|(u, v)| frame.point_at(u, v));
+        Self(seen.map(|in_camera| camera_from_base.inverse_transform_point(&in_camera)).collect())
     }
 
     /// True if there are too few places to compare poses by.
     pub fn is_little(&self) -> bool {
-        self.places.len() < MIN_PLACES
+        self.0.len() < MIN_PLACES
     }
 
     /// Index of the best pose: a later pose replaces an earlier one only if its support is clearly larger.
@@ -69,7 +45,7 @@ impl FirstSurface {
             return 0;
         }
         let support: Vec<f64> = poses.iter().map(|pose| self.support(frame, pose)).collect();
-        best_supported(&support, CLEARLY * self.places.len() as f64)
+        best_supported(&support, CLEARLY * self.0.len() as f64)
     }
 
     /// Number of places that a frame shows, less those that it sees through.
@@ -79,23 +55,8 @@ impl FirstSurface {
             Probe::Through => -1.0,
             Probe::Unknown => 0.0,
         };
-        self.places.iter().map(worth).sum()
+        self.0.iter().map(worth).sum()
     }
-}
-
-/// Normal of the surface at a pixel, camera frame; `None` where it is not smooth.
-fn normal_at(frame: &RgbdFrame, u: usize, v: usize, place: &Point3<f64>) -> Option<Vector3<f64>> {
-    let at = |du: usize, dv: usize| frame.point_at(u + du - NORMAL_PX, v + dv - NORMAL_PX);
-    let (left, right) = (at(0, NORMAL_PX)?, at(2 * NORMAL_PX, NORMAL_PX)?);
-    let (above, below) = (at(NORMAL_PX, 0)?, at(NORMAL_PX, 2 * NORMAL_PX)?);
-    let largest = 2.0 * frame.camera.depth_sensor.reading_sigma(place.z);
-    let is_smooth =
-        |a: &Point3<f64>, b: &Point3<f64>| ((a.z + b.z) / 2.0 - place.z).abs() < largest;
-    if !is_smooth(&left, &right) || !is_smooth(&above, &below) {
-        return None;
-    }
-    let normal = (below - above).cross(&(right - left)).try_normalize(1e-12)?;
-    Some(if normal.dot(&place.coords) > 0.0 { -normal } else { normal })
 }
 
 /// Index of the best support: a later one replaces an earlier one only if it is larger by more than `clearly`.

@@ -9,26 +9,21 @@
 //! map point of a track is the running mean of its places in the base frame. Map points of moving
 //! parts and of the person are wrong, but have little weight. Where most features move, the pose by the other
 //! features, or the pose of the frame before, is taken if the surface of the first frame supports it more.
-//! A refinement follows, in which each feature counts by how precisely it is seen, and the first frame's surface
-//! counts too.
 
-mod feature_balance;
 mod first_surface;
 mod observation;
-mod pose_refinement;
 
 use super::tracking::{Track, TrackId, TrackSet};
 use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
-use feature_balance::balance;
 use first_surface::FirstSurface;
 use linkage_frames::RgbdFrame;
 use linkage_frames::depth::DepthSensor;
 use nalgebra::Point3;
 pub use observation::BaseObservation;
+#[cfg(test)]
 pub use observation::Information;
-use pose_refinement::refined;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -96,9 +91,6 @@ struct MapPoint {
     disagreed: f64,
 }
 
-/// Distance of a feature from its map point from which it disagrees with it, standard deviations.
-const AGREES_SIGMAS: f64 = 3.0;
-
 /// Registers frames to the base as they arrive.
 pub struct EgoMotionEstimator {
     rng: ChaCha8Rng,
@@ -138,16 +130,14 @@ impl EgoMotionEstimator {
             match &mut self.map[*track] {
                 None => self.map[*track] = Some(MapPoint::new(in_base)),
                 Some(mapped) => {
-                    let off = in_camera - pose * mapped.mean_in_base;
-                    let distance_sq = Information::of_feature(in_camera, sensor).norm_sq(&off);
-                    mapped.update(in_base, distance_sq < AGREES_SIGMAS.powi(2));
+                    mapped.update(in_base, 3.0 * sensor.feature_sigma(in_camera.z));
                 }
             }
         }
     }
 
     /// Pose that most features follow, or another one that the first frame's surface supports clearly more: the pose
-    /// that the other features follow, or that of the frame `before`. The pose is then refined.
+    /// that the other features follow, or that of the frame `before`.
     fn register(
         &mut self,
         lifted: &[(usize, Point3<f64>)],
@@ -155,7 +145,6 @@ impl EgoMotionEstimator {
         before: &Pose,
     ) -> Pose {
         let mut pairs = self.pairs(lifted, frame.camera.depth_sensor);
-        balance(&mut pairs, &frame.camera);
         if pairs.len() > MAX_POINTS {
             pairs.shuffle(&mut self.rng);
             pairs.truncate(MAX_POINTS);
@@ -178,7 +167,7 @@ impl EgoMotionEstimator {
         if best > 0 {
             tracing::debug!(best, frame = self.camera_from_base.len(), "most features move");
         }
-        refined(&poses[best], &pairs, &self.first_surface, frame)
+        poses[best]
     }
 
     /// Features that have a map point, from the map to the camera.
@@ -242,8 +231,8 @@ impl MapPoint {
         Self { mean_in_base: in_base, count: 1.0, agreed: 0.0, disagreed: 0.0 }
     }
 
-    fn update(&mut self, in_base: Point3<f64>, agrees: bool) {
-        if agrees {
+    fn update(&mut self, in_base: Point3<f64>, reach: f64) {
+        if (in_base - self.mean_in_base).norm() < reach {
             self.agreed += 1.0;
             self.count = (self.count + 1.0).min(60.0);
             self.mean_in_base += (in_base - self.mean_in_base) / self.count;

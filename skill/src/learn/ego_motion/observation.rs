@@ -38,8 +38,12 @@ impl BaseObservation {
         sensor: DepthSensor,
     ) -> Self {
         let base_from_camera = camera_from_base.inverse();
-        let rotation = base_from_camera.rotation.to_rotation_matrix();
-        let precision = Information::of_feature(in_camera, sensor).rotated(rotation.matrix());
+        let ray = base_from_camera * in_camera.coords.normalize();
+        let precision = Information::new(
+            &ray,
+            feature_across_sigma(in_camera.z),
+            sensor.feature_ray_sigma(in_camera.z),
+        );
         let sigma = TRACKED_SHARE * sensor.feature_sigma(in_camera.z);
         Self::new(base_from_camera * in_camera, precision, sigma)
     }
@@ -85,13 +89,6 @@ impl Information {
     pub fn new(ray: &Vector3<f64>, across_sigma: f64, ray_sigma: f64) -> Self {
         let (across, along) = (across_sigma.powi(-2), ray_sigma.powi(-2));
         Self { ray: ray.cast(), across: across as f32, excess: (along - across) as f32 }
-    }
-
-    /// Information of a feature that is seen at a place, camera frame, metres.
-    pub fn of_feature(in_camera: &Point3<f64>, sensor: DepthSensor) -> Self {
-        let z = in_camera.z;
-        let ray_sigma = sensor.feature_ray_sigma(z);
-        Self::new(&in_camera.coords.normalize(), feature_across_sigma(z), ray_sigma)
     }
 
     /// The information in another frame.
