@@ -65,9 +65,9 @@ const REST_PLANES: usize = 4;
 const REST_OF_PLANES_RAD: f64 = 0.016;
 /// Largest turn from one keyframe to the next, radians.
 const MAX_STEP_RAD: f64 = 1.3;
-/// Largest turn of the planes of a hinged plate, radians: a lid that is turned over lies at most three quarters of a turn
-/// from where it was. The top and the front of a chest, taken for one plate in turn, wound up to 9.4 rad.
-const MAX_TURN_RAD: f64 = 4.71;
+/// Largest turn of the planes of a hinged plate, radians, three quarters of a turn: a lid that is turned over turns by
+/// less. The planes of a chest's top and front, which were taken for one plate, turned by 9.4 rad in all.
+const MAX_TURN_RAD: f64 = 1.5 * std::f64::consts::PI;
 /// Turn of the planes from which some of them must lie between the ends of the range, radians.
 const TURNS_FAR_RAD: f64 = 0.9;
 /// Share of the range at either end whose planes do not lie between the ends.
