@@ -46,8 +46,10 @@ impl Lcm {
             }
             Some(("tcpq" | "memq" | "file", _)) => {
                 server_answers(url).map_err(failed)?;
-                let handle = sys::Handle::create(url);
-                Backend::Liblcm(handle.ok_or_else(|| failed("liblcm cannot open it".to_owned()))?)
+                let handle = sys::Handle::create(url)
+                    .ok_or_else(|| failed("liblcm cannot open it".to_owned()))?;
+                limit_waits(url, &handle).map_err(failed)?;
+                Backend::Liblcm(handle)
             }
             _ => {
                 let kinds = "there are udpm://GROUP:PORT?ttl=N, tcpq://ADDRESS:PORT, file://PATH and memq://";
@@ -78,11 +80,15 @@ impl Lcm {
                 publisher.publish(channel, bytes).map_err(|e| failed(e.to_string()))
             }
             Backend::Liblcm(handle) => {
-                if !handle.is_connected() {
+                let is_new = !handle.is_connected();
+                if is_new {
                     // liblcm connects again by itself, and waits without end for a server's answer.
                     server_answers(&self.url).map_err(failed)?;
                 }
                 let sent = handle.publish(&name, bytes).then_some(());
+                if is_new && sent.is_some() {
+                    limit_waits(&self.url, handle).map_err(failed)?;
+                }
                 sent.ok_or_else(|| failed("the connection is gone".to_owned()))
             }
         }
@@ -195,6 +201,16 @@ fn server_answers(url: &str) -> Result<(), String> {
         Some(rest) => tcpq::handshake(rest.split('?').next().unwrap_or_default()),
         None => Ok(()),
     }
+}
+
+/// liblcm would wait without end for a server that takes no bytes, or that sends a part of a message.
+fn limit_waits(url: &str, handle: &sys::Handle) -> Result<(), String> {
+    if !url.starts_with("tcpq://") {
+        return Ok(());
+    }
+    handle
+        .limit_waits(tcpq::TIMEOUT)
+        .map_err(|e| format!("the wait for its server cannot be limited: {e}"))
 }
 
 fn channel_name(channel: &str) -> Result<std::ffi::CString, LcmError> {

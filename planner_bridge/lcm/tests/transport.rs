@@ -214,6 +214,44 @@ fn a_server_that_returns_is_published_to_again() {
     assert!(lcm.publish_bytes("C", b"abc").is_ok());
 }
 
+/// A server that says its first words, sends `then` on each connection, and neither takes nor sends anything after that.
+fn silent_server(then: &'static [u8]) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("tcpq://{}", listener.local_addr().unwrap());
+    std::thread::spawn(move || {
+        let mut connected = Vec::new();
+        for socket in listener.incoming() {
+            let mut socket = socket.unwrap();
+            socket.read_exact(&mut [0; 8]).unwrap();
+            let _ = socket.write_all(HELLO).and_then(|()| socket.write_all(then));
+            connected.push(socket);
+        }
+    });
+    url
+}
+
+#[test]
+fn a_server_that_takes_nothing_holds_its_publisher_up_for_seconds_at_most() {
+    let lcm = Lcm::new(&silent_server(b"")).unwrap();
+    let message = vec![7; 1 << 20];
+    // Buffers of the system take the first ones.
+    let start = Instant::now();
+    let failed = (0..64).map(|_| lcm.publish_bytes("C", &message)).find_map(Result::err);
+    assert!(matches!(failed, Some(LcmError::Publish { .. })), "{failed:?}");
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+}
+
+#[test]
+fn a_server_that_sends_half_a_message_holds_its_receiver_up_for_seconds_at_most() {
+    // A message, and a channel of ten bytes, of which one comes.
+    let mut lcm = Lcm::new(&silent_server(b"\0\0\0\x01\0\0\0\x0aC")).unwrap();
+    lcm.subscribe("C").unwrap();
+    let start = Instant::now();
+    let received = lcm.receive(Duration::from_millis(50));
+    assert!(matches!(received, Err(LcmError::Receive { .. })), "{received:?}");
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+}
+
 #[test]
 fn memory_carries_messages_up_to_their_limit() {
     let mut lcm = Lcm::new("memq://").unwrap();

@@ -2,8 +2,11 @@
 
 use crate::packet::Packet;
 use crate::subscriptions::Subscriptions;
+use socket2::SockRef;
 use std::collections::VecDeque;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::io;
+use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
 #[allow(non_camel_case_types, non_upper_case_globals, non_snake_case, dead_code, missing_docs)]
@@ -108,6 +111,22 @@ impl Handle {
     pub fn counts(&self) -> [u64; 4] {
         let state = &self.state;
         [state.received, state.pushed_out, state.oversized, state.refused]
+    }
+
+    /// From now on no call waits longer than this for the connection's peer to take bytes, or to send the rest of a
+    /// message: a call that waited so long fails. To be called again where liblcm has connected anew.
+    pub fn limit_waits(&self, longest: Duration) -> io::Result<()> {
+        // SAFETY: `lcm` lives until our Drop.
+        let descriptor = unsafe { ffi::lcm_get_fileno(self.lcm) };
+        if descriptor < 0 {
+            return Err(io::ErrorKind::NotConnected.into());
+        }
+        // SAFETY: the descriptor is none of those that mean an error. liblcm closes it only inside calls with `lcm`,
+        // and none runs meanwhile: a Handle is owned by one thread at a time, and no call outlives its own.
+        let socket = unsafe { BorrowedFd::borrow_raw(descriptor) };
+        let socket = SockRef::from(&socket);
+        socket.set_write_timeout(Some(longest))?;
+        socket.set_read_timeout(Some(longest))
     }
 
     /// Whether there is a descriptor that liblcm can wait for: it has none where nobody listens,

@@ -13,8 +13,8 @@ const DEFAULT_SERVER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, 7700
 const HELLO_OF_CLIENT: u32 = 0x2876_17fb;
 const HELLO_OF_SERVER: u32 = 0x2876_17fa;
 const VERSION: u32 = 0x0100;
-/// Longest wait for a connection, and for the answer.
-const TIMEOUT: Duration = Duration::from_secs(2);
+/// Longest wait for a connection, for the answer, and for a server that takes or sends no more bytes.
+pub const TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Connects, exchanges the first messages, and disconnects.
 ///
