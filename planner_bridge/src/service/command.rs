@@ -233,6 +233,8 @@ struct Dispatcher<'q> {
     out: Outbox,
     /// Names of the commands that were passed on last.
     known: VecDeque<i64>,
+    /// Hosts of the commands that were passed on last, the newest last: those of the queue, and some that have left it.
+    waiting: VecDeque<Option<IpAddr>>,
     refusals: Refusals,
     repeats: Repeats,
 }
@@ -256,7 +258,8 @@ impl<'q> Dispatcher<'q> {
         out: Outbox,
     ) -> Self {
         let (refusals, repeats) = (Refusals::default(), Repeats::default());
-        Self { authority, commands, pulse, out, known: VecDeque::new(), refusals, repeats }
+        let (known, waiting) = (VecDeque::new(), VecDeque::new());
+        Self { authority, commands, pulse, out, known, waiting, refusals, repeats }
     }
 
     /// A packet that came from somewhere, `now` in microseconds since 1970.
@@ -304,8 +307,7 @@ impl<'q> Dispatcher<'q> {
         if let (Action::Cancel, Some(pulse)) = (&action, &self.pulse) {
             pulse.halt();
         }
-        let has_room = |all: usize| self.commands.len() + PLACES_FOR_CANCEL < all;
-        if action != Action::Cancel && !self.commands.capacity().is_none_or(has_room) {
+        if action != Action::Cancel && !self.has_room_for(sender) {
             return Err(Fault::TooMany);
         }
         let expires = (message.expiry_utime != 0).then_some(message.expiry_utime);
@@ -315,12 +317,30 @@ impl<'q> Dispatcher<'q> {
                     self.known.pop_front();
                 }
                 self.known.push_back(utime);
+                self.waiting.push_back(sender);
+                self.forget_who_waits_no_more();
                 Ok(())
             }
             Err(TrySendError::Full(_)) => Err(Fault::TooMany),
             // Perception is gone, and this thread is about to go.
             Err(TrySendError::Disconnected(_)) => Ok(()),
         }
+    }
+
+    /// Whether the queue has a place for a further command of this host. A single host gets half of the places: its flood
+    /// leaves the others to other hosts.
+    fn has_room_for(&mut self, sender: Option<IpAddr>) -> bool {
+        let Some(places) = self.commands.capacity() else { return true };
+        self.forget_who_waits_no_more();
+        let places = places - PLACES_FOR_CANCEL;
+        let all = self.commands.len();
+        let own = self.waiting.iter().filter(|s| **s == sender).count();
+        all < places && own < places.div_ceil(2)
+    }
+
+    fn forget_who_waits_no_more(&mut self) {
+        let gone = self.waiting.len().saturating_sub(self.commands.len());
+        self.waiting.drain(..gone);
     }
 
     fn report(&mut self) {
@@ -548,12 +568,33 @@ mod tests {
             let utime = NOW + i;
             bench.take(&encode(&linkage::Command { utime, ..message(2) }).unwrap());
         }
-        assert_eq!(bench.commands.len(), 8);
+        assert_eq!(bench.commands.len(), 4, "a host gets half of the places");
         let cancel = linkage::Command { utime: NOW + 100, ..message(4) };
         let notes = bench.take(&encode(&cancel).unwrap());
         assert!(!notes.iter().any(|n| matches!(n, Note::NotTaken(_))), "CANCEL was refused");
         let last = bench.commands.try_iter().last().map(|c| (c.utime, c.action));
         assert_eq!(last, Some((NOW + 100, Action::Cancel)));
+    }
+
+    #[test]
+    fn a_flood_of_one_host_leaves_half_of_the_queue_to_others() {
+        let mut bench = bench(8 + PLACES_FOR_CANCEL);
+        let from = |host: &str| Some(host.parse().unwrap());
+        let mut send = |utime: i64, host: &str| {
+            let order = encode(&linkage::Command { utime, ..message(2) }).unwrap();
+            bench.dispatcher.take(&order, from(host), NOW);
+            bench.commands.len()
+        };
+        for i in 0..100 {
+            send(NOW + i, "10.0.0.1");
+        }
+        assert_eq!(send(NOW + 100, "10.0.0.2"), 5);
+        // What has left the queue counts no more.
+        let taken: Vec<i64> = bench.commands.try_iter().map(|c| c.utime).collect();
+        assert_eq!(taken.last(), Some(&(NOW + 100)));
+        let order = encode(&linkage::Command { utime: NOW + 101, ..message(2) }).unwrap();
+        bench.dispatcher.take(&order, from("10.0.0.1"), NOW);
+        assert_eq!(bench.commands.len(), 1);
     }
 
     #[test]

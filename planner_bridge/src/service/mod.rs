@@ -81,8 +81,8 @@ pub struct ServiceReport {
 
 /// Frames that wait for perception; when more come, the oldest are dropped.
 const WAITING_FRAMES: usize = 8;
-/// Commands that wait for it, besides CANCEL; more are refused.
-const WAITING_COMMANDS: usize = 16;
+/// Commands that wait for it, besides CANCEL; more are refused. Half of them may come from one host.
+const WAITING_COMMANDS: usize = 32;
 /// Packets that wait to be published; when more come, the oldest are dropped.
 const WAITING_PACKETS: usize = 64;
 /// The same of what the status is made of. A flood of refused commands makes some 200 a second, and no
