@@ -113,9 +113,20 @@ fn what_rests_is_known_in_every_frame_and_predicted_whenever_that_is_asked_for()
             output.status.success()
         };
         let accepted = (0..TRIES).filter(|i| is_accepted(*i)).count();
-        eprintln!("{scene}: known in {share:.3} of {frames} frames, {accepted} of {TRIES} planned");
-        if frames < 20 || share < MOST || (accepted as f64) < MOST * TRIES as f64 {
-            short.push(format!("{scene}: known in {share:.2} of {frames}, {accepted} planned"));
+        // What is asked for while it is looked for waits until it is found.
+        let is_accepted_at_once = |i: usize| {
+            service.done(&["recognise", scene]);
+            is_accepted(i)
+        };
+        let at_once = (0..TRIES / 2).filter(|i| is_accepted_at_once(*i)).count();
+        let told = format!(
+            "{scene}: known in {share:.3} of {frames} frames, {accepted} of {TRIES} planned, {at_once} of {} at once",
+            TRIES / 2
+        );
+        eprintln!("{told}");
+        let planned = (accepted + at_once) as f64 / (TRIES + TRIES / 2) as f64;
+        if frames < 20 || share < MOST || planned < MOST {
+            short.push(told);
         }
     }
     assert!(short.is_empty(), "{short:?}");

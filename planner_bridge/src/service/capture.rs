@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// A frame, and when it came.
+#[derive(Clone)]
 pub struct Arrived {
     pub frame: RgbdFrame,
     pub at: Instant,

@@ -15,6 +15,7 @@ mod observer;
 mod perception;
 mod publisher;
 mod reacquire;
+mod searching;
 mod stream;
 pub mod watchdog;
 

@@ -6,7 +6,6 @@
 
 use super::perceiver::Perception;
 use super::state::{Demonstrating, Pending, State, Watching};
-use super::waiting::stale;
 use crate::service::command::{Action, Command};
 use crate::service::learning::MOST_AT_ONCE;
 use crate::service::losses::Losses;
@@ -142,9 +141,6 @@ impl Perception<'_> {
             let name = &t.object.model.object;
             if object.as_ref().is_none_or(|wanted| wanted == name) {
                 let answer = format!("predicting {name}");
-                if t.arrived.elapsed().as_secs_f64() > self.config.rig.safety.frame_age {
-                    return Err(stale(t.arrived.elapsed()));
-                }
                 if let Some(before) = t.pending.replace(pending) {
                     self.refuse_replaced(&before);
                 }

@@ -12,12 +12,11 @@ use crate::service::capture::Arrived;
 use crate::service::observer::EventKind;
 use crate::service::publisher::Note;
 use crate::service::reacquire::Reacquisition;
+use crate::service::searching::{Found, Searching, Wanted};
 use crate::service::stream::Orders;
 use linkage_driver::RgbdFrame;
 use linkage_realtime::Reason;
-use linkage_skill::SkillConfig;
-use linkage_skill::recognise::{Follower, KnownObject, Recognition, Scene};
-use linkage_skill::store::Library;
+use linkage_skill::recognise::{Follower, Recognition};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -81,42 +80,60 @@ impl Perception<'_> {
         }
     }
 
-    /// Looks for objects in a frame.
-    fn search(&mut self, Arrived { frame, at }: &Arrived) {
+    /// Begins to look for objects in a frame, unless the search in an earlier one still runs.
+    fn search(&mut self, newest: &Arrived) {
+        self.take_found();
         let State::Watching(w) = &mut self.state else { return };
-        let skill = &self.config.skill;
-        let believed = match search(&self.library, frame, w, skill) {
+        if self.searching.is_some() {
+            return;
+        }
+        let wanted = Wanted { object: w.object.clone(), turn: w.searched };
+        match Searching::begin(wanted, newest, &self.library, &self.config.skill) {
+            Ok(searching) => {
+                self.searching = Some(searching);
+                w.awaits_search = true;
+            }
+            Err(e) => self.out.note(Note::Error(format!("a search cannot be begun: {e}"))),
+        }
+    }
+
+    /// Follows what a search has found, once it is over.
+    pub fn take_found(&mut self) {
+        let Some(found) = self.searching.as_ref().and_then(Searching::poll) else { return };
+        self.searching = None;
+        // What is looked for now may be something else than what that search looked for.
+        let State::Watching(w) = &mut self.state else { return };
+        if !std::mem::take(&mut w.awaits_search) {
+            return;
+        }
+        let Found { recognition, objects, utime, arrived } = match found {
             Ok(found) => found,
             Err(reason) => return self.out.note(Note::Error(reason)),
         };
         w.searched += 1;
-        w.best_refused = w.best_refused.max(believed.best_refused);
-        let numbers = believed.matches.iter().filter_map(|m| self.library.number(&m.object));
-        let known: Vec<Arc<KnownObject>> =
-            numbers.filter_map(|n| self.library.object(n).ok()).collect();
-        let model_of = |name: &str| known.iter().map(|k| &k.model).find(|m| m.object == name);
-        let message = messages::recognition(&believed, model_of, frame.utime);
-        self.out.send(channel::RECOGNITION, &message);
-        self.out.observer.event(frame.utime, || EventKind::Recognised(believed.clone()));
-        let Some(best) = believed.matches.into_iter().next() else { return };
-        let Some(object) = known.iter().find(|k| k.model.object == best.object) else { return };
-        if let Some(follower) = Follower::new(Arc::clone(object), &best) {
-            if let Some(orders) = &mut self.orders {
-                orders.frame_seen(&best, frame.utime, *at);
-            }
-            let pending = w.pending.take();
-            self.state = State::Tracking(Box::new(Tracking {
-                object: Arc::clone(object),
-                follower,
-                recognised: best,
-                seen: true,
-                utime: frame.utime,
-                arrived: *at,
-                pending,
-                reacquisition: Reacquisition::begun_now(),
-            }));
-            self.execute_pending();
+        w.best_refused = w.best_refused.max(recognition.best_refused);
+        let object_of = |name: &str| objects.iter().find(|k| k.model.object == name);
+        let model_of = |name: &str| object_of(name).map(|k| &k.model);
+        self.out.send(channel::RECOGNITION, &messages::recognition(&recognition, model_of, utime));
+        self.out.observer.event(utime, || EventKind::Recognised(recognition.clone()));
+        let Some(best) = recognition.matches.into_iter().next() else { return };
+        let Some(object) = object_of(&best.object) else { return };
+        let Some(follower) = Follower::new(Arc::clone(object), &best) else { return };
+        if let Some(orders) = &mut self.orders {
+            orders.frame_seen(&best, utime, arrived);
         }
+        let pending = w.pending.take();
+        self.state = State::Tracking(Box::new(Tracking {
+            object: Arc::clone(object),
+            follower,
+            recognised: best,
+            seen: true,
+            utime,
+            arrived,
+            pending,
+            reacquisition: Reacquisition::begun_now(),
+        }));
+        self.execute_pending();
     }
 
     /// The depth is bit for bit that of the frame before, whatever the stamps are. Real depth has noise; that of a
@@ -174,23 +191,6 @@ impl Perception<'_> {
     }
 }
 
-/// Looks for what is watched for; for anything known, in one shortlist a frame.
-fn search(
-    library: &Library,
-    frame: &RgbdFrame,
-    watching: &Watching,
-    skill: &SkillConfig,
-) -> Result<Recognition, String> {
-    let scene = Scene::new(frame).map_err(|e| e.to_string())?;
-    let config = &skill.recognise;
-    let listed = watching.object.as_deref().and_then(|name| library.number(name));
-    let found = match listed {
-        Some(number) => library.recognise_listed(&scene, &[number], config, skill.seed),
-        None => library.recognise_in_turn(&scene, config, skill.seed, watching.searched),
-    };
-    found.map_err(|e| e.to_string())
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::test_data::{
@@ -201,8 +201,14 @@ mod tests {
     use linkage_driver::DepthImage;
     use linkage_driver::live::host_utime;
 
-    fn searched(state: &State) -> usize {
-        if let State::Watching(watching) = state { watching.searched } else { 0 }
+    /// Frames that were searched, once no search runs any more.
+    fn searched(perception: &mut Perception) -> usize {
+        let begun = Instant::now();
+        while perception.searching.is_some() && begun.elapsed() < Duration::from_secs(30) {
+            perception.tick();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        if let State::Watching(watching) = &perception.state { watching.searched } else { 0 }
     }
 
     #[test]
@@ -223,7 +229,7 @@ mod tests {
         perception.state = State::Watching(Watching::new(None, None));
         (2..=4).for_each(|utime| frames.push(frame(utime)));
         perception.look(frame(1));
-        assert_eq!((perception.looked_at, searched(&perception.state)), (4, 1));
+        assert_eq!((perception.looked_at, searched(&mut perception)), (4, 1));
         assert_eq!(perception.newest(frame(9)).frame.utime, 9, "none waits");
     }
 
@@ -231,9 +237,23 @@ mod tests {
     fn what_is_not_found_is_looked_for_in_the_next_frame_again() {
         let (mut perception, noted) = perception();
         perception.state = State::Watching(Watching::new(None, Some(asked_for(0))));
-        (1..=2).for_each(|utime| perception.look(frame(utime)));
-        assert_eq!(searched(&perception.state), 2);
+        for utime in 1..=2 {
+            perception.look(frame(utime));
+            assert_eq!(searched(&mut perception), utime as usize);
+        }
         assert!(answers(&noted).is_empty(), "the prediction still waits");
+    }
+
+    #[test]
+    fn one_frame_is_searched_at_a_time_and_for_what_is_wanted_now() {
+        let (mut perception, _noted) = perception();
+        perception.state = State::Watching(Watching::new(Some("door".to_owned()), None));
+        perception.look(frame(1));
+        // Something else is wanted now, while that search may still run.
+        perception.state = State::Watching(Watching::new(None, None));
+        assert!(searched(&mut perception) == 0, "the first search was not for this");
+        perception.look(frame(2));
+        assert_eq!(searched(&mut perception), 1);
     }
 
     #[test]

@@ -22,6 +22,7 @@ use super::losses::Losses;
 use super::publisher::Note;
 use linkage_driver::live::RecvError;
 use state::State;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Longest wait for a frame before commands are read.
@@ -72,6 +73,7 @@ impl Perception<'_> {
             self.take_learned(&object, result, command);
         }
         self.take_cancelled();
+        self.take_found();
         self.time_out_pending();
     }
 
@@ -87,7 +89,7 @@ impl Perception<'_> {
                 if let Some((reading, library)) = library
                     && reading > self.library_reading
                 {
-                    (self.library_reading, self.library) = (reading, library);
+                    (self.library_reading, self.library) = (reading, Arc::new(library));
                 }
                 Ok(summary)
             }

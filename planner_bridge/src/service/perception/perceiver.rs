@@ -10,6 +10,7 @@ use crate::service::config::ServiceConfig;
 use crate::service::learning::{Learning, LearningWorker};
 use crate::service::losses::Losses;
 use crate::service::publisher::{Answer, Note, Outbox, Situation};
+use crate::service::searching::Searching;
 use crate::service::stream::Orders;
 use crate::service::watchdog::Watchdog;
 use crossbeam_channel::Receiver;
@@ -35,10 +36,12 @@ pub struct Perception<'q> {
     pub(super) watchdog: Watchdog,
     pub(super) out: Outbox,
     pub(super) orders: Option<Orders<'q>>,
-    pub(super) library: Library,
+    pub(super) library: Arc<Library>,
     /// Number of the reading that `library` is of.
     pub(super) library_reading: u64,
     pub(super) state: State,
+    /// The search for an object that runs.
+    pub(super) searching: Option<Searching>,
     /// What the stream has not decided on yet.
     pub(super) ordered: Option<Ordered>,
     /// What was cancelled while it was learned, with the command that asked for it: it may be stored already.
@@ -73,8 +76,9 @@ impl<'q> Perception<'q> {
             watchdog: Watchdog::from_environment(),
             out,
             orders,
-            library,
+            library: Arc::new(library),
             state: State::Resting,
+            searching: None,
             ordered: None,
             cancelled: Vec::new(),
             looked_at: 0,

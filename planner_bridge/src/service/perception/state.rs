@@ -43,11 +43,13 @@ pub struct Watching {
     pub best_refused: f64,
     /// Frames that were searched.
     pub searched: usize,
+    /// The search that runs is for this.
+    pub awaits_search: bool,
 }
 
 impl Watching {
     pub fn new(object: Option<String>, pending: Option<Pending>) -> Self {
-        Self { object, pending, best_refused: 0.0, searched: 0 }
+        Self { object, pending, best_refused: 0.0, searched: 0, awaits_search: false }
     }
 }
 

@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 
 /// A prediction whose object is not found for this long is refused.
 const TIMEOUT: Duration = Duration::from_secs(5);
+/// A prediction is refused where no fresh frame comes for this long: after a search, the next frame is on its way.
+const FRAME_TIMEOUT: Duration = Duration::from_millis(500);
 /// A prediction whose joint is not known for this long is refused: recognition is asked meanwhile.
 const JOINT_TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -113,6 +115,7 @@ impl Perception<'_> {
     pub fn time_out_pending(&mut self) {
         let threshold = self.config.skill.recognise.min_score;
         let since = self.arrivals.back().map(Instant::elapsed);
+        let mut longest = TIMEOUT;
         let (pending, reason) = match &mut self.state {
             State::Watching(w) => {
                 let what = w.object.as_deref().unwrap_or("anything known");
@@ -131,7 +134,10 @@ impl Perception<'_> {
                 let is_fresh = age.as_secs_f64() <= self.config.rig.safety.frame_age;
                 let reason = match (t.seen, is_fresh) {
                     (false, _) => format!("{} is not seen now", t.object.model.object),
-                    (true, false) => stale(age),
+                    (true, false) => {
+                        longest = FRAME_TIMEOUT;
+                        stale(age)
+                    }
                     (true, true) => {
                         "its joint is not known yet, or what moves is still coming to rest"
                             .to_owned()
@@ -142,7 +148,7 @@ impl Perception<'_> {
             _ => return,
         };
         let is_expired = pending.as_ref().is_some_and(|p| p.is_expired(host_utime()));
-        let has_waited = pending.as_ref().is_some_and(|p| p.since.elapsed() > TIMEOUT);
+        let has_waited = pending.as_ref().is_some_and(|p| p.since.elapsed() > longest);
         if (is_expired || has_waited)
             && let Some(refused) = pending.take()
         {
@@ -154,7 +160,7 @@ impl Perception<'_> {
 }
 
 /// Why a frame that is this old is not planned from.
-pub fn stale(age: Duration) -> String {
+fn stale(age: Duration) -> String {
     format!("the newest frame is {:.1} s old: is the camera still there?", age.as_secs_f64())
 }
 
