@@ -242,7 +242,7 @@ pub enum ServiceAction {
         /// open, closed, or a configuration in radians or metres
         #[arg(long, default_value = "open", value_name = "TARGET", allow_hyphen_values = true)]
         to: String,
-        /// Allow a target outside the range that was seen
+        /// Allow a target outside the range that was seen, by at most a turn or a metre
         #[arg(long)]
         outside_range: bool,
         /// What the gripper holds now, camera frame, metres; else where the demonstrator's hand was

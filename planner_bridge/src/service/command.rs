@@ -96,8 +96,8 @@ pub enum Fault {
     /// A target that is not valid.
     #[error(transparent)]
     Target(#[from] PredictError),
-    /// A grasp that is not a point.
-    #[error("its grasp is not finite")]
+    /// A grasp that is not a point, or one that no camera sees.
+    #[error("its grasp must be a point within {FARTHEST_GRASP_M} m of the camera")]
     Grasp,
     /// The sender may not command, or not any more.
     #[error(transparent)]
@@ -117,6 +117,8 @@ const MAX_NAME: usize = 63;
 /// Places of the queue of commands that are kept free for CANCEL: a flood of other commands must not
 /// cause it to be refused.
 pub const PLACES_FOR_CANCEL: usize = 4;
+/// Distance of a grasp from the camera at most, metres: depth cameras see up to about 10 m.
+const FARTHEST_GRASP_M: f64 = 20.0;
 /// Bytes of a packet on the channel of commands; the longest command has some 400.
 const MAX_PACKET: usize = 4096;
 
@@ -170,10 +172,8 @@ fn grasp(message: &linkage::Command) -> Result<Option<Point3<f64>>, Fault> {
     if !message.has_grasp {
         return Ok(None);
     }
-    if !message.grasp.iter().all(|x| x.is_finite()) {
-        return Err(Fault::Grasp);
-    }
-    Ok(Some(Point3::from(message.grasp)))
+    let grasp = Point3::from(message.grasp);
+    if grasp.coords.norm() <= FARTHEST_GRASP_M { Ok(Some(grasp)) } else { Err(Fault::Grasp) }
 }
 
 /// The thread that listens.
@@ -543,6 +543,7 @@ mod tests {
         assert!(refusal(|m| m.object = "a\nb".into()).contains("control characters"));
         assert!(refusal(|m| m.joint = "a\u{7}".into()).contains("its joint"));
         assert!(refusal(|m| (m.has_grasp, m.grasp[1]) = (true, f64::NAN)).contains("grasp"));
+        assert!(refusal(|m| (m.has_grasp, m.grasp[2]) = (true, 1e308)).contains("within 20 m"));
         assert!(refusal(|m| m.session = 3).contains("session 3"));
         assert!(refusal(|m| m.expiry_utime = NOW - 1).contains("holds for"));
     }

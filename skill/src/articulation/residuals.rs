@@ -76,15 +76,22 @@ impl<'s> Problem<'s> {
     /// inverse of their variances.
     fn revolute_configuration(&self, state: &State, sample: &PoseSample) -> f64 {
         let axis = state.geometry.axis.into_inner();
-        let across = |p: &Point3<f64>| {
+        let along_and_across = |p: &Point3<f64>| {
             let d = p - state.geometry.origin;
-            d - axis * axis.dot(&d)
+            let along = axis.dot(&d);
+            (along, d - axis * along)
         };
-        let (rest, now) = (across(&state.rest_position), across(&sample.position));
+        let (rest_along, rest) = along_and_across(&state.rest_position);
+        let (now_along, now) = along_and_across(&sample.position);
         let by_position = axis.dot(&rest.cross(&now)).atan2(rest.dot(&now));
         let Some(orientation) = sample.orientation else { return by_position };
         let turn = (orientation * state.rest_orientation.inverse()).into_inner();
         let by_orientation = 2.0 * turn.imag().dot(&axis).atan2(turn.w);
+        // A position that is off the circle is an outlier, and its angle tells nothing.
+        let off_circle = (now_along - rest_along).hypot(now.norm() - rest.norm());
+        if off_circle > 3.0 * POSITION_SIGMA_M {
+            return wrapped(by_orientation);
+        }
         let difference = wrapped(by_orientation - by_position);
         let wp = (rest.norm() * now.norm()) / POSITION_SIGMA_M.powi(2);
         let wo = ORIENTATION_SIGMA_RAD.powi(-2);

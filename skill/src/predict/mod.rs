@@ -21,7 +21,7 @@ pub enum Target {
     Closed,
     /// A configuration that was seen, radians or metres.
     Value(f64),
-    /// A configuration, whether it was seen or not.
+    /// A configuration, whether it was seen or not, at most a turn or a metre outside the range that was seen.
     Unseen(f64),
 }
 
@@ -56,7 +56,8 @@ pub enum PredictError {
     },
     /// The target was never seen to be reached.
     #[error(
-        "{joint} was seen between {low:.3} and {high:.3} {unit} only; {target:.3} lies outside"
+        "{joint} was seen between {low:.3} and {high:.3} {unit} only; {} lies outside",
+        short(*target)
     )]
     OutsideRange {
         /// The joint.
@@ -67,6 +68,25 @@ pub enum PredictError {
         low: f64,
         /// Greatest.
         high: f64,
+        /// rad or m.
+        unit: &'static str,
+    },
+    /// The target is so far outside the range that it must be a mistake.
+    #[error(
+        "{joint} was seen between {low:.3} and {high:.3} {unit}; {} lies more than {most:.2} {unit} outside",
+        short(*target)
+    )]
+    FarOutside {
+        /// The joint.
+        joint: String,
+        /// Target.
+        target: f64,
+        /// Least.
+        low: f64,
+        /// Greatest.
+        high: f64,
+        /// How far outside a target may be.
+        most: f64,
         /// rad or m.
         unit: &'static str,
     },
@@ -93,6 +113,15 @@ pub enum PredictError {
 /// How far beyond the observed range a target may lie, as a share of it: the ends of a
 /// motion are seen least well.
 const RANGE_TOLERANCE: f64 = 0.02;
+
+/// How far outside the observed range a target may lie where that is allowed, in turns and in metres. What is farther away
+/// is a slip of the unit or of a digit, and a robot would pull until something breaks.
+const MOST_OUTSIDE: (f64, f64) = (std::f64::consts::TAU, 1.0);
+
+/// A number with three digits behind the point, or as a power of ten where it is huge.
+fn short(number: f64) -> String {
+    if number.abs() < 1e6 { format!("{number:.3}") } else { format!("{number:.3e}") }
+}
 
 /// Start and end of one joint's motion.
 #[derive(Debug, Clone, PartialEq)]
@@ -219,7 +248,22 @@ fn resolve(joint: &Joint, target: Target) -> Result<f64, PredictError> {
             }
             Ok(value.clamp(low, high))
         }
-        Target::Unseen(value) => Ok(value),
+        Target::Unseen(value) => {
+            let (turn, metre) = MOST_OUTSIDE;
+            let most = if joint.kind.unit() == "rad" { turn } else { metre };
+            if !(low - most..=high + most).contains(&value) {
+                let (joint, unit) = (joint.name.clone(), joint.kind.unit());
+                return Err(PredictError::FarOutside {
+                    joint,
+                    target: value,
+                    low,
+                    high,
+                    most,
+                    unit,
+                });
+            }
+            Ok(value)
+        }
     }
 }
 
@@ -228,6 +272,7 @@ mod tests {
     use super::*;
     use crate::object::joint_geometry::JointGeometry;
     use nalgebra::{Point3, Vector3};
+    use std::f64::consts::TAU;
 
     fn drawer(range: [f64; 2]) -> Joint {
         Joint { range, ..Joint::of(&JointGeometry::slide(Vector3::x_axis(), Point3::origin())) }
@@ -248,5 +293,21 @@ mod tests {
         assert_eq!(resolve(&drawer, Target::Unseen(0.5)), Ok(0.5));
         let refused = resolve(&drawer, Target::Value(0.5)).unwrap_err();
         assert!(refused.to_string().contains("between 0.000 and 0.400 m"), "{refused}");
+    }
+
+    #[test]
+    fn no_target_lies_farther_outside_the_range_than_a_turn_or_a_metre() {
+        let door = JointGeometry::hinge(Vector3::x_axis(), Point3::origin());
+        let door = Joint { range: [0.0, 1.5], ..Joint::of(&door) };
+        let ends = [(drawer([0.0, 0.4]), -1.0, 1.4), (door, -TAU, 1.5 + TAU)];
+        for (joint, least, greatest) in ends {
+            for value in [least, greatest] {
+                assert_eq!(resolve(&joint, Target::Unseen(value)), Ok(value));
+            }
+            for value in [least - 0.01, greatest + 0.01, 1e6, -1e300, f64::INFINITY, f64::NAN] {
+                let refused = resolve(&joint, Target::Unseen(value)).unwrap_err().to_string();
+                assert!(refused.contains("outside") && refused.len() < 120, "{refused}");
+            }
+        }
     }
 }
