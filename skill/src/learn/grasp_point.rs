@@ -67,20 +67,21 @@ impl GraspEstimator<'_> {
     /// part.
     pub fn grasp(&self, keyframes: &Keyframes) -> Option<Point3<f64>> {
         let middle = median_point(&self.surface)?;
-        let frames = |wanted: fn(f64) -> bool| -> Vec<(Pose, &RgbdFrame)> {
+        let views = |wanted: fn(f64) -> bool| -> Vec<View> {
             let of = |(f, frame)| {
-                Some((wanted(self.travel(f, &middle)?), self.camera_from_part[f]?, frame))
+                wanted(self.travel(f, &middle)?).then_some(())?;
+                let (part, parent) = (self.camera_from_part[f]?, self.camera_from_parent[f]?);
+                Some(View { camera_from_part: part, camera_from_parent: parent, frame })
             };
-            let all: Vec<_> =
-                keyframes.iter().filter_map(of).filter(|k| k.0).map(|k| (k.1, k.2)).collect();
+            let all: Vec<_> = keyframes.iter().filter_map(of).collect();
             let stride = all.len().div_ceil(KEYFRAMES[1]).max(1);
             all.into_iter().step_by(stride).collect()
         };
-        let (moving, resting) = (frames(|m| m > MOVES_M), frames(|m| m < RESTS_M));
+        let (moving, resting) = (views(|m| m > MOVES_M), views(|m| m < RESTS_M));
         if moving.len() < KEYFRAMES[0] || resting.len() < KEYFRAMES[0] {
             return None;
         }
-        let cell = CELL_M * (moving[0].0 * middle).z.max(1.0);
+        let cell = CELL_M * (moving[0].camera_from_part * middle).z.max(1.0);
         let surface = without_isolated(&self.surface, OUTLIER_M, OUTLIER_NEIGHBOURS);
         let near = Cells::around(&surface, REACH_M, REACH_M / 2.0);
         let far = self.surface.iter().map(|p| way(&moving, p)).fold(0.0, f64::max);
@@ -90,7 +91,8 @@ impl GraspEstimator<'_> {
                 continue;
             }
             match when_resting(&resting, &place) {
-                Some(Resting::Free) => hand.push(place),
+                Some(Resting::Free) if !stays_behind(&moving, &resting, &place) => hand.push(place),
+                Some(Resting::Free) => {}
                 Some(Resting::There) => own.push(place),
                 None => {}
             }
@@ -109,6 +111,13 @@ impl GraspEstimator<'_> {
         let after = at(frame + SPAN).or_else(|| at(frame))?;
         Some((after - before).norm())
     }
+}
+
+/// A keyframe, with where the part and what carries it are in it.
+struct View<'k> {
+    camera_from_part: Pose,
+    camera_from_parent: Pose,
+    frame: &'k RgbdFrame,
 }
 
 /// Radius within which the neighbours of a point of the part are counted, metres.
@@ -151,15 +160,15 @@ impl Cells {
 
 /// Places in part coordinates, one for each cell that is filled in at least `FILLED` of the
 /// keyframes.
-fn filled(frames: &[(Pose, &RgbdFrame)], near: &Cells, side: f64) -> Vec<Point3<f64>> {
+fn filled(views: &[View], near: &Cells, side: f64) -> Vec<Point3<f64>> {
     let here: Vec<_> =
-        frames.par_iter().map(|(pose, frame)| filled_in(pose, frame, near, side)).collect();
+        views.par_iter().map(|v| filled_in(&v.camera_from_part, v.frame, near, side)).collect();
     let mut counts: HashMap<[i32; 3], (usize, Vector3<f64>, f64)> = HashMap::new();
     for (cell, (sum, n)) in here.into_iter().flatten() {
         let count = counts.entry(cell).or_default();
         *count = (count.0 + 1, count.1 + sum, count.2 + n);
     }
-    let often = FILLED * frames.len() as f64;
+    let often = FILLED * views.len() as f64;
     let mut places: Vec<([i32; 3], Point3<f64>)> = counts
         .into_iter()
         .filter(|(_, (frames, _, _))| *frames as f64 >= often)
@@ -193,9 +202,9 @@ fn filled_in(
 
 /// Largest distance of a place from where it is in the first of the frames, in the camera frame,
 /// metres.
-fn way(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> f64 {
-    let first = frames.first().map_or(*place, |(pose, _)| pose * place);
-    frames.iter().map(|(pose, _)| (pose * place - first).norm()).fold(0.0, f64::max)
+fn way(views: &[View], place: &Point3<f64>) -> f64 {
+    let first = views.first().map_or(*place, |v| v.camera_from_part * place);
+    views.iter().map(|v| (v.camera_from_part * place - first).norm()).fold(0.0, f64::max)
 }
 
 /// What is at a place while the part rests.
@@ -204,21 +213,24 @@ enum Resting {
     There,
 }
 
-/// What the resting keyframes show at a place; `None` if they disagree, or if fewer than two show
-/// it.
-fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Resting> {
+/// What a keyframe shows at a place, in the camera frame; `None` if something hides it, or nothing is read there.
+fn at_place(frame: &RgbdFrame, expected: &Point3<f64>) -> Option<Resting> {
+    let pixel = frame.camera.project(expected)?;
+    let z = f64::from(frame.depth.at_nearest(pixel.x, pixel.y)?);
+    if z > expected.z + THICKNESS_M {
+        return Some(Resting::Free);
+    }
+    (z > expected.z - THICKNESS_M).then_some(Resting::There)
+}
+
+/// What the resting keyframes show at a place of the part; `None` if they disagree, or if fewer than two show it.
+fn when_resting(views: &[View], place: &Point3<f64>) -> Option<Resting> {
     let (mut free, mut there) = (0, 0);
-    for (camera_from_part, frame) in frames {
-        let expected = camera_from_part * place;
-        let seen = frame
-            .camera
-            .project(&expected)
-            .and_then(|pixel| frame.depth.at_nearest(pixel.x, pixel.y));
-        let Some(z) = seen.map(f64::from) else { continue };
-        if z > expected.z + THICKNESS_M {
-            free += 1;
-        } else if z > expected.z - THICKNESS_M {
-            there += 1;
+    for view in views {
+        match at_place(view.frame, &(view.camera_from_part * place)) {
+            Some(Resting::Free) => free += 1,
+            Some(Resting::There) => there += 1,
+            None => {}
         }
     }
     let most = AGREEING * f64::from(free + there);
@@ -228,6 +240,26 @@ fn when_resting(frames: &[(Pose, &RgbdFrame)], place: &Point3<f64>) -> Option<Re
         (_, true) => Some(Resting::There),
         _ => None,
     }
+}
+
+/// What fills a place while the part moves stays where it is when the part has gone: a table top below a door looks, to
+/// the door, as if it turned with it.
+fn stays_behind(moving: &[View], resting: &[View], place: &Point3<f64>) -> bool {
+    let (mut free, mut there) = (0, 0);
+    let fills = |v: &&View| {
+        matches!(at_place(v.frame, &(v.camera_from_part * place)), Some(Resting::There))
+    };
+    for view in moving.iter().filter(fills) {
+        let in_parent = view.camera_from_parent.inverse() * view.camera_from_part * place;
+        for rest in resting {
+            match at_place(rest.frame, &(rest.camera_from_parent * in_parent)) {
+                Some(Resting::Free) => free += 1,
+                Some(Resting::There) => there += 1,
+                None => {}
+            }
+        }
+    }
+    there > free
 }
 
 /// The largest set of connected places: the hand, not the rim of the part.
@@ -311,6 +343,42 @@ mod tests {
     fn a_fist_that_moves_a_drawer_is_where_it_is_held() {
         let held = grasp(true).unwrap();
         assert!((held - Point3::new(0.1, 0.05, 1.45)).norm() < 0.015, "{held}");
+    }
+
+    /// A panel, 0.4 m wide, that rests 1.5 m away and then slides to the right, before a wall that ends on the left.
+    fn panel(index: usize, slid: f64) -> RgbdFrame {
+        seen(index as i64 + 1, |x, y| {
+            let is_panel = (x * 1.5 - slid).abs() < 0.2 && (y * 1.5).abs() < 0.2;
+            let is_wall = x * 1.56 > -0.3 && (y * 1.56).abs() < 0.25;
+            if is_panel {
+                1.5
+            } else if is_wall {
+                1.56
+            } else {
+                2.5
+            }
+        })
+    }
+
+    #[test]
+    fn a_wall_that_looks_as_if_it_moved_with_a_panel_is_no_hand() {
+        let mut keyframes = Keyframes::new(60);
+        let slid = |f: usize| 0.01 * (f.max(20) - 20) as f64;
+        (0..50).for_each(|f| keyframes.offer(f, &panel(f, slid(f))));
+        let poses = |share: f64| -> Trajectory {
+            (0..50)
+                .map(|f| Some(Pose::from(Translation3::new(share * slid(f), 0.0, 0.0))))
+                .collect()
+        };
+        let grid =
+            |i: i32| Point3::new(0.04 * f64::from(i % 11 - 5), 0.04 * f64::from(i / 11 - 5), 1.5);
+        let (camera_from_part, camera_from_parent) = (poses(1.0), poses(0.0));
+        let held = GraspEstimator {
+            camera_from_part: &camera_from_part,
+            camera_from_parent: &camera_from_parent,
+            surface: (0..121).map(grid).collect(),
+        };
+        assert_eq!(held.grasp(&keyframes), None);
     }
 
     #[test]
