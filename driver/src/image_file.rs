@@ -14,6 +14,9 @@ use std::path::Path;
 /// Largest picture file that is read into memory, bytes.
 const MAX_FILE_BYTES: u64 = 64 << 20;
 
+/// Bytes that a PNG's metadata may take; those of cameras have some 10 000.
+const MAX_METADATA_BYTES: usize = 1 << 20;
+
 /// A picture file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: {fault}")]
@@ -116,7 +119,7 @@ pub fn decode_png_depth(
     Ok(bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect())
 }
 
-/// Reads an 8-bit grey PNG (label pictures). Returns width, height and the values.
+/// Reads an 8-bit grey PNG (labels, confidence). Returns width, height and the values.
 ///
 /// # Errors
 /// Names the file when it is missing, truncated, corrupt, or not 8-bit grey.
@@ -125,7 +128,7 @@ pub fn read_labels(path: &Path) -> Result<(usize, usize, Vec<u8>), ImageFileErro
     let (info, bytes) =
         decode_png(opened(path)?, png::Transformations::IDENTITY, any_size).map_err(at(path))?;
     if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Eight) {
-        return Err(error(path, "labels must be an 8-bit grey PNG"));
+        return Err(error(path, "must be an 8-bit grey PNG"));
     }
     Ok((info.width as usize, info.height as usize, bytes))
 }
@@ -211,15 +214,23 @@ fn opened(path: &Path) -> Result<BufReader<File>, ImageFileError> {
     Ok(BufReader::new(text_table::regular_file(path).map_err(|e| error(path, e))?))
 }
 
-/// Decodes a PNG whose size `fits` and is below [`MAX_PIXELS`].
+/// Decodes a PNG whose size `fits` and is below [`MAX_PIXELS`]. Its colour profile and texts are passed over: a
+/// small one could unpack to 100 MB.
 fn decode_png(
     png: impl BufRead + Seek,
     transformations: png::Transformations,
     fits: impl Fn((usize, usize)) -> Result<(), FrameError>,
 ) -> Result<(png::OutputInfo, Vec<u8>), PictureFault> {
-    let damaged = |e: png::DecodingError| PictureFault::Damaged(format!("damaged PNG: {e}"));
+    let damaged = |e: png::DecodingError| match e {
+        png::DecodingError::LimitsExceeded => PictureFault::Damaged(format!(
+            "has more than {MAX_METADATA_BYTES} bytes of metadata; remove them"
+        )),
+        e => PictureFault::Damaged(format!("damaged PNG: {e}")),
+    };
     let mut decoder = png::Decoder::new(png);
     decoder.set_transformations(transformations);
+    decoder.set_ignore_iccp_chunk(true);
+    decoder.set_ignore_text_chunk(true);
     let header = decoder.read_header_info().map_err(damaged)?;
     let (width, height) = (header.width as usize, header.height as usize);
     fits((width, height))?;
@@ -228,6 +239,8 @@ fn decode_png(
             "{width}x{height} pixels are more than {MAX_PIXELS}; shrink the pictures"
         )));
     }
+    // The limit counts a row too, of 8 bytes a pixel at most.
+    decoder.set_limits(png::Limits { bytes: 8 * width + MAX_METADATA_BYTES });
     let mut reader = decoder.read_info().map_err(damaged)?;
     let size = reader
         .output_buffer_size()
@@ -331,6 +344,45 @@ mod tests {
             let read = decode_png_color(Cursor::new(&bytes), (4, 2)).unwrap();
             assert_eq!(read.as_rgb(), [90; 24], "{color:?} {depth:?}");
         }
+    }
+
+    /// A PNG of 4x2 grey pixels of 16 bits with one chunk between its header and its pixels.
+    fn with_chunk(kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, 4, 2);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_chunk(png::chunk::ChunkType(*kind), data).unwrap();
+        writer.write_image_data(&[7; 16]).unwrap();
+        writer.finish().unwrap();
+        bytes
+    }
+
+    #[test]
+    fn what_a_png_holds_beside_its_pixels_takes_no_memory() {
+        const MOST_BYTES: u64 = 4 << 20;
+        let zeros = vec![0; 60 << 20];
+        let mut deflated = Vec::new();
+        flate2::read::ZlibEncoder::new(&zeros[..], flate2::Compression::fast())
+            .read_to_end(&mut deflated)
+            .unwrap();
+        let bomb = [&b"name\0\0"[..], &deflated].concat();
+        let text = [&b"name\0"[..], &vec![b'x'; 20 << 20]].concat();
+        for (kind, data) in [(b"iCCP", &bomb), (b"zTXt", &bomb), (b"tEXt", &text), (b"eXIf", &text)]
+        {
+            let png = with_chunk(kind, data);
+            let mut read = None;
+            let memory = allocation_counter::measure(|| {
+                read = Some(decode_png_depth(Cursor::new(&png), (4, 2)));
+            });
+            let kind = String::from_utf8_lossy(kind);
+            assert!(memory.bytes_max < MOST_BYTES, "{kind}: {} bytes", memory.bytes_max);
+            // Metadata of a camera that has no end are the one thing that is refused.
+            assert_eq!(read.unwrap().is_ok(), kind != "eXIf", "{kind}");
+        }
+        let small = with_chunk(b"eXIf", &[0; 60_000]);
+        assert_eq!(decode_png_depth(Cursor::new(&small), (4, 2)).unwrap(), [0x0707; 8]);
     }
 
     #[test]

@@ -207,12 +207,7 @@ impl RecordingIndex {
 
     /// Frames a second by their stamps; 0 with a single frame.
     pub fn rate_hz(&self) -> f64 {
-        match (self.pairs.first(), self.pairs.last()) {
-            (Some(first), Some(last)) if last.utime > first.utime => {
-                (self.pairs.len() - 1) as f64 * 1e6 / (last.utime - first.utime) as f64
-            }
-            _ => 0.0,
-        }
+        rate_hz(&self.pairs)
     }
 
     /// Decodes one pair.
@@ -235,6 +230,16 @@ impl RecordingIndex {
         DepthImage::from_raw(width, height, &raw, camera.depth_units_per_metre)
             .and_then(|depth| RgbdFrame::new(pair.utime, Arc::clone(camera), color, depth))
             .map_err(|source| SourceError::Frame { path: pair.color.display().to_string(), source })
+    }
+}
+
+/// Frames a second by the stamps of pairs in time order; 0 with a single pair.
+pub(crate) fn rate_hz(pairs: &[FramePair]) -> f64 {
+    match (pairs.first(), pairs.last()) {
+        (Some(first), Some(last)) if last.utime > first.utime => {
+            (pairs.len() - 1) as f64 * 1e6 / (last.utime - first.utime) as f64
+        }
+        _ => 0.0,
     }
 }
 
@@ -263,17 +268,23 @@ fn read_list(dir: &Path, file: &str) -> Result<Vec<(i64, PathBuf)>, SourceError>
     entries
         .into_iter()
         .map(|entry| {
-            let picture = dir.join(entry.name);
-            let what = match std::fs::metadata(&picture) {
-                Ok(found) if found.is_file() => return Ok((entry.utime, picture)),
-                Ok(_) => "is no regular file",
-                Err(_) => "does not exist",
-            };
-            let named = picture.display();
-            let reason = format!("line {}: names {named}, which {what}", entry.line);
-            Err(broken(&path, &reason))
+            let picture = picture_of(dir, entry.name)
+                .map_err(|what| broken(&path, &format!("line {}: names {what}", entry.line)))?;
+            Ok((entry.utime, picture))
         })
         .collect()
+}
+
+/// The picture that an entry names. What looks like a comment or a separator behind a name is one unless such a file
+/// exists.
+fn picture_of(dir: &Path, name: &str) -> Result<PathBuf, String> {
+    let mut pictures = text_table::possible_names(name).into_iter().map(|name| dir.join(name));
+    if let Some(picture) = pictures.find(|picture| picture.is_file()) {
+        return Ok(picture);
+    }
+    let picture = dir.join(name);
+    let what = if picture.exists() { "is no regular file" } else { "does not exist" };
+    Err(format!("{}, which {what}", picture.display()))
 }
 
 /// An entry of `rgb.txt` or `depth.txt`.
@@ -283,7 +294,7 @@ pub struct ListEntry<'t> {
     pub line: usize,
     /// Time stamp, microseconds.
     pub utime: i64,
-    /// Name of the picture, relative to the recording.
+    /// Name of the picture, relative to the recording, with all that follows it in its line.
     pub name: &'t str,
 }
 
@@ -322,7 +333,7 @@ pub fn parse_list(text: &str) -> Result<Vec<ListEntry<'_>>, String> {
     if entries.is_empty() {
         return Err("lists no picture: the recording is empty".to_owned());
     }
-    check_steps(&entries)?;
+    check_steps(entries.iter().map(|entry| entry.utime))?;
     Ok(entries)
 }
 
@@ -331,11 +342,8 @@ pub fn parse_list(text: &str) -> Result<Vec<ListEntry<'_>>, String> {
 /// # Errors
 /// What is no time in seconds.
 pub fn stamp_utime(stamp: &str) -> Result<i64, String> {
-    let seconds: f64 = stamp
-        .parse()
-        .ok()
-        .filter(|s: &f64| s.is_finite())
-        .ok_or_else(|| format!("\"{stamp}\" is no time in seconds"))?;
+    let seconds =
+        text_table::number(stamp).ok_or_else(|| format!("\"{stamp}\" is no time in seconds"))?;
     if seconds.abs() > MAX_SECONDS {
         return Err(format!(
             "{stamp} is no time in seconds: are the stamps milliseconds, microseconds or nanoseconds? write them in seconds"
@@ -345,8 +353,12 @@ pub fn stamp_utime(stamp: &str) -> Result<i64, String> {
 }
 
 /// Refuses a list whose stamps count from its start in smaller units.
-fn check_steps(entries: &[ListEntry]) -> Result<(), String> {
-    let mut steps: Vec<i64> = entries.windows(2).map(|e| e[1].utime - e[0].utime).collect();
+///
+/// # Errors
+/// How far apart they are.
+pub(crate) fn check_steps(utimes: impl Iterator<Item = i64> + Clone) -> Result<(), String> {
+    let next = utimes.clone().skip(1);
+    let mut steps: Vec<i64> = utimes.zip(next).map(|(before, after)| after - before).collect();
     if steps.len() + 1 < ENOUGH_STEPS {
         return Ok(());
     }
@@ -430,6 +442,45 @@ mod tests {
             let found: Vec<_> = entries.iter().map(|e| (e.utime, e.name)).collect();
             assert_eq!(found, expected, "{text:?}");
         }
+    }
+
+    #[test]
+    fn what_stands_behind_a_name_belongs_to_it_only_where_such_a_file_is() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["a.png", "b c.png", "d.png # e", "f,.png"] {
+            std::fs::write(dir.path().join(name), "").unwrap();
+        }
+        for (rest, expected) in [
+            ("a.png,", "a.png"),
+            ("a.png ;", "a.png"),
+            ("a.png # c", "a.png"),
+            ("a.png, % c", "a.png"),
+            ("a.png# c", "a.png"),
+            ("\"b c.png\" # d # e", "b c.png"),
+            ("\"b c.png\",", "b c.png"),
+            ("d.png # e", "d.png # e"),
+            ("f,.png,", "f,.png"),
+        ] {
+            for stamp in ["1.5,", "1.5 ", "1.5;", "1,5;", "1,5 ", "\"1.5\", "] {
+                std::fs::write(dir.path().join("rgb.txt"), format!("{stamp}{rest}\n")).unwrap();
+                let listed = read_list(dir.path(), "rgb.txt").unwrap();
+                assert_eq!(listed, [(1_500_000, dir.path().join(expected))], "{stamp}{rest}");
+            }
+        }
+        std::fs::write(dir.path().join("rgb.txt"), "1.5 missing.png # c\n").unwrap();
+        let told = read_list(dir.path(), "rgb.txt").unwrap_err().to_string();
+        assert!(told.contains("line 1: names ") && told.contains("missing.png"), "{told}");
+    }
+
+    #[test]
+    fn stamps_with_decimal_commas_keep_their_order() {
+        for text in ["1,5 a.png\n1,6 b.png\n", "1,5;a.png\n1,6;b.png", "1,5\ta.png\n1,6\tb.png"] {
+            let entries = parse_list(text).unwrap();
+            let found: Vec<_> = entries.iter().map(|e| (e.utime, e.name)).collect();
+            assert_eq!(found, [(1_500_000, "a.png"), (1_600_000, "b.png")], "{text:?}");
+        }
+        let separated = parse_list("1,a b.png\n2, c.png\n").unwrap();
+        assert_eq!(separated.iter().map(|e| e.name).collect::<Vec<_>>(), ["a b.png", "c.png"]);
     }
 
     #[test]

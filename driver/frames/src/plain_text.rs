@@ -3,14 +3,19 @@
 //! In: any text. Out: one line that does nothing to a terminal, and reads in the order in which it
 //! is written.
 
-/// What is not shown but does something: control characters, ends of lines and paragraphs, and
-/// what turns the direction of reading.
+/// What is not shown but does something: control characters, ends of lines and paragraphs, what
+/// turns the direction of reading, and what makes two names look the same: soft hyphens, spaces and marks
+/// of no width, tags. Joiners are no control characters: Persian and Indic words need them.
 pub fn is_control(c: char) -> bool {
     let turns_direction = matches!(
         c,
         '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
     );
-    c.is_control() || matches!(c, '\u{2028}' | '\u{2029}') || turns_direction
+    let is_invisible = matches!(
+        c,
+        '\u{ad}' | '\u{200b}' | '\u{2060}'..='\u{2064}' | '\u{feff}' | '\u{e0000}'..='\u{e007f}'
+    );
+    c.is_control() || matches!(c, '\u{2028}' | '\u{2029}') || turns_direction || is_invisible
 }
 
 /// A text whose control characters are written as their escapes; one of more than `most` bytes is
@@ -40,6 +45,14 @@ mod tests {
         let shown = harmless(acts, 100);
         assert!(!shown.contains(is_control), "{shown}");
         assert_eq!(shown, r"a\u{1b}[31m\r\n\u{0}\u{9b}\u{202e}\u{2066}\u{2028}z");
+    }
+
+    #[test]
+    fn what_cannot_be_seen_is_a_control_character() {
+        let unseen = "\u{ad}\u{200b}\u{2060}\u{2064}\u{feff}\u{e0000}\u{e0041}\u{e007f}";
+        assert!(unseen.chars().all(is_control));
+        assert_eq!(harmless("fri\u{200b}dge", 100), r"fri\u{200b}dge");
+        assert!(!"\u{a0}\u{2010}\u{200a}\u{200c}\u{200d}\u{fe0f}\u{e0100}".contains(is_control));
     }
 
     #[test]

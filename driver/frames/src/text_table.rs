@@ -138,12 +138,15 @@ impl<'t> Row<'t> {
     }
 
     /// The first field, and the rest of the row as it is except for quotes around it: a name may
-    /// hold spaces, commas and comment signs. `None` where nothing follows the first field.
+    /// hold spaces, commas and comment signs, see [`possible_names`]. `None` where nothing follows
+    /// the first field, which may be a number with a decimal comma.
     pub fn split_first(&self) -> Option<(&'t str, &'t str)> {
-        let is_separator = |c: char| c.is_whitespace() || c == ',' || c == ';';
-        let (first, rest) = self.text.split_once(is_separator)?;
-        let rest = rest.trim_start_matches(is_separator);
-        (!rest.is_empty()).then(|| (unquoted(first), unquoted(rest)))
+        let before_space = self.text.find(|c: char| c.is_whitespace() || c == ';');
+        let is_number = |end: &usize| number(unquoted(&self.text[..*end])).is_some();
+        let end = before_space.filter(is_number).or_else(|| self.text.find(is_separator))?;
+        let (first, rest) = self.text.split_at(end);
+        let rest = unquoted(rest.trim_start_matches(is_separator));
+        (!rest.is_empty()).then(|| (unquoted(first), rest))
     }
 
     /// True for a row of names, as a table's first row may be: its first field begins with a
@@ -154,6 +157,25 @@ impl<'t> Row<'t> {
     }
 }
 
+/// What the rest of a row may name, the likeliest first: all of it, or what is left without
+/// separators at its end and without a comment (`#` or `%`). A name may hold all of these: the one
+/// that there is counts.
+pub fn possible_names(rest: &str) -> Vec<&str> {
+    let comments = || rest.match_indices(['#', '%']).map(|(start, _)| start);
+    let stands_apart = |start: &usize| rest[..*start].ends_with(is_separator);
+    let ends = [Some(rest.len()), comments().find(stands_apart), comments().next()];
+    let cut = ends.into_iter().flatten().map(|end| &rest[..end]);
+    let cut = cut.map(|name| unquoted(name.trim_end_matches(is_separator)));
+    let mut names: Vec<&str> = std::iter::once(rest).chain(cut).collect();
+    names.retain(|name| !name.is_empty());
+    names.dedup();
+    names
+}
+
+fn is_separator(c: char) -> bool {
+    c.is_whitespace() || c == ',' || c == ';'
+}
+
 /// What separates the fields of a row besides white space.
 fn separator(row: &str) -> Option<char> {
     if row.contains(';') {
@@ -162,10 +184,12 @@ fn separator(row: &str) -> Option<char> {
     (row.contains(',') && !has_decimal_commas(row)).then_some(',')
 }
 
-/// White space separates several fields, and each comma stands inside a number: "1,5 2,25".
+/// White space separates several fields, and each comma stands inside a number: "1,5 2,25",
+/// "1,5 rgb/a.png".
 fn has_decimal_commas(row: &str) -> bool {
     let fields: Vec<&str> = row.split_whitespace().collect();
-    fields.len() > 1 && fields.iter().all(|f| number(f).is_some())
+    let mut with_comma = fields.iter().filter(|field| field.contains(','));
+    fields.len() > 1 && with_comma.all(|field| number(field).is_some())
 }
 
 /// Fields within a separated field that white space separates, as in "1, 2 3"; an empty one
@@ -184,7 +208,7 @@ fn unquoted(field: &str) -> &str {
 }
 
 /// A finite number, with a decimal point or a decimal comma.
-fn number(field: &str) -> Option<f64> {
+pub fn number(field: &str) -> Option<f64> {
     let parsed = match field.split_once(',') {
         None => field.parse(),
         Some((whole, fraction))
@@ -283,7 +307,23 @@ mod tests {
         assert_eq!(name("1.5 rgb/a b,c#1;2.png"), Some(("1.5", "rgb/a b,c#1;2.png")));
         assert_eq!(name("1.5, \"rgb/a b.png\""), Some(("1.5", "rgb/a b.png")));
         assert_eq!(name("1.5;rgb/a.png"), Some(("1.5", "rgb/a.png")));
-        assert_eq!(name("1.5"), None);
+        assert_eq!((name("1.5"), name("1.5 \"\"")), (None, None));
+        assert_eq!(name("1,5;rgb/a.png"), Some(("1,5", "rgb/a.png")));
+        assert_eq!(name("1,5 rgb/a.png"), Some(("1,5", "rgb/a.png")));
+        assert_eq!(name("1,rgb/a b.png"), Some(("1", "rgb/a b.png")));
+    }
+
+    #[test]
+    fn a_name_is_sought_as_it_is_written_before_anything_is_cut_off() {
+        for (rest, names) in [
+            ("a.png", &["a.png"][..]),
+            ("a.png,", &["a.png,", "a.png"]),
+            ("a#1.png, # c", &["a#1.png, # c", "a#1.png", "a"]),
+            ("\"a b.png\"; % c", &["\"a b.png\"; % c", "a b.png"]),
+            ("# c", &["# c"]),
+        ] {
+            assert_eq!(possible_names(rest), names, "{rest}");
+        }
     }
 
     #[test]
@@ -306,6 +346,7 @@ mod tests {
         fn no_bytes_make_the_reader_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
             for row in rows(&decode(&bytes)) {
                 let _ = (row.fields(), row.numbers(), row.split_first(), row.is_header());
+                let _ = possible_names(row.text);
             }
         }
 

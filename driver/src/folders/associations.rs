@@ -19,7 +19,7 @@ pub fn open_associations(
         |reason: String| SourceError::Recording { path: list.display().to_string(), reason };
     let dir = list.parent().unwrap_or(Path::new("."));
     let text = text_table::read(list).map_err(|e| broken(e.to_string()))?;
-    let pairs = parse(&text, dir).map_err(broken)?;
+    let pairs = parse_associations(&text, dir).map_err(broken)?;
     let described = match given {
         Some(camera) => Some(camera.clone()),
         None => read_camera(dir)?,
@@ -35,10 +35,16 @@ pub fn open_associations(
     Ok(TumRecording::of_index(dir, index))
 }
 
-/// Reads a list's text.
-fn parse(text: &str, dir: &Path) -> Result<Vec<FramePair>, String> {
+/// Reads a list's text; pairs come in the order of time. A first row of column names is passed over.
+///
+/// # Errors
+/// What is wrong in which line, and what to do.
+pub fn parse_associations(text: &str, dir: &Path) -> Result<Vec<FramePair>, String> {
     let mut pairs: Vec<FramePair> = Vec::new();
-    for row in text_table::rows(text) {
+    for (i, row) in text_table::rows(text).enumerate() {
+        if i == 0 && row.is_header() {
+            continue;
+        }
         let at = |reason: String| format!("line {}: {reason}", row.number);
         let fields = row.fields();
         let [first_time, first, second_time, second] = fields[..] else {
@@ -74,10 +80,27 @@ mod tests {
         for text in
             ["# a comment\n1.5 rgb/a.png 1.51 depth/b.png\n", "1.51 depth/b.png 1.5 rgb/a.png\n"]
         {
-            let pairs = parse(text, dir).unwrap();
+            let pairs = parse_associations(text, dir).unwrap();
             assert_eq!(pairs[0].color, dir.join("rgb/a.png"), "{text}");
             assert_eq!(pairs[0].depth, dir.join("depth/b.png"), "{text}");
             assert_eq!((pairs[0].utime, pairs[0].gap_us), (1_500_000, 10_000));
+        }
+    }
+
+    #[test]
+    fn a_list_of_any_program_is_read() {
+        let dir = Path::new("desk");
+        for text in [
+            "t_rgb rgb t_depth depth\n1.5 rgb/a.png 1.51 depth/b.png\n",
+            "1.5,rgb/a.png,1.51,depth/b.png,\n",
+            "1.5 rgb/a.png 1.51 depth/b.png # c\n",
+            "1,5;rgb/a.png;1,51;depth/b.png\n",
+            "1,5 rgb/a.png 1,51 depth/b.png\n",
+        ] {
+            let pairs = parse_associations(text, dir).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+            let (utime, gap_us) = (1_500_000, 10_000);
+            let [color, depth] = ["rgb/a.png", "depth/b.png"].map(|name| dir.join(name));
+            assert_eq!(pairs, [FramePair { utime, color, depth, gap_us }], "{text:?}");
         }
     }
 
@@ -86,10 +109,10 @@ mod tests {
         for (text, told) in [
             ("", "empty"),
             ("1.5 rgb/a.png\n", "line 1"),
-            ("x rgb/a.png 1 depth/a.png\n", "no time in seconds"),
+            ("1 rgb/a.png 1 depth/a.png\nx rgb/b.png 2 depth/b.png\n", "line 2: \"x\" is no time"),
             ("2 rgb/a.png 2 depth/a.png\n1 rgb/b.png 1 depth/b.png\n", "line 2: time runs"),
         ] {
-            let error = parse(text, Path::new("")).unwrap_err();
+            let error = parse_associations(text, Path::new("")).unwrap_err();
             assert!(error.contains(told), "{error}");
         }
     }

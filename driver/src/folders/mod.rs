@@ -6,17 +6,21 @@
 //! said with its number.
 
 mod associations;
+mod confidence;
 mod intrinsics;
 mod numbered;
+mod odometry;
+mod times;
 
-pub use associations::open_associations;
+pub use associations::{open_associations, parse_associations};
 pub use intrinsics::{parse_info, parse_matrix, parse_open3d};
+pub use odometry::{Odometry, parse_odometry};
 
 use crate::camera_file::read_camera_file;
 use crate::error::{PictureFault, SourceError};
-use crate::image_file;
+use crate::image_file::{self, ImageFileError};
 use crate::statistics::SourceStatistics;
-use crate::tum::{FramePair, TumRecording};
+use crate::tum::{FramePair, TumRecording, rate_hz};
 use intrinsics::Intrinsics;
 use linkage_frames::camera::PinholeCamera;
 use linkage_frames::depth::{DepthSensor, Registration, ScaleCheck};
@@ -27,8 +31,6 @@ use numbered::{Pictures, pairs};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Frames a second where nothing tells the times.
-const ASSUMED_RATE_HZ: f64 = 30.0;
 /// Units in a metre of all these layouts where their files say nothing else.
 const MILLIMETRES: f64 = 1000.0;
 /// Largest text of intrinsics, bytes.
@@ -63,6 +65,8 @@ enum DepthView {
 struct Loader {
     camera: Arc<PinholeCamera>,
     view: DepthView,
+    /// Folder of the pictures that tell how sure depth is.
+    confidence_dir: Option<PathBuf>,
 }
 
 fn broken(path: &Path, reason: impl ToString) -> SourceError {
@@ -94,26 +98,20 @@ pub fn open(
     let (color_size, depth_size) = (size(&first.color)?, size(&first.depth)?);
     let Described { camera, view, are_units_assumed } =
         camera_and_view(dir, layout, given, [color_size, depth_size])?;
-    tracing::warn!(
-        recording = %dir.display(),
-        "nothing tells the times of the pictures: assumed are {ASSUMED_RATE_HZ} frames a second"
-    );
-    let pairs: Vec<FramePair> = pairs
-        .into_iter()
-        .map(|pair| FramePair {
-            utime: (pair.number as f64 * 1e6 / ASSUMED_RATE_HZ).round() as i64,
-            color: pair.color,
-            depth: pair.depth,
-            gap_us: 0,
-        })
-        .collect();
+    let numbered = pairs.len();
+    let odometry = dir.join("odometry.csv");
+    let pairs = match *layout == Layout::StrayScanner && odometry.exists() {
+        true => times::told_by(&odometry, pairs)?,
+        false => times::assumed(dir, pairs),
+    };
     let statistics = SourceStatistics {
-        unpaired: unpaired as u64,
-        rate_hz: ASSUMED_RATE_HZ,
+        unpaired: (unpaired + numbered - pairs.len()) as u64,
+        rate_hz: rate_hz(&pairs),
         ..Default::default()
     };
     let scale = ScaleCheck::new(camera.depth_units_per_metre, are_units_assumed);
-    let loader = Loader { camera: Arc::new(camera), view };
+    let confidence_dir = (*layout == Layout::StrayScanner).then(|| dir.join("confidence"));
+    let loader = Loader { camera: Arc::new(camera), view, confidence_dir };
     let name = dir.display().to_string();
     Ok(TumRecording::play(&name, pairs, statistics, scale, move |pair| loader.load(pair)))
 }
@@ -162,7 +160,10 @@ fn camera_and_view(
             let found = read(&file, parse_matrix)?;
             // The matrix is that of the video, of which the pictures may be smaller copies.
             let video = video_size(&found, color_size);
-            described(found.scaled(video, color_size), &file)
+            let mut described = described(found.scaled(video, color_size), &file)?;
+            // The LiDAR of a phone.
+            described.camera.depth_sensor = DepthSensor::TimeOfFlight;
+            Ok(described)
         }
         Layout::BundleFusion => {
             let info = dir.join("info.txt");
@@ -271,7 +272,7 @@ fn read(
 
 impl Loader {
     fn load(&self, pair: &FramePair) -> Result<RgbdFrame, SourceError> {
-        let unusable = |e: image_file::ImageFileError| match e.fault {
+        let unusable = |e: ImageFileError| match e.fault {
             PictureFault::Size(source) => SourceError::Frame { path: e.path, source },
             PictureFault::Damaged(reason) => SourceError::Recording {
                 path: e.path,
@@ -287,8 +288,7 @@ impl Loader {
             DepthView::Coarse(depth_size) => *depth_size,
         };
         let color = image_file::read_color(&pair.color, size).map_err(unusable)?;
-        let mut raw = image_file::read_depth(&pair.depth, depth_size).map_err(unusable)?;
-        raw.iter_mut().filter(|r| **r == NO_READING).for_each(|r| *r = 0);
+        let mut raw = self.raw_depth(&pair.depth, depth_size).map_err(unusable)?;
         let misfit = |source| SourceError::Frame { path: pair.depth.display().to_string(), source };
         if let DepthView::Coarse(coarse) = self.view {
             raw = finer(&raw, coarse, size);
@@ -302,6 +302,17 @@ impl Loader {
             _ => DepthImage::from_raw(size.0, size.1, &raw, units).map_err(misfit)?,
         };
         RgbdFrame::new(pair.utime, Arc::clone(&self.camera), color, depth).map_err(misfit)
+    }
+
+    /// Raw depth of a picture; 0 where there is no reading.
+    fn raw_depth(&self, depth: &Path, size: (usize, usize)) -> Result<Vec<u16>, ImageFileError> {
+        let mut raw = image_file::read_depth(depth, size)?;
+        raw.iter_mut().filter(|r| **r == NO_READING).for_each(|r| *r = 0);
+        let confidence = self.confidence_dir.as_ref().zip(depth.file_name());
+        if let Some(picture) = confidence.map(|(dir, name)| dir.join(name)).filter(|p| p.exists()) {
+            confidence::remove_low(&mut raw, size, &picture)?;
+        }
+        Ok(raw)
     }
 }
 
@@ -318,6 +329,113 @@ fn finer(raw: &[u16], from: (usize, usize), to: (usize, usize)) -> Vec<u16> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rgbd_source::RgbdSource;
+    use linkage_frames::frame::ColorImage;
+
+    /// Columns and rows of the colour and the depth pictures of [`stray_folder`].
+    const COLOR_SIZE: (usize, usize) = (8, 6);
+    const DEPTH_SIZE: (usize, usize) = (4, 3);
+    const HEADER: &str = "timestamp, frame, x, y, z, qx, qy, qz, qw\n";
+
+    /// A folder of Stray Scanner with these frames: colour in more pixels than depth, all of it 1 m away.
+    fn stray_folder(frames: impl IntoIterator<Item = u32>) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: String| dir.path().join(name);
+        std::fs::write(path("camera_matrix.csv".into()), "1450,0,960\n0,1450,720\n0,0,1\n")
+            .unwrap();
+        for folder in ["rgb", "depth", "confidence"] {
+            std::fs::create_dir(path(folder.into())).unwrap();
+        }
+        let color = ColorImage::new(COLOR_SIZE.0, COLOR_SIZE.1, vec![90; 8 * 6 * 3]).unwrap();
+        for frame in frames {
+            let depth = path(format!("depth/{frame:06}.png"));
+            image_file::write_color(&path(format!("rgb/{frame:06}.png")), &color).unwrap();
+            image_file::write_depth(&depth, DEPTH_SIZE.0, DEPTH_SIZE.1, &[1000; 12]).unwrap();
+        }
+        dir
+    }
+
+    fn stray_frames(dir: &tempfile::TempDir) -> Result<Vec<RgbdFrame>, SourceError> {
+        let mut source = open(dir.path(), &Layout::StrayScanner, None)?;
+        std::iter::from_fn(|| source.next_frame().transpose()).collect()
+    }
+
+    fn with_odometry(dir: &tempfile::TempDir, text: &str) {
+        std::fs::write(dir.path().join("odometry.csv"), text).unwrap();
+    }
+
+    #[test]
+    fn stray_scanners_odometry_tells_the_times_of_its_frames() {
+        let dir = stray_folder([0, 1, 2, 7]);
+        let rows = "12.5, 000000, 0, 0, 0, 0, 0, 0, 1\n12.516667, 000001, 0, 0, 0, 0, 0, 0, 1\n\
+                    12.6, 000003, 0, 0, 0, 0, 0, 0, 1\n13.5, 000007, 0, 0, 0, 0, 0, 0, 1\n";
+        with_odometry(&dir, &format!("{HEADER}{rows}"));
+        let mut source = open(dir.path(), &Layout::StrayScanner, None).unwrap();
+        let counted = source.statistics();
+        assert_eq!((counted.unpaired, counted.rate_hz), (1, 2.0), "frame 2 has no time");
+        let utimes: Vec<i64> =
+            std::iter::from_fn(|| source.next_frame().unwrap()).map(|f| f.utime).collect();
+        assert_eq!(utimes, [12_500_000, 12_516_667, 13_500_000]);
+    }
+
+    #[test]
+    fn without_odometry_a_rate_is_assumed() {
+        let frames = stray_frames(&stray_folder([0, 3])).unwrap();
+        assert_eq!(frames.iter().map(|f| f.utime).collect::<Vec<_>>(), [0, 100_000]);
+    }
+
+    #[test]
+    fn odometry_that_tells_no_time_of_a_picture_is_an_error_with_its_file_and_line() {
+        let dir = stray_folder([0, 1]);
+        for (text, line) in [
+            (String::new(), "line 1"),
+            ("0.1, 0\n0.2, 1\n".to_owned(), "line 1"),
+            (HEADER.to_owned(), "line 1"),
+            (format!("{HEADER}, 0, 0\nlate, 1, 0\n"), "line 2"),
+            (format!("{HEADER}0.1, 5, 0\n0.2, 6, 0\n"), "line 2"),
+            (format!("{HEADER}0.2, 0, 0\n0.1, 1, 0\n"), "line 3"),
+        ] {
+            with_odometry(&dir, &text);
+            let told = stray_frames(&dir).unwrap_err().to_string();
+            assert!(told.contains("odometry.csv: ") && told.contains(line), "{text:?}: {told}");
+        }
+    }
+
+    #[test]
+    fn a_phones_scanner_measures_time_of_flight_unless_a_camera_is_given() {
+        let dir = stray_folder([0]);
+        let sensor = |frames: Vec<RgbdFrame>| frames[0].camera.depth_sensor;
+        assert_eq!(sensor(stray_frames(&dir).unwrap()), DepthSensor::TimeOfFlight);
+        let camera = PinholeCamera {
+            width: COLOR_SIZE.0,
+            height: COLOR_SIZE.1,
+            fx: 8.0,
+            fy: 8.0,
+            cx: 3.5,
+            cy: 2.5,
+            depth_sensor: DepthSensor::Stereo,
+            ..PinholeCamera::kinect()
+        };
+        std::fs::write(dir.path().join("camera.toml"), toml::to_string(&camera).unwrap()).unwrap();
+        assert_eq!(sensor(stray_frames(&dir).unwrap()), DepthSensor::Stereo);
+    }
+
+    #[test]
+    fn depth_of_no_confidence_is_no_reading() {
+        let dir = stray_folder([0, 1]);
+        let confidence = [0, 1, 2, 2, 2, 2, 2, 2, 2, 2, 2, 0];
+        let path = dir.path().join("confidence/000001.png");
+        image_file::write_labels(&path, DEPTH_SIZE.0, DEPTH_SIZE.1, &confidence).unwrap();
+        let frames = stray_frames(&dir).unwrap();
+        assert_eq!(frames[0].depth.invalid_share(), 0.0, "it has no picture of confidence");
+        let depth = &frames[1].depth;
+        for (u, v, expected) in [(0, 0, None), (1, 1, None), (2, 0, Some(1.0)), (7, 5, None)] {
+            assert_eq!(depth.at(u, v), expected, "{u}, {v}");
+        }
+        image_file::write_labels(&path, 2, 2, &[2; 4]).unwrap();
+        let told = stray_frames(&dir).unwrap_err().to_string();
+        assert!(told.contains("confidence/000001.png") && told.contains("2x2"), "{told}");
+    }
 
     #[test]
     fn coarse_depth_is_repeated_not_blended() {

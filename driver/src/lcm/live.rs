@@ -3,16 +3,17 @@
 use super::message::{LCM_UNITS_PER_METRE, decode_frame};
 use crate::error::SourceError;
 use crate::live::{Camera, CameraFault};
-use linkage_frames::camera::PinholeCamera;
+use linkage_frames::camera::{MAX_PIXELS, PinholeCamera};
 use linkage_frames::depth::{ScaleCheck, ScaleIssue};
 use linkage_frames::frame::RgbdFrame;
 use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Bytes of a message at most; raw pictures of 1920 x 1080 with their depth have 15 million. The camera's size does not
-/// tell it: a message may hold a second picture, or be of another size, which is told as damaged.
-const MOST_BYTES: usize = 32 << 20;
+/// Bytes of a message at most: the largest camera's raw pictures have 3 bytes of colour and 2 of depth a pixel, and there
+/// is some room for the rest. The camera's own size does not tell it: a message may hold a second picture, or be of
+/// another size, which is told as damaged.
+const MOST_BYTES: usize = 6 * MAX_PIXELS;
 /// Time between two log messages about frames that do not arrive.
 const TELL_EVERY: Duration = Duration::from_secs(10);
 
@@ -52,7 +53,7 @@ impl LcmCamera {
     fn tell_missing(&mut self) {
         let reception = self.lcm.reception();
         let is_due = self.reported.when.is_none_or(|when| when.elapsed() >= TELL_EVERY);
-        let missing = reception.missing() + reception.oversized;
+        let missing = missing(&reception);
         if missing > self.reported.missing && is_due {
             self.reported = Reported { missing, when: Some(Instant::now()) };
             tracing::warn!(url = self.lcm.url(), "{}", words(&reception));
@@ -60,12 +61,18 @@ impl LcmCamera {
     }
 }
 
+/// Frames that were sent and do not come, those among them that are too large.
+fn missing(reception: &Reception) -> u64 {
+    reception.missing() + reception.oversized
+}
+
 fn words(reception: &Reception) -> String {
     let Reception { received, requested_buffer, granted_buffer, .. } = *reception;
-    let mut words = format!("{} frames did not arrive, {received} did", reception.missing());
+    let missing = missing(reception);
+    let mut words = format!("{missing} frames did not arrive, {received} did");
     if reception.oversized > 0 {
         let oversized = reception.oversized;
-        words += &format!("; {oversized} were larger than {MOST_BYTES} bytes and left out");
+        words += &format!("; {oversized} of the {missing} are larger than {MOST_BYTES} bytes");
     }
     if granted_buffer < requested_buffer {
         words += &format!(
@@ -93,13 +100,16 @@ impl Camera for LcmCamera {
     }
 
     fn missing(&self) -> u64 {
-        self.lcm.reception().missing()
+        missing(&self.lcm.reception())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::message::{Packing, encode_frame};
     use super::*;
+    use linkage_frames::frame::{ColorImage, DepthImage};
+    use linkage_lcm::encode;
 
     #[test]
     fn frames_that_do_not_arrive_are_told_with_what_to_do() {
@@ -116,5 +126,37 @@ mod tests {
         assert!(told.contains("sysctl -w net.core.rmem_max=8388608"), "{told}");
         let enough = Reception { granted_buffer: 8_388_608, ..reception };
         assert!(!words(&enough).contains("sysctl"));
+    }
+
+    #[test]
+    fn frames_that_are_too_large_are_counted_among_the_missing() {
+        let reception = Reception { received: 37, lost: 4, oversized: 2, ..Reception::default() };
+        assert_eq!(missing(&reception), 6);
+        let told = words(&reception);
+        assert!(
+            told.starts_with("6 frames did not arrive, 37 did; 2 of the 6 are larger"),
+            "{told}"
+        );
+        assert!(!words(&Reception { oversized: 0, ..reception }).contains("larger"));
+    }
+
+    #[test]
+    fn the_largest_frame_that_is_taken_arrives() {
+        let (width, height) = (3840, 2160);
+        let camera = Arc::new(PinholeCamera { width, height, ..PinholeCamera::kinect() });
+        assert_eq!(width * height, MAX_PIXELS);
+        let color = ColorImage::new(width, height, vec![90; 3 * MAX_PIXELS]).unwrap();
+        let depth = DepthImage::from_metres(width, height, vec![1.0; MAX_PIXELS]).unwrap();
+        let frame = RgbdFrame::new(1, Arc::clone(&camera), color, depth).unwrap();
+        let bytes =
+            encode(&encode_frame(&frame, Packing { jpeg: false, zlib: false }).unwrap()).unwrap();
+        drop(frame);
+        let mut listener = LcmCamera::open("memq://", "FRAMES", camera).unwrap();
+        listener.lcm.publish_bytes("FRAMES", &bytes).unwrap();
+        let frame = listener.next_frame(Duration::from_secs(10)).unwrap();
+        assert_eq!((frame.map(|f| f.utime), listener.missing()), (Some(1), 0));
+        listener.lcm.publish_bytes("FRAMES", &vec![0; MOST_BYTES + 1]).unwrap();
+        assert!(listener.next_frame(Duration::from_secs(1)).unwrap().is_none());
+        assert_eq!(listener.missing(), 1);
     }
 }

@@ -42,7 +42,8 @@ pub struct Reception {
 }
 
 impl Reception {
-    /// Messages that were sent and will not be received.
+    /// Messages that were sent and will not be received, without those that are too large to be wanted
+    /// ([`Self::oversized`]).
     pub fn missing(&self) -> u64 {
         self.lost + self.incomplete + self.pushed_out
     }
