@@ -167,25 +167,32 @@ impl RgbdSource for Taken {
 pub fn losses(s: &SourceStatistics) -> Option<String> {
     let counts = [
         (s.dropped, "dropped, for they came faster than they were taken"),
-        (s.missing, "sent and not arrived, for the network or its receive buffer lost them"),
+        (
+            s.missing,
+            "sent and not arrived: the network or its receive buffer lost them, or they were too large",
+        ),
         (s.unpaired, "pictures without a partner in time"),
         (s.damaged, "damaged"),
         (s.out_of_order, "repeated or out of order"),
     ];
+    told(&counts, ", ")
+}
+
+/// Which time stamps were not used as they are, in words; `None` where all were.
+pub fn repairs(s: &SourceStatistics) -> Option<String> {
+    let counts = [
+        (s.restamped, "frames had a stamp that cannot be and count by their arrival"),
+        (s.reconnections, "times the camera was opened again or its clock began again"),
+    ];
+    told(&counts, "; ")
+}
+
+/// What happened at all, with how often; `None` where nothing did.
+fn told(counts: &[(u64, &str)], separator: &str) -> Option<String> {
     let words: Vec<String> = counts
         .iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| format!("{count} {what}"))
         .collect();
-    (!words.is_empty()).then(|| words.join(", "))
-}
-
-/// Which time stamps were not used as they are, in words; `None` where all were.
-pub fn repairs(s: &SourceStatistics) -> Option<String> {
-    (s.restamped + s.reconnections > 0).then(|| {
-        format!(
-            "{} frames had a stamp that cannot be and count by their arrival; the camera was opened again or its clock began again {} times",
-            s.restamped, s.reconnections
-        )
-    })
+    (!words.is_empty()).then(|| words.join(separator))
 }

@@ -4,7 +4,7 @@ use crate::cli::{ExportArgs, ExportFormat};
 use crate::export::{Description, json, mjcf, sdf, urdf, usd};
 use crate::outcome::Outcome;
 use crate::output::{write_json, write_text};
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use linkage_planner_bridge::Rig;
 use linkage_skill::store::Store;
 use std::path::Path;
@@ -17,6 +17,12 @@ pub fn run(args: &ExportArgs) -> Outcome {
         None => Rig::default(),
     };
     let write = match args.format {
+        ExportFormat::Json if args.mesh => {
+            return Err(anyhow!(
+                "json has no meshes: leave --mesh out, or give --format urdf, sdf, mjcf or usd"
+            )
+            .into());
+        }
         ExportFormat::Json => return write_json(out, &json(&object.model, &rig)),
         ExportFormat::Urdf => urdf,
         ExportFormat::Sdf => sdf,
@@ -30,6 +36,16 @@ pub fn run(args: &ExportArgs) -> Outcome {
             object,
             part,
             "nothing of its surface was learned: a box of 4 cm stands for it"
+        );
+    }
+    if let Some(share) = description.little_of_base() {
+        let object = &args.object;
+        let percent = (100.0 * share).round();
+        tracing::warn!(
+            object,
+            percent,
+            "little was seen of what the parts hang on: its boxes have that share of the volume of theirs. Demonstrate it \
+             from where its sides are seen, too"
         );
     }
     if args.mesh {

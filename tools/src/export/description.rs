@@ -23,6 +23,9 @@ use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 /// Colour of a part that was not seen.
 const UNSEEN_COLOUR: [f64; 3] = [0.5, 0.5, 0.5];
 
+/// Smallest volume of a base, as a share of its moving parts': that of frames of windows and doors is above.
+const LITTLE_OF_BASE: f64 = 0.1;
+
 /// An object as links and joints.
 #[derive(Clone)]
 pub struct Description {
@@ -90,6 +93,17 @@ impl Description {
             link.mesh = mesh.map(|mesh| Mesh { file, ..mesh });
         }
         self
+    }
+
+    /// The volume of the base's boxes, as a share of that of all moving parts', where it is small: then the export does not
+    /// look like the thing.
+    pub fn little_of_base(&self) -> Option<f64> {
+        let volume = |links: &[Link]| -> f64 {
+            links.iter().flat_map(|l| &l.boxes).map(Cuboid::volume).sum()
+        };
+        let (base, moving) = self.links.split_first()?;
+        let share = volume(std::slice::from_ref(base)) / volume(moving).max(1e-9);
+        (share < LITTLE_OF_BASE).then_some(share)
     }
 
     /// Refuses screws for a format that has none.

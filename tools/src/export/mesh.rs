@@ -14,6 +14,8 @@ use std::fmt::Write;
 pub const MOST_TRIANGLES: usize = 4_000;
 /// Fewer triangles are no surface.
 const LEAST_TRIANGLES: usize = 20;
+/// Smallest share of a part's surface that an unconnected piece of it has: the rest is noise of the depth image.
+const LEAST_PIECE: f64 = 0.01;
 /// How far the surface may move where triangles are joined, as a share of its extent.
 const SIMPLIFICATION: f32 = 0.02;
 
@@ -36,6 +38,7 @@ impl Mesh {
     pub fn fused(patches: &[Patch], like: &Cuboid, origin: &Point3<f64>) -> Option<Self> {
         let surface = FusedSurface::new(patches, like)?;
         let (places, triangles) = surface_nets(&surface.samples());
+        let triangles = without_crumbs(&places, triangles);
         let (places, triangles) = manifold(simplified(places, &triangles)?);
         let normals = normals(&places, &triangles);
         let colours = places.iter().zip(&normals).map(|(p, n)| surface.colour(p, n)).collect();
@@ -57,6 +60,38 @@ impl Mesh {
         }
         text
     }
+}
+
+/// The triangles of the pieces that are not small.
+fn without_crumbs(places: &[Point3<f64>], triangles: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
+    let piece_of = pieces(places.len(), &triangles);
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| places[i as usize]);
+        (b - a).cross(&(c - a)).norm() / 2.0
+    };
+    let mut areas = vec![0.0; places.len()];
+    triangles.iter().for_each(|t| areas[piece_of[t[0] as usize]] += area(t));
+    let least = LEAST_PIECE * areas.iter().sum::<f64>();
+    triangles.into_iter().filter(|t| areas[piece_of[t[0] as usize]] >= least).collect()
+}
+
+/// For each vertex the number of one vertex of its piece, the same for all that triangles connect.
+fn pieces(vertices: usize, triangles: &[[u32; 3]]) -> Vec<usize> {
+    let mut leads_to: Vec<usize> = (0..vertices).collect();
+    fn first(leads_to: &mut [usize], mut at: usize) -> usize {
+        while leads_to[at] != at {
+            leads_to[at] = leads_to[leads_to[at]];
+            at = leads_to[at];
+        }
+        at
+    }
+    for [a, b, c] in triangles.iter().map(|t| t.map(|i| i as usize)) {
+        for other in [b, c] {
+            let (one, other) = (first(&mut leads_to, a), first(&mut leads_to, other));
+            leads_to[one.max(other)] = one.min(other);
+        }
+    }
+    (0..vertices).map(|at| first(&mut leads_to, at)).collect()
 }
 
 /// The same surface in fewer triangles; `None` where nothing is left.
@@ -113,6 +148,22 @@ mod tests {
             [[a, b, c], [a, c, d]]
         });
         (places, triangles.collect())
+    }
+
+    #[test]
+    fn small_pieces_that_hang_nowhere_are_left_out_and_others_are_kept() {
+        let ((mut places, mut triangles), (other, of_other)) = (square(20), square(3));
+        let first = places.len() as u32;
+        // Of 400 cells, 9 more are above a hundredth, a single one is not.
+        places.extend(other.iter().map(|p| p + Vector3::z()));
+        triangles.extend(of_other.iter().map(|t| t.map(|i| i + first)));
+        let kept = triangles.len();
+        let (crumb, of_crumb) = square(1);
+        let first = places.len() as u32;
+        places.extend(crumb.iter().map(|p| p - Vector3::z()));
+        triangles.extend(of_crumb.iter().map(|t| t.map(|i| i + first)));
+        assert_eq!(without_crumbs(&places, triangles).len(), kept);
+        assert_eq!(without_crumbs(&[], Vec::new()).len(), 0);
     }
 
     #[test]

@@ -69,11 +69,7 @@ fn draw(
 ) -> anyhow::Result<()> {
     let (unit, name) =
         if turns(curve.kind) { (1_f64.to_degrees(), "degrees") } else { (100.0, "cm") };
-    let values = || curve.points.iter().map(|p| unit * p[1]);
-    let (low, high) =
-        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
-    let pad = if high > low { 0.08 * (high - low) } else { 1.0 };
-    let (bottom, top) = (low - pad, high + pad);
+    let (bottom, top) = limits(curve, unit);
     let mut chart = ChartBuilder::on(area)
         .margin(10)
         .x_label_area_size(50)
@@ -96,17 +92,39 @@ fn draw(
         let place = |&(t, q, _): &(f64, f64, Option<f64>)| (t - start, unit * q);
         let edge = |p: &(f64, f64, Option<f64>), sign: f64| {
             let (t, q) = place(p);
-            p.2.map(|d| (t, (q + sign * unit * d).clamp(bottom, top)))
+            (t, (q + sign * unit * p.2.unwrap_or(0.0)).clamp(bottom, top))
         };
-        let upper = piece.iter().filter_map(|p| edge(p, 1.0));
-        let lower = piece.iter().rev().filter_map(|p| edge(p, -1.0));
-        let outline: Vec<(f64, f64)> = upper.chain(lower).collect();
-        if outline.len() > 3 {
+        // Where a deviation is not known there is no band, and none across such a gap.
+        for known in piece.chunk_by(|a, b| a.2.is_some() == b.2.is_some()) {
+            if known.len() < 2 || known[0].2.is_none() {
+                continue;
+            }
+            let upper = known.iter().map(|p| edge(p, 1.0));
+            let lower = known.iter().rev().map(|p| edge(p, -1.0));
+            let outline: Vec<(f64, f64)> = upper.chain(lower).collect();
             chart.draw_series([Polygon::new(outline, colour.mix(0.3))])?;
         }
         chart.draw_series(LineSeries::new(piece.iter().map(place), colour.stroke_width(3)))?;
     }
     Ok(())
+}
+
+/// Share of the range of the configurations that a band may reach beyond it in the chart.
+const MOST_BAND: f64 = 0.2;
+
+/// The least and the greatest value of the chart: of the configurations, and of their band where it is not too wide.
+fn limits(curve: &Curve, unit: f64) -> (f64, f64) {
+    let values = || curve.points.iter().map(|p| unit * p[1]);
+    let (low, high) =
+        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+    let beyond = |sign: f64, end: f64| {
+        let reach = values()
+            .zip(&curve.deviations)
+            .filter_map(|(q, d)| Some(sign * (q - end) + unit * (*d)?));
+        reach.fold(0.0, f64::max).min(MOST_BAND * (high - low))
+    };
+    let pad = if high > low { 0.08 * (high - low) } else { 1.0 };
+    (low - beyond(-1.0, low) - pad, high + beyond(1.0, high) + pad)
 }
 
 /// The pieces of a curve between pauses: time, configuration, deviation.
@@ -151,6 +169,26 @@ mod tests {
             text.matches("<polygon").count()
         };
         assert_eq!((bands(None), bands(Some(0.01))), (0, 1));
+    }
+
+    #[test]
+    fn no_band_is_drawn_across_a_gap_in_what_is_known() {
+        let times: Vec<f64> = (0..6).map(|i| 0.1 * f64::from(i)).collect();
+        let known = [true, true, false, false, true, true];
+        let deviations = known.iter().map(|k| k.then_some(0.01)).collect();
+        let text = svg(&[Curve { deviations, ..curve(&times, None) }], Ground::Page).unwrap();
+        assert_eq!(text.matches("<polygon").count(), 2);
+    }
+
+    #[test]
+    fn a_band_that_is_not_too_wide_has_its_place_in_the_chart() {
+        let (narrow, wide) = (curve(&[0.0, 10.0], Some(0.1)), curve(&[0.0, 10.0], Some(9.0)));
+        let ends = |curve| {
+            let (bottom, top) = limits(curve, 1.0);
+            [bottom, top].map(|x| (100.0 * x).round() / 100.0)
+        };
+        assert_eq!(ends(&narrow), [-0.18, 1.18]);
+        assert_eq!(ends(&wide), [-0.28, 1.28]);
     }
 
     #[test]

@@ -173,19 +173,19 @@ fn evidence(m: &Recognised) -> Markup {
     html! {
         table {
             tr {
-                th { (m.object) } th { "its place" } th { "surface points that agree" }
+                th { (m.object) } th { "found by its own surface" } th { "surface points that agree" }
                 th { "seen through" } th { "correlation of colour" }
             }
             @for e in &m.evidence {
                 tr {
-                    td { (e.part) } td { (if e.placed { "known" } else { "not known" }) }
+                    td { (e.part) } td { (if e.placed { "yes" } else { "no" }) }
                     td { (e.surface) } td { (e.seen_through) } td { (colour(e)) }
                 }
             }
         }
         p.note {
-            "The configuration of a joint is mostly told where the place of at least one part on each side of it is "
-            "known. It may also follow from the room, or from what the image rules out."
+            "The configuration of a joint is mostly told where the parts on both sides of it are found by their own "
+            "surface. The place of a part may also follow from the room, or from what the image rules out."
         }
     }
 }

@@ -86,6 +86,8 @@ const EXPLAINED_THROUGH: f64 = 0.2;
 /// Smallest share of a surface's points that must be found where a known joint puts them, for the surface to be of
 /// the joint's part.
 const EXPLAINED_FOUND: f64 = 0.3;
+/// Why a surface is refused that two quite different hinges explain.
+const AMBIGUOUS: &str = "another hinge, in another direction, explains it nearly as well";
 
 /// Adds the joints of parts that were seen to leave their places and that no joint explains.
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
@@ -372,10 +374,10 @@ fn best_part(
     square.iter().for_each(|(_, part)| part.trace());
     let may_slide = frame.is_closed()
         && square.iter().any(|(_, part)| is_slide(part) && part.doubt().is_none());
-    let mut square: Vec<(Hypothesis, VacatedPart)> =
+    let mut parts: Vec<(Hypothesis, VacatedPart)> =
         square.into_iter().filter(|(_, part)| !(may_slide && part.hardly_turns())).collect();
-    let best = best_of(&square).ok_or(None)?;
-    let (hypothesis, square) = square.swap_remove(best);
+    let best = best_of(&parts).ok_or(None)?;
+    let (hypothesis, square) = parts.swap_remove(best);
     let any = follow(&hypothesis, ANY_RAD).beside(&rivals, slides);
     any.trace();
     let is_any = value(&any) > BETTER * value(&square);
@@ -384,7 +386,8 @@ fn best_part(
         let part = VacatedPart::follow(surface, &hypothesis, sigma, moving, recording);
         part.beside(&rivals, slides)
     });
-    match best.doubt() {
+    let rival = parts.iter().find(|(_, part)| part.contradicts(&best)).map(|_| AMBIGUOUS);
+    match best.doubt().or(rival) {
         None => Ok(best),
         Some(reason) => Err(Some(refused(best.geometry().kind, best.shown().count(), reason))),
     }

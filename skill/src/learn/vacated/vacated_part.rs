@@ -93,6 +93,10 @@ const APART_RADII: f64 = 0.5;
 const LEAST_ALONE: f64 = 0.9;
 /// Share of the keyframes that show the other face of a part, above which that face is searched for.
 const LEAST_TURNED_AWAY: f64 = 0.1;
+/// Ratio of agreements from which on two hinges explain a surface about as well.
+const AS_WELL: f64 = 0.85;
+/// Angle between two hinges of which at most one can be, radians.
+const OTHER_DIRECTION_RAD: f64 = 0.26;
 /// Error of a line's direction that all readings share, radians.
 const SYSTEMATIC_RAD: f64 = 0.011;
 /// Error of a line's place that all readings share, metres.
@@ -202,6 +206,11 @@ impl Distances {
         let median = if self.is_rest_told { self.all.max(self.away) } else { self.all };
         median <= if may_be_noisy { MAX_NOISY_MEDIAN_M } else { MAX_MEDIAN_M }
     }
+}
+
+/// True if of two hinges, each by its agreement and its direction, either could be meant.
+fn are_ambiguous(rival: (f64, Vector3<f64>), best: (f64, Vector3<f64>)) -> bool {
+    rival.0 >= AS_WELL * best.0 && line_angle(&rival.1, &best.1) > OTHER_DIRECTION_RAD
 }
 
 impl VacatedPart {
@@ -343,6 +352,14 @@ impl VacatedPart {
             (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
+    }
+
+    /// Both are hinges that nothing speaks against and that explain about as much, in directions of which at most one can be
+    /// right. What a known line confirms is not contradicted.
+    pub fn contradicts(&self, best: &VacatedPart) -> bool {
+        let line = |part: &VacatedPart| (part.agreement(), part.geometry().axis.into_inner());
+        let may_be = self.is_hinge() && self.doubt().is_none();
+        may_be && best.is_hinge() && !best.is_on_known_line && are_ambiguous(line(self), line(best))
     }
 
     /// True if the joint is a hinge about which the part shows its other face for a while.
@@ -608,6 +625,7 @@ mod tests {
     use super::*;
     use crate::learn::plane_hinges::test_data::{HINGE_M, edge_on_rad, left_edge_on_recording};
     use crate::math::rigid::distance_to_line;
+    use std::f64::consts::PI;
 
     /// Gives `look` the part of a lever's surface at rest, followed along a line.
     fn followed<T>(
@@ -700,6 +718,17 @@ mod tests {
         let hardly_at_rest = Distances::of(vec![0.0068; 2], vec![0.0066; 98]);
         assert!(!hardly_at_rest.are_of_one_shape(false));
         assert!(hardly_at_rest.are_of_one_shape(true), "a drawer there");
+    }
+
+    #[test]
+    fn of_two_hinges_in_quite_different_directions_one_must_explain_clearly_more() {
+        let direction = |angle: f64| Vector3::new(angle.cos(), angle.sin(), 0.0);
+        let is_ambiguous = |agreement: f64, angle: f64| {
+            are_ambiguous((agreement, direction(angle)), (0.6, direction(0.0)))
+        };
+        assert!(is_ambiguous(0.55, 1.1), "the wing of a sewing box");
+        assert!(!is_ambiguous(0.45, 1.1), "it explains clearly less");
+        assert!(!is_ambiguous(0.59, 0.1) && !is_ambiguous(0.59, PI - 0.1), "about one direction");
     }
 
     #[test]
