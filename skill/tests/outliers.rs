@@ -19,8 +19,8 @@ enum Outliers {
     Scattered,
     /// One pose, in as few runs as possible.
     Runs,
-    /// Each has the orientation that it had, and is moved by one vector, off the joint's path. A fixed thing would be one
-    /// that slides.
+    /// Each has the orientation that it had, and is moved by one vector, off the joint's path. Not used for fixed
+    /// things: two positions look like a slide.
     Shifted,
 }
 
@@ -230,7 +230,7 @@ fn lost_poses_change_nothing_of_what_is_fitted() {
 
 #[test]
 fn a_position_that_jumps_while_the_orientation_is_right_does_not_bend_a_hinge() {
-    // An angle from such a position contradicts the orientation, which then looks wrong by a little.
+    // If the angle came from such a position, the correct orientation would seem slightly wrong, and bend the hinge.
     let log = Log {
         kind: JointKind::Revolute,
         has_orientation: true,

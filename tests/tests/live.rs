@@ -124,8 +124,8 @@ fn what_rests_is_known_in_every_frame_and_predicted_whenever_that_is_asked_for()
             TRIES / 2
         );
         eprintln!("{told}");
-        let planned = (accepted + at_once) as f64 / (TRIES + TRIES / 2) as f64;
-        if frames < 20 || share < MOST || planned < MOST {
+        let is_planned = accepted as f64 >= MOST * TRIES as f64 && at_once == TRIES / 2;
+        if frames < 20 || share < MOST || !is_planned {
             short.push(told);
         }
     }

@@ -496,14 +496,13 @@ pub struct LearnArgs {
 
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations
-    /// by the baseline's, the paper's and our way; ablation: what each of our choices is worth on
-    /// a folder of recordings; recognise: look for learned things in stills, known ones and
-    /// look-alikes (other rooms and shots by --seed), and in libraries of up to 100 000; false-reports:
-    /// look for the objects of a store in recordings that do not show them (a recording shows the
-    /// object whose name its own begins with); follow: follow what was learned from a recording through it; serve: time from the end of a demonstration
-    /// to its model over LCM and from a frame to its prediction, and how a stream of setpoints
-    /// keeps its time; soak: memory of a service that is used for long; logs: fit pose logs of
+    /// dir: score every recording of a folder; paper: the paper's experiment, 43 demonstrations by the baseline's, the
+    /// paper's and our way; ablation: what each of our choices is worth on a folder of recordings; recognise: look for
+    /// learned things in stills, known ones and look-alikes (other rooms and shots by --seed), and in libraries of up
+    /// to 100 000; false-reports: look for the objects of a store in recordings that do not show them (a recording
+    /// shows the object whose name its own begins with); follow: follow what was learned from a recording through it;
+    /// serve: time from the end of a demonstration to its model over LCM and from a frame to its prediction, and how a
+    /// stream of setpoints keeps its time; soak: memory of a service that is used for long; logs: fit pose logs of
     /// known type; tracking: play clips forward and back
     #[arg(long, default_value = "dir")]
     pub suite: String,

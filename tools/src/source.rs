@@ -171,7 +171,7 @@ pub fn losses(s: &SourceStatistics) -> Option<String> {
             s.missing,
             "sent and not arrived: the network or its receive buffer lost them, or they were too large",
         ),
-        (s.unpaired, "pictures without a partner in time"),
+        (s.unpaired, "pictures without a partner in time, or without a time"),
         (s.damaged, "damaged"),
         (s.out_of_order, "repeated or out of order"),
     ];

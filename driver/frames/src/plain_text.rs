@@ -5,7 +5,7 @@
 
 /// What is not shown but does something: control characters, ends of lines and paragraphs, what
 /// turns the direction of reading, and what makes two names look the same: soft hyphens, spaces and marks
-/// of no width, tags. Joiners are no control characters: Persian and Indic words need them.
+/// of no width, tags. Joiners and selectors of variants are allowed: words of many languages need them.
 pub fn is_control(c: char) -> bool {
     let turns_direction = matches!(
         c,
@@ -13,7 +13,7 @@ pub fn is_control(c: char) -> bool {
     );
     let is_invisible = matches!(
         c,
-        '\u{ad}' | '\u{200b}' | '\u{2060}'..='\u{2064}' | '\u{feff}' | '\u{e0000}'..='\u{e007f}'
+        '\u{ad}' | '\u{34f}' | '\u{115f}' | '\u{1160}' | '\u{180e}' | '\u{200b}' | '\u{206a}'..='\u{206f}' | '\u{3164}' | '\u{ffa0}' | '\u{2060}'..='\u{2064}' | '\u{feff}' | '\u{e0000}'..='\u{e007f}'
     );
     c.is_control() || matches!(c, '\u{2028}' | '\u{2029}') || turns_direction || is_invisible
 }
@@ -49,7 +49,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_seen_is_a_control_character() {
-        let unseen = "\u{ad}\u{200b}\u{2060}\u{2064}\u{feff}\u{e0000}\u{e0041}\u{e007f}";
+        let unseen = "\u{ad}\u{34f}\u{115f}\u{180e}\u{206a}\u{3164}\u{ffa0}\u{200b}\u{2060}\u{2064}\u{feff}\u{e0000}\u{e0041}\u{e007f}";
         assert!(unseen.chars().all(is_control));
         assert_eq!(harmless("fri\u{200b}dge", 100), r"fri\u{200b}dge");
         assert!(!"\u{a0}\u{2010}\u{200a}\u{200c}\u{200d}\u{fe0f}\u{e0100}".contains(is_control));

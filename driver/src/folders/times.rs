@@ -22,13 +22,12 @@ pub fn told_by(file: &Path, pairs: Vec<NumberedPair>) -> Result<Vec<FramePair>, 
     let told: Vec<FramePair> = pairs.into_iter().filter_map(with_time).collect();
     if told.is_empty() {
         let line = odometry.first_line;
-        let reason =
-            format!("line {line}: neither it nor any line below is of a frame that has pictures");
+        let reason = format!("from line {line} on, no line names a frame that has pictures");
         return Err(SourceError::Recording { path: file.display().to_string(), reason });
     }
     let untimed = count - told.len();
     if untimed > 0 {
-        tracing::warn!(untimed, file = %file.display(), "frames of which it tells no time were left out");
+        tracing::warn!(untimed, file = %file.display(), "frames that it gives no time for were left out");
     }
     Ok(told)
 }

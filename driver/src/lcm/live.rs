@@ -10,9 +10,9 @@ use linkage_lcm::{Lcm, Reception};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Bytes of a message at most: the largest camera's raw pictures have 3 bytes of colour and 2 of depth a pixel, and there
-/// is some room for the rest. The camera's own size does not tell it: a message may hold a second picture, or be of
-/// another size, which is told as damaged.
+/// Bytes of a message at most: the largest camera's raw pictures have 3 bytes of colour and 2 of depth a pixel, and
+/// there is some room for the rest. The camera's own size does not tell it: a message may hold a second picture, or be
+/// of another size, which is told as damaged.
 const MOST_BYTES: usize = 6 * MAX_PIXELS;
 /// Time between two log messages about frames that do not arrive.
 const TELL_EVERY: Duration = Duration::from_secs(10);
@@ -61,7 +61,7 @@ impl LcmCamera {
     }
 }
 
-/// Frames that were sent and do not come, those among them that are too large.
+/// Frames that were sent and did not arrive, including those that are too large.
 fn missing(reception: &Reception) -> u64 {
     reception.missing() + reception.oversized
 }

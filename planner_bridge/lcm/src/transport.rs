@@ -8,6 +8,7 @@ use crate::codec::{Message, encode};
 use crate::error::LcmError;
 use crate::packet::{Packet, Reception};
 use crate::udpm::{MAX_CHANNEL, Network, Publisher, Receiver};
+use std::ffi::CStr;
 use std::time::{Duration, Instant};
 
 /// Largest message that is received where a subscription says nothing else, bytes: an image of
@@ -80,15 +81,8 @@ impl Lcm {
                 publisher.publish(channel, bytes).map_err(|e| failed(e.to_string()))
             }
             Backend::Liblcm(handle) => {
-                let is_new = !handle.is_connected();
-                if is_new {
-                    // liblcm connects again by itself, and waits without end for a server's answer.
-                    server_answers(&self.url).map_err(failed)?;
-                }
+                connect_again(&self.url, handle).map_err(failed)?;
                 let sent = handle.publish(&name, bytes).then_some(());
-                if is_new && sent.is_some() {
-                    limit_waits(&self.url, handle).map_err(failed)?;
-                }
                 sent.ok_or_else(|| failed("the connection is gone".to_owned()))
             }
         }
@@ -135,7 +129,10 @@ impl Lcm {
                 };
                 receiver.subscribe(channel, max_bytes).map_err(|e| failed(e.to_string()))?;
             }
-            Backend::Liblcm(handle) => handle.subscribe(channel, max_bytes).map_err(failed)?,
+            Backend::Liblcm(handle) => {
+                connect_again(&self.url, handle).map_err(failed)?;
+                handle.subscribe(channel, max_bytes).map_err(failed)?;
+            }
         }
         self.subscriptions += 1;
         Ok(Subscription(self.subscriptions))
@@ -200,6 +197,23 @@ fn server_answers(url: &str) -> Result<(), String> {
     match url.strip_prefix("tcpq://") {
         Some(rest) => tcpq::handshake(rest.split('?').next().unwrap_or_default()),
         None => Ok(()),
+    }
+}
+
+/// Channel of the empty message by which a connection is made again.
+const CONNECTED_AGAIN: &CStr = c"LINKAGE_CONNECTED_AGAIN";
+
+/// Makes a connection again that was lost. liblcm does that by itself as it sends a message, and waits without end for
+/// the server's answer and until it takes the message: so the server is asked first, and the message is empty.
+fn connect_again(url: &str, handle: &sys::Handle) -> Result<(), String> {
+    if handle.is_connected() {
+        return Ok(());
+    }
+    server_answers(url)?;
+    if handle.publish(CONNECTED_AGAIN, &[]) {
+        limit_waits(url, handle)
+    } else {
+        Err("the connection is gone".to_owned())
     }
 }
 

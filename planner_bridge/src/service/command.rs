@@ -234,7 +234,7 @@ struct Dispatcher<'q> {
     /// Names of the commands that were passed on last.
     known: VecDeque<i64>,
     /// Hosts of the commands that were passed on last, the newest last: those of the queue, and some that have left it.
-    waiting: VecDeque<Option<IpAddr>>,
+    waiting_senders: VecDeque<Option<IpAddr>>,
     refusals: Refusals,
     repeats: Repeats,
 }
@@ -258,8 +258,8 @@ impl<'q> Dispatcher<'q> {
         out: Outbox,
     ) -> Self {
         let (refusals, repeats) = (Refusals::default(), Repeats::default());
-        let (known, waiting) = (VecDeque::new(), VecDeque::new());
-        Self { authority, commands, pulse, out, known, waiting, refusals, repeats }
+        let (known, waiting_senders) = (VecDeque::new(), VecDeque::new());
+        Self { authority, commands, pulse, out, known, waiting_senders, refusals, repeats }
     }
 
     /// A packet that came from somewhere, `now` in microseconds since 1970.
@@ -307,7 +307,7 @@ impl<'q> Dispatcher<'q> {
         if let (Action::Cancel, Some(pulse)) = (&action, &self.pulse) {
             pulse.halt();
         }
-        if action != Action::Cancel && !self.has_room_for(sender) {
+        if !self.has_room_for(sender, action == Action::Cancel) {
             return Err(Fault::TooMany);
         }
         let expires = (message.expiry_utime != 0).then_some(message.expiry_utime);
@@ -317,8 +317,8 @@ impl<'q> Dispatcher<'q> {
                     self.known.pop_front();
                 }
                 self.known.push_back(utime);
-                self.waiting.push_back(sender);
-                self.forget_who_waits_no_more();
+                self.waiting_senders.push_back(sender);
+                self.forget_senders_that_left_the_queue();
                 Ok(())
             }
             Err(TrySendError::Full(_)) => Err(Fault::TooMany),
@@ -327,20 +327,20 @@ impl<'q> Dispatcher<'q> {
         }
     }
 
-    /// Whether the queue has a place for a further command of this host. A single host gets half of the places: its flood
-    /// leaves the others to other hosts.
-    fn has_room_for(&mut self, sender: Option<IpAddr>) -> bool {
+    /// Whether the queue has a place for a further command of this host. A single host gets half of the places, and
+    /// half of those that are kept for CANCEL: its flood leaves the others to other hosts.
+    fn has_room_for(&mut self, sender: Option<IpAddr>, is_cancel: bool) -> bool {
         let Some(places) = self.commands.capacity() else { return true };
-        self.forget_who_waits_no_more();
-        let places = places - PLACES_FOR_CANCEL;
-        let all = self.commands.len();
-        let own = self.waiting.iter().filter(|s| **s == sender).count();
-        all < places && own < places.div_ceil(2)
+        self.forget_senders_that_left_the_queue();
+        let kept = if is_cancel { PLACES_FOR_CANCEL } else { 0 };
+        let places = places.saturating_sub(PLACES_FOR_CANCEL);
+        let own = self.waiting_senders.iter().filter(|s| **s == sender).count();
+        self.commands.len() < places + kept && own < places.div_ceil(2) + kept / 2
     }
 
-    fn forget_who_waits_no_more(&mut self) {
-        let gone = self.waiting.len().saturating_sub(self.commands.len());
-        self.waiting.drain(..gone);
+    fn forget_senders_that_left_the_queue(&mut self) {
+        let gone = self.waiting_senders.len().saturating_sub(self.commands.len());
+        self.waiting_senders.drain(..gone);
     }
 
     fn report(&mut self) {
@@ -590,9 +590,18 @@ mod tests {
             send(NOW + i, "10.0.0.1");
         }
         assert_eq!(send(NOW + 100, "10.0.0.2"), 5);
+        let mut cancel = |utime: i64, host: &str| {
+            let order = encode(&linkage::Command { utime, ..message(4) }).unwrap();
+            bench.dispatcher.take(&order, from(host), NOW);
+            bench.commands.len()
+        };
+        (200..300).for_each(|i| {
+            cancel(NOW + i, "10.0.0.1");
+        });
+        assert_eq!(cancel(NOW + 300, "10.0.0.2"), 8, "two of each host");
         // What has left the queue counts no more.
         let taken: Vec<i64> = bench.commands.try_iter().map(|c| c.utime).collect();
-        assert_eq!(taken.last(), Some(&(NOW + 100)));
+        assert!(taken.contains(&(NOW + 100)) && taken.contains(&(NOW + 300)));
         let order = encode(&linkage::Command { utime: NOW + 101, ..message(2) }).unwrap();
         bench.dispatcher.take(&order, from("10.0.0.1"), NOW);
         assert_eq!(bench.commands.len(), 1);

@@ -1,7 +1,8 @@
 //! The live skill: watches a source, is told what to do over LCM, answers there.
 //!
 //! A thread captures, one perceives, one publishes, one listens for commands, and one streams
-//! setpoints; bounded queues join them, and none of them waits for a slower one.
+//! setpoints; bounded queues join them, and none of them waits for a slower one. What takes longer than a frame has
+//! threads of its own: to look for an object, to recognise one again, to learn.
 
 mod authority;
 mod capture;

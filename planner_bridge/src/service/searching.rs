@@ -52,6 +52,13 @@ impl Searching {
         Ok(Self(found))
     }
 
+    /// A search that a test ends.
+    #[cfg(test)]
+    pub fn awaited() -> (std::sync::mpsc::Sender<Result<Found, String>>, Self) {
+        let (sender, found) = channel();
+        (sender, Self(found))
+    }
+
     /// What was found, once the search is over.
     pub fn poll(&self) -> Option<Result<Found, String>> {
         match self.0.try_recv() {

@@ -168,7 +168,7 @@ typedef struct {
    */
   const char *target;
   /*
-   A target outside the range that was seen is allowed.
+   A target outside the range that was seen is allowed, by at most a turn or a metre.
    */
   bool outside_range;
   /*

@@ -314,7 +314,7 @@ pub struct linkage_request {
     pub joint: *const c_char,
     /// open, closed, or a configuration in radians or metres.
     pub target: *const c_char,
-    /// A target outside the range that was seen is allowed.
+    /// A target outside the range that was seen is allowed, by at most a turn or a metre.
     pub outside_range: bool,
     /// `grasp` is given; else handles are where the demonstrator's hand was.
     pub has_grasp: bool,

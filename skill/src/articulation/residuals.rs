@@ -13,6 +13,9 @@ pub const POSITION_SIGMA_M: f64 = 0.008;
 /// Standard deviation of an observed orientation, radians.
 pub const ORIENTATION_SIGMA_RAD: f64 = 0.08;
 
+/// Beyond so many standard deviations a position contradicts the circle, or an angle the other one.
+const CONTRADICTION_SIGMAS: f64 = 3.0;
+
 /// Density of outliers: positions anywhere within about a metre, orientations anywhere
 /// within half a radian.
 const OUTLIER_LOG_DENSITY_POSITION: f64 = 0.0;
@@ -87,16 +90,17 @@ impl<'s> Problem<'s> {
         let Some(orientation) = sample.orientation else { return by_position };
         let turn = (orientation * state.rest_orientation.inverse()).into_inner();
         let by_orientation = 2.0 * turn.imag().dot(&axis).atan2(turn.w);
-        // A position that is off the circle is an outlier, and its angle tells nothing.
+        // A position that is off the circle is an outlier, and its angle tells nothing. (Far from the solution most
+        // are, and the orientation alone gives the angle.)
         let off_circle = (now_along - rest_along).hypot(now.norm() - rest.norm());
-        if off_circle > 3.0 * POSITION_SIGMA_M {
+        if off_circle > CONTRADICTION_SIGMAS * POSITION_SIGMA_M {
             return wrapped(by_orientation);
         }
         let difference = wrapped(by_orientation - by_position);
         let wp = (rest.norm() * now.norm()) / POSITION_SIGMA_M.powi(2);
         let wo = ORIENTATION_SIGMA_RAD.powi(-2);
-        // Beyond three sigma the two contradict each other: the one with the larger weight is taken.
-        let tolerance = 3.0 * (1.0 / wp.max(1e-9) + 1.0 / wo).sqrt();
+        // Where the two contradict each other, the one with the larger weight is taken.
+        let tolerance = CONTRADICTION_SIGMAS * (1.0 / wp.max(1e-9) + 1.0 / wo).sqrt();
         if difference.abs() > tolerance {
             return if wp > wo { by_position } else { wrapped(by_orientation) };
         }

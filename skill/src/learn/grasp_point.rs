@@ -1,5 +1,6 @@
 //! Finds where the demonstrator's hand held a part: at places that moved with the part while it
-//! moved, and were empty while it rested. A planner may hold the part in the same place.
+//! moved, were empty while it rested, and left with it the place where they were. A planner may hold the part in the
+//! same place.
 //!
 //! In: poses of the part and of its parent in the camera, points of the part, and the keyframes;
 //! metres.
@@ -32,6 +33,9 @@ const KEYFRAMES: [usize; 2] = [4, 14];
 const FILLED: f64 = 0.6;
 /// Smallest share of the resting keyframes that agree on what is at a place, of those that show it.
 const AGREEING: f64 = 0.7;
+/// Smallest share of the views in which something that stays where it is must be seen there. The part itself may rest
+/// where a hand was, but not at both ends of its range.
+const STAYS: f64 = 0.8;
 /// Largest difference in depth between a place and a reading that shows the place itself, metres.
 const THICKNESS_M: f64 = 0.02;
 /// Distance from the known points of the part within which its surface and the hand are searched,
@@ -242,8 +246,8 @@ fn when_resting(views: &[View], place: &Point3<f64>) -> Option<Resting> {
     }
 }
 
-/// What fills a place while the part moves stays where it is when the part has gone: a table top below a door looks, to
-/// the door, as if it turned with it.
+/// True if what fills a place while the part moves is still there when the part rests elsewhere. Seen from a door, the
+/// table top below it seems to turn with the door.
 fn stays_behind(moving: &[View], resting: &[View], place: &Point3<f64>) -> bool {
     let (mut free, mut there) = (0, 0);
     let fills = |v: &&View| {
@@ -259,7 +263,7 @@ fn stays_behind(moving: &[View], resting: &[View], place: &Point3<f64>) -> bool 
             }
         }
     }
-    there > free
+    there > 0 && f64::from(there) >= STAYS * f64::from(there + free)
 }
 
 /// The largest set of connected places: the hand, not the rim of the part.

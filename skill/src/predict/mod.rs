@@ -9,6 +9,7 @@ mod surface;
 pub use surface::moved_surface;
 
 use crate::math::rigid::{Pose, pose_from_array};
+use crate::object::joint_geometry::JointKind;
 use crate::object::model::{Joint, ObjectModel};
 use crate::recognise::Recognised;
 
@@ -114,9 +115,11 @@ pub enum PredictError {
 /// motion are seen least well.
 const RANGE_TOLERANCE: f64 = 0.02;
 
-/// How far outside the observed range a target may lie where that is allowed, in turns and in metres. What is farther away
-/// is a slip of the unit or of a digit, and a robot would pull until something breaks.
-const MOST_OUTSIDE: (f64, f64) = (std::f64::consts::TAU, 1.0);
+/// How far outside the observed range the target of a hinge may lie where that is allowed, radians. What is farther
+/// away is taken for a wrong unit or digit: a robot that follows it pulls until something breaks.
+const MOST_OUTSIDE_RAD: f64 = std::f64::consts::TAU;
+/// The same for a slide, metres.
+const MOST_OUTSIDE_M: f64 = 1.0;
 
 /// A number with three digits behind the point, or as a power of ten where it is huge.
 fn short(number: f64) -> String {
@@ -249,8 +252,10 @@ fn resolve(joint: &Joint, target: Target) -> Result<f64, PredictError> {
             Ok(value.clamp(low, high))
         }
         Target::Unseen(value) => {
-            let (turn, metre) = MOST_OUTSIDE;
-            let most = if joint.kind.unit() == "rad" { turn } else { metre };
+            let most = match joint.kind {
+                JointKind::Revolute | JointKind::Helical => MOST_OUTSIDE_RAD,
+                _ => MOST_OUTSIDE_M,
+            };
             if !(low - most..=high + most).contains(&value) {
                 let (joint, unit) = (joint.name.clone(), joint.kind.unit());
                 return Err(PredictError::FarOutside {

@@ -10,6 +10,11 @@ use linkage_skill::store::Store;
 use std::path::Path;
 
 pub fn run(args: &ExportArgs) -> Outcome {
+    if args.mesh && matches!(args.format, ExportFormat::Json) {
+        let reason =
+            "json has no meshes: leave --mesh out, or give --format urdf, sdf, mjcf or usd";
+        return Err(anyhow!(reason).into());
+    }
     let object = Store::open(&args.store)?.get(&args.object)?;
     let out = args.out.as_deref().unwrap_or(Path::new("-"));
     let rig = match &args.rig {
@@ -17,12 +22,6 @@ pub fn run(args: &ExportArgs) -> Outcome {
         None => Rig::default(),
     };
     let write = match args.format {
-        ExportFormat::Json if args.mesh => {
-            return Err(anyhow!(
-                "json has no meshes: leave --mesh out, or give --format urdf, sdf, mjcf or usd"
-            )
-            .into());
-        }
         ExportFormat::Json => return write_json(out, &json(&object.model, &rig)),
         ExportFormat::Urdf => urdf,
         ExportFormat::Sdf => sdf,
@@ -36,6 +35,15 @@ pub fn run(args: &ExportArgs) -> Outcome {
             object,
             part,
             "nothing of its surface was learned: a box of 4 cm stands for it"
+        );
+    }
+    for pair in description.overlapping() {
+        let [one, other] = pair.map(|link| description.links[link].name.as_str());
+        tracing::warn!(
+            object = args.object,
+            one,
+            other,
+            "their boxes overlap at the beginning or in the middle of the range: MJCF excludes their contact; in other formats filter it"
         );
     }
     if let Some(share) = description.little_of_base() {

@@ -5,13 +5,14 @@
 //! export's frame has the object frame's origin, z up and x towards where the viewer stood; every
 //! link's frame has its axes.
 
-use super::clearance::{Body, shapes};
+use super::clearance::{Body, chain, moved, shapes};
 use super::colour::srgb;
 use super::cuboid::{Cuboid, Inertia, LEAST_PLACES};
 use super::fitted_boxes::fitted_boxes;
 use super::joint::{Hinge, Motion};
 use super::main_surface::main_surface;
 use super::mesh::Mesh;
+use super::overlap::{CLEARANCE_M, overlap};
 use super::patch::Patch;
 use super::upright::{box_rotation, world_from_object};
 use anyhow::bail;
@@ -23,7 +24,9 @@ use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 /// Colour of a part that was not seen.
 const UNSEEN_COLOUR: [f64; 3] = [0.5, 0.5, 0.5];
 
-/// Smallest volume of a base, as a share of its moving parts': that of frames of windows and doors is above.
+/// Overlap of two boxes that a simulator resolves without a jerk, metres.
+const OVERLAP_M: f64 = 0.005;
+/// Smallest volume of a base, as a share of its moving parts': frames of windows and doors have more.
 const LITTLE_OF_BASE: f64 = 0.1;
 
 /// An object as links and joints.
@@ -95,8 +98,8 @@ impl Description {
         self
     }
 
-    /// The volume of the base's boxes, as a share of that of all moving parts', where it is small: then the export does not
-    /// look like the thing.
+    /// The volume of the base's boxes, as a share of that of all moving parts', where it is small: then the export does
+    /// not look like the thing.
     pub fn little_of_base(&self) -> Option<f64> {
         let volume = |links: &[Link]| -> f64 {
             links.iter().flat_map(|l| &l.boxes).map(Cuboid::volume).sum()
@@ -104,6 +107,46 @@ impl Description {
         let (base, moving) = self.links.split_first()?;
         let share = volume(std::slice::from_ref(base)) / volume(moving).max(1e-9);
         (share < LITTLE_OF_BASE).then_some(share)
+    }
+
+    /// Pairs of links that no joint joins, and whose boxes overlap at configuration 0, where a simulator begins, or
+    /// while every joint is in the middle of its range: it would push them apart with force.
+    pub fn overlapping(&self) -> Vec<[usize; 2]> {
+        let mut pairs = [0.0, 0.5].map(|share| self.overlapping_at(share)).concat();
+        pairs.sort_unstable();
+        pairs.dedup();
+        pairs
+    }
+
+    fn overlapping_at(&self, share: f64) -> Vec<[usize; 2]> {
+        let boxes: Vec<Vec<Cuboid>> =
+            (0..self.links.len()).map(|i| self.boxes_at(i, share)).collect();
+        let is_joined = |[a, b]: [usize; 2]| {
+            let holds = |j: &Hinge| [[a, b], [b, a]].contains(&[j.parent, j.child]);
+            self.joints.iter().any(holds)
+        };
+        let deep = |a: &Cuboid, b: &Cuboid| {
+            overlap(a, b).is_some_and(|(depth, _)| depth > CLEARANCE_M + OVERLAP_M)
+        };
+        let overlaps =
+            |[a, b]: [usize; 2]| boxes[a].iter().any(|x| boxes[b].iter().any(|y| deep(x, y)));
+        let pairs = (0..boxes.len()).flat_map(|a| (a + 1..boxes.len()).map(move |b| [a, b]));
+        pairs.filter(|pair| !is_joined(*pair) && overlaps(*pair)).collect()
+    }
+
+    /// A link's boxes in the export's frame while every joint is at this share of its way from the configuration of its
+    /// range that is next to 0 to the one that is farthest from it.
+    pub fn boxes_at(&self, link: usize, share: f64) -> Vec<Cuboid> {
+        let at_share = |joint: &&Hinge| {
+            let [low, high] = joint.range;
+            let end = if high.abs() >= low.abs() { high } else { low };
+            let begin = 0_f64.clamp(low, high);
+            joint.line.motion(begin + share * (end - begin))
+        };
+        let path = chain(link, &self.joints);
+        let motion = path.iter().rev().map(at_share).fold(Pose::identity(), |all, next| all * next);
+        let Link { boxes, origin, .. } = &self.links[link];
+        boxes.iter().map(|b| moved(&b.seen_from(&-*origin), &motion)).collect()
     }
 
     /// Refuses screws for a format that has none.

@@ -38,7 +38,7 @@ impl Mesh {
     pub fn fused(patches: &[Patch], like: &Cuboid, origin: &Point3<f64>) -> Option<Self> {
         let surface = FusedSurface::new(patches, like)?;
         let (places, triangles) = surface_nets(&surface.samples());
-        let triangles = without_crumbs(&places, triangles);
+        let triangles = without_small_pieces(&places, triangles);
         let (places, triangles) = manifold(simplified(places, &triangles)?);
         let normals = normals(&places, &triangles);
         let colours = places.iter().zip(&normals).map(|(p, n)| surface.colour(p, n)).collect();
@@ -63,7 +63,7 @@ impl Mesh {
 }
 
 /// The triangles of the pieces that are not small.
-fn without_crumbs(places: &[Point3<f64>], triangles: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
+fn without_small_pieces(places: &[Point3<f64>], triangles: Vec<[u32; 3]>) -> Vec<[u32; 3]> {
     let piece_of = pieces(places.len(), &triangles);
     let area = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|i| places[i as usize]);
@@ -151,19 +151,19 @@ mod tests {
     }
 
     #[test]
-    fn small_pieces_that_hang_nowhere_are_left_out_and_others_are_kept() {
+    fn small_pieces_are_left_out_and_others_are_kept() {
         let ((mut places, mut triangles), (other, of_other)) = (square(20), square(3));
         let first = places.len() as u32;
         // Of 400 cells, 9 more are above a hundredth, a single one is not.
         places.extend(other.iter().map(|p| p + Vector3::z()));
         triangles.extend(of_other.iter().map(|t| t.map(|i| i + first)));
         let kept = triangles.len();
-        let (crumb, of_crumb) = square(1);
+        let (small, of_small) = square(1);
         let first = places.len() as u32;
-        places.extend(crumb.iter().map(|p| p - Vector3::z()));
-        triangles.extend(of_crumb.iter().map(|t| t.map(|i| i + first)));
-        assert_eq!(without_crumbs(&places, triangles).len(), kept);
-        assert_eq!(without_crumbs(&[], Vec::new()).len(), 0);
+        places.extend(small.iter().map(|p| p - Vector3::z()));
+        triangles.extend(of_small.iter().map(|t| t.map(|i| i + first)));
+        assert_eq!(without_small_pieces(&places, triangles).len(), kept);
+        assert_eq!(without_small_pieces(&[], Vec::new()).len(), 0);
     }
 
     #[test]

@@ -24,7 +24,9 @@ pub fn mjcf(of: &Description) -> anyhow::Result<String> {
             if of.joints.is_empty() {
                 return Ok(());
             }
-            element(w, "contact", &[], |w| of.joints.iter().try_for_each(|j| exclude(w, of, j)))
+            let joined = of.joints.iter().map(|j| [j.parent, j.child]);
+            let mut excluded = joined.chain(of.overlapping());
+            element(w, "contact", &[], |w| excluded.try_for_each(|pair| exclude(w, of, pair)))
         })
     })?;
     Ok(text)
@@ -37,9 +39,9 @@ fn asset<W: Write>(writer: &mut Writer<W>, link: &Link) -> io::Result<()> {
     }
 }
 
-/// MuJoCo lets bodies that are fixed to the world collide with their own children.
-fn exclude<W: Write>(writer: &mut Writer<W>, of: &Description, joint: &Hinge) -> io::Result<()> {
-    let names = [joint.parent, joint.child].map(|link| of.links[link].name.as_str());
+/// MuJoCo lets bodies that are fixed to the world collide with their own children, and throws apart what overlaps.
+fn exclude<W: Write>(writer: &mut Writer<W>, of: &Description, pair: [usize; 2]) -> io::Result<()> {
+    let names = pair.map(|link| of.links[link].name.as_str());
     empty(writer, "exclude", &[("body1", names[0]), ("body2", names[1])])
 }
 

@@ -242,6 +242,26 @@ mod tests {
     }
 
     #[test]
+    fn little_of_a_base_is_told() {
+        assert_eq!(described(&cupboard()).little_of_base(), None);
+        let mut hardly_seen = cupboard();
+        let is_seen = |s: &Surfel| s.part != 0 || s.point[0] < -0.25 && s.point[1] < -0.3;
+        hardly_seen.appearance.surfels.retain(is_seen);
+        assert!(described(&hardly_seen).little_of_base().is_some_and(|share| share < 0.1));
+    }
+
+    #[test]
+    fn parts_that_are_in_each_others_way_do_not_touch_in_mjcf() {
+        let mut description = described(&cupboard());
+        assert!(description.overlapping().is_empty(), "they were trimmed");
+        let (door, drawer) = (description.boxes_at(1, 0.5), description.boxes_at(3, 0.5));
+        description.links[3].boxes[0].center += door[0].center - drawer[0].center;
+        assert!(description.overlapping().contains(&[1, 3]));
+        let text = mjcf(&description).unwrap();
+        assert!(text.contains("<exclude body1=\"part1\" body2=\"part3\"/>"), "{text}");
+    }
+
+    #[test]
     fn names_that_a_format_keeps_for_itself_are_changed() {
         let mut object = cupboard();
         object.model.parts[1].name = "world".to_owned();

@@ -11,6 +11,8 @@ use plotters::prelude::*;
 const PANEL: (u32, u32) = (480, 250);
 /// Time without a configuration at which a curve breaks off, seconds.
 const PAUSE_S: f64 = 0.5;
+/// Share of the range of the configurations that a band may reach beyond it in the chart.
+const MOST_BAND: f64 = 0.2;
 /// Lines of the grid, on light and on dark ground.
 const GREY: RGBColor = RGBColor(128, 128, 128);
 
@@ -108,9 +110,6 @@ fn draw(
     }
     Ok(())
 }
-
-/// Share of the range of the configurations that a band may reach beyond it in the chart.
-const MOST_BAND: f64 = 0.2;
 
 /// The least and the greatest value of the chart: of the configurations, and of their band where it is not too wide.
 fn limits(curve: &Curve, unit: f64) -> (f64, f64) {

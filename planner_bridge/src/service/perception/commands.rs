@@ -127,11 +127,20 @@ impl Perception<'_> {
         {
             return Err(format!("no object \"{name}\" is known"));
         }
-        self.become_idle(Reason::Replaced);
         let answer = match &object {
             Some(name) => format!("looking for {name}"),
             None => "looking for anything known".to_owned(),
         };
+        // A search for the same goes on.
+        if let State::Watching(w) = &mut self.state
+            && w.object == object
+        {
+            if let Some(before) = std::mem::replace(&mut w.pending, pending) {
+                self.refuse_replaced(&before);
+            }
+            return Ok(answer);
+        }
+        self.become_idle(Reason::Replaced);
         self.state = State::Watching(Watching::new(object, pending));
         Ok(answer)
     }
@@ -190,9 +199,12 @@ mod tests {
         answers, asked_for, frame, perception, perception_with_frames, tracked,
     };
     use super::*;
+    use crate::plan::test_data::fridge;
     use crate::service::learning::{Learned, Learning};
     use linkage_driver::live::LatestReader;
+    use linkage_skill::object::{Appearance, StoredObject};
     use linkage_skill::predict::Target;
+    use linkage_skill::store::Library;
 
     /// A command that may begin for a second still.
     fn command(utime: i64, action: Action) -> Command {
@@ -294,6 +306,27 @@ mod tests {
         }
         let done: Vec<i64> = answers(&noted).iter().filter(|a| a.done).map(|a| a.utime).collect();
         assert_eq!(done, [1, 2], "the third one waits");
+    }
+
+    #[test]
+    fn a_prediction_of_what_is_looked_for_already_lets_the_search_go_on() {
+        let (mut perception, noted) = perception();
+        let appearance = Appearance::default();
+        let fridge = StoredObject { model: fridge().0, appearance, provenance: Vec::new() };
+        perception.library = Library::new(vec![fridge]).into();
+        perception.state = State::Watching(Watching { searched: 3, ..Watching::new(None, None) });
+        let predict = |joint: &str| Action::Predict {
+            object: None,
+            joint: Some(joint.to_owned()),
+            target: Target::Open,
+            grasp: None,
+        };
+        perception.handle_command(command(1, predict("left")));
+        perception.handle_command(command(2, predict("right")));
+        let State::Watching(w) = &perception.state else { panic!("it is looked for") };
+        assert_eq!((w.searched, w.pending.as_ref().map(|p| p.command)), (3, Some(2)));
+        let done: Vec<i64> = answers(&noted).iter().filter(|a| a.done).map(|a| a.utime).collect();
+        assert_eq!(done, [1], "the second one takes the place of the first");
     }
 
     #[test]

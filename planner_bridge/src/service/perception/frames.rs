@@ -31,6 +31,7 @@ impl Perception<'_> {
             self.arrivals.pop_front();
         }
         self.arrivals.push_back(at);
+        self.take_found();
         match &mut self.state {
             State::Resting | State::Learning { .. } => self.out.observer.frame(frame),
             State::Demonstrating(_) => {
@@ -82,7 +83,6 @@ impl Perception<'_> {
 
     /// Begins to look for objects in a frame, unless the search in an earlier one still runs.
     fn search(&mut self, newest: &Arrived) {
-        self.take_found();
         let State::Watching(w) = &mut self.state else { return };
         if self.searching.is_some() {
             return;
@@ -208,6 +208,7 @@ mod tests {
             perception.tick();
             std::thread::sleep(Duration::from_millis(1));
         }
+        assert!(perception.searching.is_none(), "the search does not end");
         if let State::Watching(watching) = &perception.state { watching.searched } else { 0 }
     }
 
@@ -248,11 +249,18 @@ mod tests {
     fn one_frame_is_searched_at_a_time_and_for_what_is_wanted_now() {
         let (mut perception, _noted) = perception();
         perception.state = State::Watching(Watching::new(Some("door".to_owned()), None));
-        perception.look(frame(1));
+        let (search, searching) = Searching::awaited();
+        perception.searching = Some(searching);
+        (1..=3).for_each(|utime| perception.look(frame(utime)));
+        let State::Watching(watching) = &perception.state else { panic!("it is looked for") };
+        assert!(!watching.awaits_search, "none is begun while another one runs");
+        drop(search);
+        perception.take_found();
+        perception.look(frame(4));
         // Something else is wanted now, while that search may still run.
         perception.state = State::Watching(Watching::new(None, None));
-        assert!(searched(&mut perception) == 0, "the first search was not for this");
-        perception.look(frame(2));
+        assert_eq!(searched(&mut perception), 0, "that search was not for this");
+        perception.look(frame(5));
         assert_eq!(searched(&mut perception), 1);
     }
 

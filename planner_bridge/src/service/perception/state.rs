@@ -43,7 +43,7 @@ pub struct Watching {
     pub best_refused: f64,
     /// Frames that were searched.
     pub searched: usize,
-    /// The search that runs is for this.
+    /// True while the running search looks for this object.
     pub awaits_search: bool,
 }
 

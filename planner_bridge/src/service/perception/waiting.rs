@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 /// A prediction whose object is not found for this long is refused.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// A prediction is refused where no fresh frame comes for this long: after a search, the next frame is on its way.
+/// A prediction is refused where no frame has come for this long.
 const FRAME_TIMEOUT: Duration = Duration::from_millis(500);
 /// A prediction whose joint is not known for this long is refused: recognition is asked meanwhile.
 const JOINT_TIMEOUT: Duration = Duration::from_secs(2);
@@ -135,7 +135,10 @@ impl Perception<'_> {
                 let reason = match (t.seen, is_fresh) {
                     (false, _) => format!("{} is not seen now", t.object.model.object),
                     (true, false) => {
-                        longest = FRAME_TIMEOUT;
+                        // After a search that took long, the next frame is on its way.
+                        if since.is_none_or(|since| since > FRAME_TIMEOUT) {
+                            longest = FRAME_TIMEOUT;
+                        }
                         stale(age)
                     }
                     (true, true) => {
@@ -193,6 +196,25 @@ mod tests {
     fn a_prediction_waits_for_some_seconds_before_it_is_refused() {
         assert_eq!(answer(None, TIMEOUT.as_secs() - 1, true), None);
         assert!(answer(None, TIMEOUT.as_secs() + 1, true).is_some());
+    }
+
+    #[test]
+    fn a_prediction_after_a_long_search_waits_for_the_next_frame_unless_none_comes() {
+        let ago =
+            |ms| Instant::now().checked_sub(Duration::from_millis(ms)).expect("it runs for longer");
+        for (newest, is_refused) in [(ago(30), false), (ago(900), true)] {
+            let (mut perception, noted) = perception();
+            perception.arrivals.push_back(newest);
+            let old = Tracking { arrived: ago(900), pending: Some(asked_for(2)), ..tracked() };
+            perception.state = State::Tracking(Box::new(old));
+            perception.execute_pending();
+            perception.time_out_pending();
+            let told = answers(&noted).pop();
+            assert_eq!(told.is_some(), is_refused, "{told:?}");
+            assert!(
+                told.is_none_or(|a| !a.accepted && a.text.contains("is the camera still there"))
+            );
+        }
     }
 
     #[test]

@@ -386,7 +386,7 @@ fn best_part(
         let part = VacatedPart::follow(surface, &hypothesis, sigma, moving, recording);
         part.beside(&rivals, slides)
     });
-    let rival = parts.iter().find(|(_, part)| part.contradicts(&best)).map(|_| AMBIGUOUS);
+    let rival = parts.iter().any(|(_, part)| part.contradicts(&best)).then_some(AMBIGUOUS);
     match best.doubt().or(rival) {
         None => Ok(best),
         Some(reason) => Err(Some(refused(best.geometry().kind, best.shown().count(), reason))),
@@ -394,8 +394,8 @@ fn best_part(
 }
 
 /// Index of the part of largest value. If that part is a slide, an accepted slide along a known direction that agrees
-/// nearly as well is taken instead. The depth of a flat front hardly changes as it shifts in its plane, so its agreement
-/// does not tell the direction.
+/// nearly as well is taken instead. The depth of a flat front hardly changes as it shifts in its plane, so its
+/// agreement does not tell the direction.
 fn best_of(parts: &[(Hypothesis, VacatedPart)]) -> Option<usize> {
     let value_of = |k: &usize| value(&parts[*k].1);
     let by_value = |a: &usize, b: &usize| value_of(a).total_cmp(&value_of(b));

@@ -93,9 +93,9 @@ const APART_RADII: f64 = 0.5;
 const LEAST_ALONE: f64 = 0.9;
 /// Share of the keyframes that show the other face of a part, above which that face is searched for.
 const LEAST_TURNED_AWAY: f64 = 0.1;
-/// Ratio of agreements from which on two hinges explain a surface about as well.
+/// A hinge whose agreement is at least this share of the best one's explains the surface about as well.
 const AS_WELL: f64 = 0.85;
-/// Angle between two hinges of which at most one can be, radians.
+/// Two hinges whose directions differ by more than this cannot both be right, radians.
 const OTHER_DIRECTION_RAD: f64 = 0.26;
 /// Error of a line's direction that all readings share, radians.
 const SYSTEMATIC_RAD: f64 = 0.011;
@@ -208,7 +208,7 @@ impl Distances {
     }
 }
 
-/// True if of two hinges, each by its agreement and its direction, either could be meant.
+/// True if two hinges, each given as agreement and direction, explain a surface about as well and differ in direction.
 fn are_ambiguous(rival: (f64, Vector3<f64>), best: (f64, Vector3<f64>)) -> bool {
     rival.0 >= AS_WELL * best.0 && line_angle(&rival.1, &best.1) > OTHER_DIRECTION_RAD
 }
@@ -354,8 +354,8 @@ impl VacatedPart {
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
     }
 
-    /// Both are hinges that nothing speaks against and that explain about as much, in directions of which at most one can be
-    /// right. What a known line confirms is not contradicted.
+    /// Both are hinges that nothing speaks against and that explain about as much, in directions of which at most one
+    /// can be right. What a known line confirms is not contradicted.
     pub fn contradicts(&self, best: &VacatedPart) -> bool {
         let line = |part: &VacatedPart| (part.agreement(), part.geometry().axis.into_inner());
         let may_be = self.is_hinge() && self.doubt().is_none();
@@ -402,9 +402,11 @@ impl VacatedPart {
         self.geometry().kind == JointKind::Revolute
     }
 
-    /// Range of the configurations in keyframes that show the part, radians or metres.
+    /// Range of the configurations in keyframes that show the part, its edge included, radians or metres.
     fn turn(&self) -> f64 {
-        span_of(&self.shown().map(|(_, q)| q).collect::<Vec<_>>())
+        let all = self.seen.iter().zip(&self.aligned.q);
+        let told = all.filter(|(s, _)| s.is_shown() || s.edge_on);
+        span_of(&told.map(|(_, q)| *q).collect::<Vec<_>>())
     }
 
     /// Mean agreement of the keyframes in which the part is far from its rest. (Those that show the other face, as of
