@@ -174,7 +174,9 @@ fn what_cannot_be_done_is_refused_with_its_reason() {
     assert!(refusal(&["recognise", "sofa"]).contains("no object \"sofa\""));
     assert!(refusal(&["predict", "drawer", "--to", "3"]).contains("lies outside"));
     assert!(refusal(&["predict", "--joint", "lid"]).contains("no joint \"lid\""));
-    assert!(service.done(&["predict", "--to", "3", "--outside-range"]).contains("planned"));
+    let far = ["predict", "--to", "3", "--outside-range"];
+    assert!(refusal(&far).contains("lies more than 1.00 m outside"));
+    assert!(service.done(&["predict", "--to", "0.6", "--outside-range"]).contains("planned"));
     service.done(&["start", "cupboard"]);
     assert!(refusal(&["predict"]).contains("cupboard is being demonstrated"));
     assert!(refusal(&["start", "other"]).contains("finish or cancel first"));
