@@ -275,8 +275,8 @@ mod tests {
         let evidence = vec![seen("base", true, Some(0.912)), seen("part1", false, None)];
         let told = super::evidence(&Recognised { evidence, ..drawer() }).into_string();
         let row = |part: &str, rest: &str| format!("<td>{part}</td>{rest}");
-        let base = row("base", "<td>known</td><td>480</td><td>2</td><td>0.91</td>");
-        let part = row("part1", "<td>not known</td><td>480</td><td>2</td><td>not compared</td>");
+        let base = row("base", "<td>yes</td><td>480</td><td>2</td><td>0.91</td>");
+        let part = row("part1", "<td>no</td><td>480</td><td>2</td><td>not compared</td>");
         assert!(told.contains(&base) && told.contains(&part), "{told}");
     }
 
