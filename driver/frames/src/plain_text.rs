@@ -11,10 +11,13 @@ pub fn is_control(c: char) -> bool {
         c,
         '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
     );
-    let is_invisible = matches!(
+    let is_filler = matches!(c, '\u{115f}' | '\u{1160}' | '\u{3164}' | '\u{ffa0}');
+    let is_mark_of_format = matches!(
         c,
-        '\u{ad}' | '\u{34f}' | '\u{115f}' | '\u{1160}' | '\u{180e}' | '\u{200b}' | '\u{206a}'..='\u{206f}' | '\u{3164}' | '\u{ffa0}' | '\u{2060}'..='\u{2064}' | '\u{feff}' | '\u{e0000}'..='\u{e007f}'
+        '\u{ad}' | '\u{34f}' | '\u{180e}' | '\u{200b}' | '\u{2060}'..='\u{2064}' | '\u{206a}'..='\u{206f}' | '\u{feff}'
     );
+    let is_tag = matches!(c, '\u{e0000}'..='\u{e007f}');
+    let is_invisible = is_filler || is_mark_of_format || is_tag;
     c.is_control() || matches!(c, '\u{2028}' | '\u{2029}') || turns_direction || is_invisible
 }
 
@@ -49,8 +52,10 @@ mod tests {
 
     #[test]
     fn what_cannot_be_seen_is_a_control_character() {
-        let unseen = "\u{ad}\u{34f}\u{115f}\u{180e}\u{206a}\u{3164}\u{ffa0}\u{200b}\u{2060}\u{2064}\u{feff}\u{e0000}\u{e0041}\u{e007f}";
-        assert!(unseen.chars().all(is_control));
+        let fillers = "\u{115f}\u{1160}\u{3164}\u{ffa0}";
+        let marks = "\u{ad}\u{34f}\u{180e}\u{200b}\u{2060}\u{2064}\u{206a}\u{feff}";
+        let tags = "\u{e0000}\u{e0041}\u{e007f}";
+        assert!([fillers, marks, tags].concat().chars().all(is_control));
         assert_eq!(harmless("fri\u{200b}dge", 100), r"fri\u{200b}dge");
         assert!(!"\u{a0}\u{2010}\u{200a}\u{200c}\u{200d}\u{fe0f}\u{e0100}".contains(is_control));
     }

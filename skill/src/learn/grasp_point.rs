@@ -73,7 +73,9 @@ impl GraspEstimator<'_> {
         let middle = median_point(&self.surface)?;
         let views = |wanted: fn(f64) -> bool| -> Vec<View> {
             let of = |(f, frame)| {
-                wanted(self.travel(f, &middle)?).then_some(())?;
+                if !wanted(self.travel(f, &middle)?) {
+                    return None;
+                }
                 let (part, parent) = (self.camera_from_part[f]?, self.camera_from_parent[f]?);
                 Some(View { camera_from_part: part, camera_from_parent: parent, frame })
             };

@@ -146,7 +146,8 @@ impl Description {
         let path = chain(link, &self.joints);
         let motion = path.iter().rev().map(at_share).fold(Pose::identity(), |all, next| all * next);
         let Link { boxes, origin, .. } = &self.links[link];
-        boxes.iter().map(|b| moved(&b.seen_from(&-*origin), &motion)).collect()
+        let to_export = motion * Translation3::from(origin.coords);
+        boxes.iter().map(|b| moved(b, &to_export)).collect()
     }
 
     /// Refuses screws for a format that has none.
