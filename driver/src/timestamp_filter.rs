@@ -25,6 +25,14 @@ const LONG_PAUSE_US: i64 = 10_000_000;
 /// Largest difference between a long pause by the stamps and by the arrivals, in addition to a tenth of
 /// the pause, microseconds.
 const DISAGREEMENT_US: i64 = 1_000_000;
+/// Stamps that advance this many times slower or faster than the frames arrive are in another unit.
+const OTHER_UNIT: i64 = 200;
+/// Arrivals at least this far apart tell how fast stamps must advance, microseconds. A recording that is
+/// sent as fast as it can be has shorter pauses.
+const SHORTEST_PAUSE_US: i64 = 5_000;
+/// This many frames in a row whose stamps advance in another unit are believed. A single one happens where
+/// a network was held up.
+const OTHER_UNIT_IN_A_ROW: usize = 3;
 /// This many frames in a row that are earlier than the last one, but in order among themselves, mean a
 /// restart of the clock too.
 const BEHIND_IN_A_ROW: usize = 3;
@@ -43,6 +51,7 @@ pub struct TimestampFilter {
     /// The frame before, if its stamp jumped: the first after a restart, or a single wrong stamp.
     jumped: Option<Stamped>,
     behind: Behind,
+    pace: Pace,
     first_utime: i64,
     passed: u64,
     /// The counts.
@@ -72,6 +81,34 @@ struct Behind {
     count: usize,
 }
 
+/// How fast the stamps advance beside the arrivals.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pace {
+    stamp: i64,
+    arrival: i64,
+    /// Frames in a row whose stamp advanced in another unit.
+    wrong_in_a_row: usize,
+}
+
+impl Pace {
+    /// Looks at a stamp: whether it and those before it advance in another unit than microseconds.
+    fn is_wrong(&mut self, stamp: i64, arrival: i64) -> bool {
+        let step = stamp.saturating_sub(self.stamp);
+        let pause = arrival.saturating_sub(self.arrival);
+        let comparable = step > 0 && (SHORTEST_PAUSE_US..=LONG_PAUSE_US).contains(&pause);
+        let differs = step.saturating_mul(OTHER_UNIT) < pause || step / OTHER_UNIT > pause;
+        let wrong_in_a_row = if comparable && differs { self.wrong_in_a_row + 1 } else { 0 };
+        if wrong_in_a_row == OTHER_UNIT_IN_A_ROW {
+            tracing::warn!(
+                "the stamps advance by {step} from frame to frame while the frames arrive {pause} µs apart: \
+                 stamps must be microseconds; the times of arrival are used"
+            );
+        }
+        *self = Self { stamp, arrival, wrong_in_a_row };
+        wrong_in_a_row >= OTHER_UNIT_IN_A_ROW
+    }
+}
+
 impl TimestampFilter {
     /// A filter that has seen no frame.
     pub fn new(timeline: Timeline) -> Self {
@@ -81,6 +118,7 @@ impl TimestampFilter {
             last: None,
             jumped: None,
             behind: Behind::default(),
+            pace: Pace::default(),
             first_utime: 0,
             passed: 0,
             statistics: SourceStatistics::default(),
@@ -115,8 +153,9 @@ impl TimestampFilter {
 
     /// The time of a frame; `None` for one that is repeated or out of order.
     fn time(&mut self, stamp: i64, arrival: i64) -> Option<i64> {
+        let in_another_unit = self.pace.is_wrong(stamp, arrival);
         let Some(last) = self.last else { return Some(self.first_time(stamp, arrival)) };
-        if !TIMES_US.contains(&stamp) {
+        if in_another_unit || !TIMES_US.contains(&stamp) {
             self.statistics.restamped += 1;
             self.jumped = None;
             return Some(last.utime.saturating_add(last.since(arrival)));
@@ -277,6 +316,36 @@ mod tests {
             let (found, statistics) = times(timeline, &[0; 10]);
             assert_eq!(found, clock(1_700_000_000_000_000, 10));
             assert_eq!((statistics.restamped, statistics.lost()), (10, 0));
+        }
+    }
+
+    #[test]
+    fn stamps_in_another_unit_are_replaced_by_arrivals() {
+        for timeline in [Timeline::AsSent, Timeline::Continuous] {
+            for (period, start) in [(33, 1_700_000_000_000), (33_333_333, 1_700_000_000_000_000)] {
+                let stamps: Vec<i64> = (0..60).map(|i| start + i * period).collect();
+                let (found, statistics) = times(timeline, &stamps);
+                assert_eq!((found.len(), statistics.lost()), (60, 0), "{period}");
+                let steps: Vec<i64> = found.windows(2).map(|t| t[1] - t[0]).collect();
+                assert_eq!(steps[OTHER_UNIT_IN_A_ROW..], [PERIOD; 60 - 1 - OTHER_UNIT_IN_A_ROW]);
+                assert!(statistics.restamped >= 60 - 1 - OTHER_UNIT_IN_A_ROW as u64, "{period}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_recording_that_is_sent_faster_than_it_was_made_keeps_its_stamps() {
+        for pause in [1, 300, 3_333] {
+            let mut filter = TimestampFilter::new(Timeline::AsSent);
+            let stamps = clock(50_000_000, 40);
+            let arrivals = (0..).map(|i| 1_700_000_000_000_000 + i * pause);
+            let sent = stamps.iter().zip(arrivals);
+            let found: Vec<i64> = sent
+                .filter_map(|(&stamp, arrival)| filter.pass(frame(stamp), arrival))
+                .map(|f| f.utime)
+                .collect();
+            assert_eq!(found, stamps, "{pause} µs apart");
+            assert_eq!(filter.statistics.restamped, 0);
         }
     }
 
