@@ -22,6 +22,7 @@ pub mod mcap_file;
 pub mod openni2;
 pub mod path_kind;
 pub mod record;
+pub mod record3d;
 pub mod rgbd_source;
 pub mod rosbag1;
 pub mod rosbag2;

@@ -27,13 +27,15 @@ pub enum PathKind {
     BundleFusion,
     /// `rgb/`, `depth/`, `camera_matrix.csv`.
     StrayScanner,
+    /// A `.r3d` file, or what it unpacks to: `metadata`, `rgbd/`.
+    Record3d,
 }
 
 /// What a folder may hold, for messages.
 const LOOKED_FOR: &str = "rgb.txt and depth.txt (TUM), associations.txt (ORB-SLAM), metadata.yaml \
     (ROS 2), color/ and depth/ with intrinsic.json (Open3D) or with intrinsic/intrinsic_color.txt \
     (ScanNet), frame-000000.color.png with frame-000000.depth.png (BundleFusion), camera_matrix.csv \
-    (Stray Scanner)";
+    (Stray Scanner), metadata and rgbd/ (Record3D)";
 /// Names of Open3D's intrinsics.
 const JSON_NAMES: [&str; 4] =
     ["intrinsic.json", "camera_intrinsic.json", "intrinsics.json", "camera_intrinsics.json"];
@@ -53,7 +55,7 @@ pub fn kind_of_path(path: &Path) -> Result<PathKind, SourceError> {
     }
     if !path.exists() {
         return Err(refused(format!(
-            "no such directory or file; a recording is a directory with {LOOKED_FOR}, or an .mcap, .bag or .db3 file"
+            "no such directory or file; a recording is a directory with {LOOKED_FOR}, or an .mcap, .bag, .db3 or .r3d file"
         )));
     }
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
@@ -68,14 +70,12 @@ pub fn kind_of_path(path: &Path) -> Result<PathKind, SourceError> {
         Some("mkv") => Err(refused(format!(
             "a recording of Azure Kinect is not read; convert it with Open3D's examples/python/reconstruction_system/sensors/azure_kinect_mkv_reader.py --input {file} --output {folder}, and give {folder}"
         ))),
-        Some("r3d") => Err(refused(
-            "a recording of Record3D holds depth that only Apple's LZFSE unpacks; export it from the app as a ROS bag or as pictures with 16-bit PNG depth".to_owned(),
-        )),
+        Some("r3d") => Ok(PathKind::Record3d),
         Some("mp4" | "avi" | "mov") => Err(refused(
             "a video has no depth; give the folder that holds its depth pictures".to_owned(),
         )),
         _ => Err(refused(format!(
-            "is no directory, and its name ends in none of .mcap, .bag, .db3; a recording is one of these or a directory with {LOOKED_FOR}"
+            "is no directory, and its name ends in none of .mcap, .bag, .db3, .r3d; a recording is one of these or a directory with {LOOKED_FOR}"
         ))),
     }
 }
@@ -117,7 +117,7 @@ fn kind_of_folder(dir: &Path) -> Result<PathKind, String> {
         return Ok(PathKind::Tum);
     }
     if is_file("metadata") && is_dir("rgbd") {
-        return Err("depth of Record3D is compressed by Apple's LZFSE, which is not read; export the recording from the app as a ROS bag or as pictures with 16-bit PNG depth".to_owned());
+        return Ok(PathKind::Record3d);
     }
     Err(format!("holds no recording that is known; looked for were {LOOKED_FOR}"))
 }
@@ -157,6 +157,7 @@ mod tests {
             (&["color/", "depth/", "intrinsic/intrinsic_color.txt"], PathKind::ScanNet),
             (&["frame-000007.depth.png", "frame-000007.color.jpg"], PathKind::BundleFusion),
             (&["rgb/", "depth/", "camera_matrix.csv"], PathKind::StrayScanner),
+            (&["metadata", "rgbd/"], PathKind::Record3d),
         ] {
             let dir = folder(entries);
             assert_eq!(kind_of_path(dir.path()).unwrap(), expected, "{entries:?}");
@@ -167,26 +168,19 @@ mod tests {
         let dir = folder(&["rgb/", "associations.txt"]);
         let list = dir.path().join("associations.txt");
         assert_eq!(kind_of_path(dir.path()).unwrap(), PathKind::Associations(list));
-        let dir = folder(&["a.mcap", "b.BAG", "c.db3"]);
+        let dir = folder(&["a.mcap", "b.BAG", "c.db3", "d.r3d"]);
         let kind = |name: &str| kind_of_path(&dir.path().join(name)).unwrap();
         assert_eq!(kind("a.mcap"), PathKind::Mcap);
         assert_eq!(kind("b.BAG"), PathKind::Rosbag1);
         assert_eq!(kind("c.db3"), PathKind::Sqlite);
+        assert_eq!(kind("d.r3d"), PathKind::Record3d);
     }
 
     #[test]
     fn what_is_not_read_is_told_with_what_to_do() {
-        let dir = folder(&[
-            "a.mkv",
-            "b.r3d",
-            "c.txt",
-            "empty/",
-            "stray/camera_matrix.csv",
-            "stray/depth/",
-        ]);
+        let dir = folder(&["a.mkv", "c.txt", "empty/", "stray/camera_matrix.csv", "stray/depth/"]);
         for (name, told) in [
             ("a.mkv", "azure_kinect_mkv_reader.py --input"),
-            ("b.r3d", "LZFSE"),
             ("c.txt", "ends in none of"),
             ("empty", "looked for were rgb.txt and depth.txt"),
             ("missing", "no such directory"),

@@ -11,6 +11,7 @@ use crate::live::{Camera, LiveConfig, LiveSource};
 use crate::mcap_file::McapReader;
 use crate::openni2::{OniRecording, OpenNi2Camera};
 use crate::path_kind::{PathKind, kind_of_path};
+use crate::record3d;
 use crate::rgbd_source::RgbdSource;
 use crate::rosbag1::Rosbag1Reader;
 use crate::rosbag2::{Rosbag2Reader, SqliteReader};
@@ -101,21 +102,27 @@ pub fn open_with(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSour
             let camera = options.camera.clone();
             live(name, options, move || OpenNi2Camera::open(&rest, camera.as_ref()))
         }
-        "v4l" => {
-            let (color, depth) = rest.split_once(',').ok_or_else(|| {
-                wrong(format!(
-                    "a colour device alone has no depth, which is needed; give v4l:{rest},DEPTH_DEVICE"
-                ))
-            })?;
-            let (color, depth) = (color.to_owned(), depth.to_owned());
-            let is_assumed = options.camera.is_none();
-            let camera = Arc::new(camera_or(name, options, V4L_UNITS_PER_METRE));
-            live(name, options, move || {
-                V4lCamera::open(&color, &depth, Arc::clone(&camera), is_assumed)
-            })
-        }
+        "v4l" => open_v4l(name, &rest, options),
         _ => Err(wrong(format!("no source of kind \"{kind}:\"; there are {KINDS}"))),
     }
+}
+
+/// Opens two V4L2 devices, one of colour and one of depth.
+fn open_v4l(
+    name: &str,
+    devices: &str,
+    options: &SourceOptions,
+) -> Result<Box<dyn RgbdSource>, SourceError> {
+    let (color, depth) = devices.split_once(',').ok_or_else(|| SourceError::Name {
+        name: name.to_owned(),
+        reason: format!(
+            "a colour device alone has no depth, which is needed; give v4l:{devices},DEPTH_DEVICE"
+        ),
+    })?;
+    let (color, depth) = (color.to_owned(), depth.to_owned());
+    let is_assumed = options.camera.is_none();
+    let camera = Arc::new(camera_or(name, options, V4L_UNITS_PER_METRE));
+    live(name, options, move || V4lCamera::open(&color, &depth, Arc::clone(&camera), is_assumed))
 }
 
 /// Opens a recording by its path alone; a bag's may have topics behind it.
@@ -132,6 +139,7 @@ fn open_path(name: &str, options: &SourceOptions) -> Result<Box<dyn RgbdSource>,
         PathKind::ScanNet => folder(Layout::ScanNet),
         PathKind::BundleFusion => folder(Layout::BundleFusion),
         PathKind::StrayScanner => folder(Layout::StrayScanner),
+        PathKind::Record3d => Ok(Box::new(record3d::open(path, given)?)),
     }
 }
 

@@ -306,6 +306,34 @@ def stray_scanner(tum, out):
     np.savetxt(out / "camera_matrix.csv", matrix(tum, 3), delimiter=",")
 
 
+def record3d(tum, out):
+    """A .r3d file; its colour is JPEG, and its depth is packed by Apple's own LZFSE."""
+    import io
+    import zipfile
+
+    import lzfse
+
+    shown, times = camera(tum), [time / 1e9 for time, _, _ in frames(tum)]
+    size = {"w": shown["width"], "h": shown["height"], "dw": shown["width"], "dh": shown["height"]}
+    metadata = size | {
+        "K": matrix(tum, 3).T.flatten().tolist(),
+        "fps": 30,
+        "frameTimestamps": [time - times[0] for time in times],
+        "poses": [[0, 0, 0, 1, 0, 0, 0] for _ in times],
+    }
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("metadata", json.dumps(metadata))
+        for i, (_, color_file, depth_file) in enumerate(frames(tum)):
+            jpeg = io.BytesIO()
+            Picture.fromarray(rgb(color_file)).save(jpeg, "jpeg", quality=95)
+            archive.writestr(f"rgbd/{i}.jpg", jpeg.getvalue())
+            metres = depth_m(depth_file, tum).astype(np.float32)
+            metres[metres == 0] = np.nan
+            archive.writestr(f"rgbd/{i}.depth", lzfse.compress(metres.tobytes()))
+            sure = np.full(metres.shape, 2, np.uint8)
+            archive.writestr(f"rgbd/{i}.conf", lzfse.compress(sure.tobytes()))
+
+
 def associations(tum, out):
     out.mkdir()
     lines = []
@@ -328,6 +356,7 @@ FORMATS = {
     "bundlefusion": bundlefusion,
     "stray-scanner": stray_scanner,
     "associations": associations,
+    "record3d": record3d,
 }
 
 if __name__ == "__main__":

@@ -140,6 +140,23 @@ fn stray_scanner_teaches_the_same() {
 }
 
 #[test]
+fn record3d_teaches_the_same_but_for_the_loss_of_its_jpeg() {
+    let scratch = tempfile::tempdir().unwrap();
+    let file = scratch.path().join("drawer.r3d");
+    if python_with(&["lzfse"]).is_none() || foreign(&demonstration(), "record3d", &file).is_none() {
+        return;
+    }
+    let (original, frames) = (original(), frames_of(text(&file)));
+    assert_eq!(frames.len(), original.len());
+    for (a, b) in original.iter().zip(&frames) {
+        assert_eq!(b.utime - frames[0].utime, a.utime - original[0].utime);
+        let (a, b) = (a.depth.to_raw(1000.0), b.depth.to_raw(1000.0));
+        assert!(a.iter().zip(&b).all(|(a, b)| a.abs_diff(*b) <= 1), "depth differs");
+    }
+    assert_alike(&taught_by(&frames, text(&file), scratch.path()), expected(), DEGREES, METRES);
+}
+
+#[test]
 fn orb_slams_lists_teach_the_same() {
     is_learned("associations", "drawer");
 }

@@ -8,6 +8,7 @@ use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Request, Rig, messages, predict};
 use linkage_skill::ObjectModel;
 use linkage_skill::internals::Surfel;
+use linkage_skill::learn::StageTimes;
 use linkage_skill::object::{
     Appearance, Joint, JointGeometry, MODEL_SCHEMA, Part, Provenance, ReferenceFrame, StoredObject,
 };
@@ -180,7 +181,7 @@ fn use_it(model: ObjectModel, scratch: &Path) {
         }
     }
     messages::model(&model, 1);
-    let (frame, rig) = (frame(), Rig::default());
+    let (frame, rig, times) = (frame(), Rig::default(), StageTimes::default());
     for target in [Target::Open, Target::Closed, Target::Value(0.1)] {
         let Ok(plan) = predict(&model, &found, &Request::to(target), &rig) else { continue };
         let stamps = Stamps { captured: 1, made: 1 };
@@ -189,9 +190,9 @@ fn use_it(model: ObjectModel, scratch: &Path) {
         let picture = scratch.join("prediction.png");
         let prediction = &plan.prediction;
         save_prediction_picture(&frame, &found, prediction, &object, &picture).unwrap();
-        prediction_page(&frame, &found, &object, Ok(prediction)).unwrap();
+        prediction_page(&frame, &found, &object, Ok(prediction), &times).unwrap();
     }
-    let asked = Asked { known: 1, min_score: 0.5, objects: &[object] };
+    let asked = Asked { known: 1, min_score: 0.5, objects: &[object], times: &times };
     let recognition = Recognition { best_refused: 0.0, ..Recognition::new(vec![found]) };
     recognition_page(&frame, &recognition, &asked).unwrap();
 }

@@ -20,6 +20,12 @@ use linkage_skill::store::Library;
 use linkage_skill::{Demonstration, LearnError, Learner, SkillConfig};
 use std::path::Path;
 
+/// What reports call the steps that take time.
+pub const READING_FRAMES: &str = "reading the frames";
+pub const READING_STORE: &str = "reading the store";
+pub const RECOGNITION: &str = "recognition";
+pub const PREDICTION: &str = "the prediction and its plan";
+
 /// The effective configuration.
 pub fn skill_config(common: &Common) -> Outcome<SkillConfig> {
     let mut config = SkillConfig::load(&common.profile, common.config.as_deref())?;

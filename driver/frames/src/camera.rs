@@ -31,6 +31,9 @@ pub enum CameraError {
         /// What it must be.
         needed: &'static str,
     },
+    /// Noise of depth that no sensor has.
+    #[error("camera depth_sensor: {0}")]
+    DepthSensor(String),
     /// Distortion that cannot be undone: two pixels have one line of sight, a pixel has none, or
     /// distortion moves it too far.
     #[error(
@@ -80,7 +83,8 @@ pub struct PinholeCamera {
     /// polynomial model, 8 the rational one.
     #[serde(default, deserialize_with = "read_distortion", serialize_with = "write_distortion")]
     pub distortion: [f64; 8],
-    /// How depth is measured: `"structured_light"` (the default), `"time_of_flight"` or `"stereo"`.
+    /// How depth is measured: `"structured_light"` (the default), `"time_of_flight"` or `"stereo"`, or the noise that
+    /// was measured, `{ polynomial = [a, b, c] }`.
     #[serde(default, skip_serializing_if = "DepthSensor::is_default")]
     pub depth_sensor: DepthSensor,
 }
@@ -191,7 +195,10 @@ impl PinholeCamera {
             let needed = "100 to 100000: 1000 for millimetres, 5000 in the TUM layout";
             return value("depth_units_per_metre", units, needed);
         }
-        self.check_distortion()
+        match self.depth_sensor.fault() {
+            Some(reason) => Err(CameraError::DepthSensor(reason)),
+            None => self.check_distortion(),
+        }
     }
 
     fn check_size(&self) -> Result<(), CameraError> {
@@ -456,6 +463,13 @@ mod tests {
         let camera = PinholeCamera::parse(&(text.clone() + "depth_sensor = \"stereo\"\n")).unwrap();
         assert_eq!(camera.depth_sensor, DepthSensor::Stereo);
         assert_eq!(PinholeCamera::parse(&toml::to_string(&camera).unwrap()).unwrap(), camera);
+        let measured = "depth_sensor = { polynomial = [0.001, 0.0, 0.0019] }\n";
+        let camera = PinholeCamera::parse(&(text.clone() + measured)).unwrap();
+        assert_eq!(camera.depth_sensor, DepthSensor::Polynomial([0.001, 0.0, 0.0019]));
+        assert_eq!(PinholeCamera::parse(&toml::to_string(&camera).unwrap()).unwrap(), camera);
+        let wrong = "depth_sensor = { polynomial = [0.001, -1.0, 0.0] }\n";
+        let error = PinholeCamera::parse(&(text.clone() + wrong)).unwrap_err();
+        assert!(error.contains("depth_sensor") && error.contains("must be above 0"), "{error}");
         let error = PinholeCamera::parse(&(text + "depth_sensor = \"sonar\"\n")).unwrap_err();
         assert!(error.contains("sonar") && error.contains("time_of_flight"), "{error}");
     }

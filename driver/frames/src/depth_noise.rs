@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 const NOMINAL_FOCAL_PX: f64 = 525.0;
 
 /// How a depth camera measures, which decides how its noise grows with depth. `depth_sensor` in camera.toml.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthSensor {
     /// A pattern is projected and seen from beside (Kinect v1, Asus Xtion, Orbbec Astra).
@@ -17,12 +17,37 @@ pub enum DepthSensor {
     TimeOfFlight,
     /// Two pictures are matched (RealSense D400, OAK-D, ZED).
     Stereo,
+    /// Another one, whose noise was measured: `[a, b, c]` where the standard deviation of a reading at depth `z` is
+    /// `a + b z + c z²`. In camera.toml: `depth_sensor = { polynomial = [0.001, 0.0, 0.0019] }`.
+    Polynomial([f64; 3]),
 }
+
+/// Standard deviations at a metre that a sensor can have, metres.
+const SIGMA_AT_1_M: std::ops::RangeInclusive<f64> = 1e-5..=0.1;
 
 impl DepthSensor {
     /// True for what is assumed where nothing tells the sensor.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// What is wrong with the coefficients, if anything is.
+    pub(crate) fn fault(&self) -> Option<String> {
+        let Self::Polynomial(coefficients) = self else { return None };
+        if !coefficients.iter().all(|k| k.is_finite() && *k >= 0.0) || coefficients[0] <= 0.0 {
+            return Some(format!(
+                "its polynomial is {coefficients:?}; the first must be above 0, the others 0 or above"
+            ));
+        }
+        let at_1_m = self.reading_sigma(1.0);
+        (!SIGMA_AT_1_M.contains(&at_1_m)).then(|| {
+            format!(
+                "its polynomial gives a standard deviation of {at_1_m} m at 1 m; a sensor has {} to {} m: are the \
+                 coefficients of metres?",
+                SIGMA_AT_1_M.start(),
+                SIGMA_AT_1_M.end()
+            )
+        })
     }
 
     /// Standard deviation of a reading at depth `z`.
@@ -41,6 +66,7 @@ impl DepthSensor {
             }
             Self::TimeOfFlight => 0.0012 + 0.0003 * z * z,
             Self::Stereo => 0.001 + z * z * 0.08 / (447.0 * 0.05),
+            Self::Polynomial([a, b, c]) => a + z * (b + z * c),
         }
     }
 
@@ -82,9 +108,11 @@ pub fn feature_across_sigma(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use DepthSensor::{Stereo, StructuredLight, TimeOfFlight};
+    use DepthSensor::{Polynomial, Stereo, StructuredLight, TimeOfFlight};
 
-    const ALL: [DepthSensor; 3] = [StructuredLight, TimeOfFlight, Stereo];
+    const KINDS: [DepthSensor; 3] = [StructuredLight, TimeOfFlight, Stereo];
+    const ALL: [DepthSensor; 4] =
+        [StructuredLight, TimeOfFlight, Stereo, Polynomial([0.001, 0.0005, 0.002])];
 
     #[test]
     fn noise_grows_with_the_square_of_the_depth() {
@@ -99,11 +127,33 @@ mod tests {
 
     #[test]
     fn far_off_time_of_flight_is_the_most_exact_and_near_stereo_the_least() {
-        let sigmas = |z: f64| ALL.map(|s| s.reading_sigma(z));
+        let sigmas = |z: f64| KINDS.map(|s| s.reading_sigma(z));
         let [light, time, stereo] = sigmas(3.0);
         assert!(time < 0.3 * light && time < 0.3 * stereo);
         let [light, time, stereo] = sigmas(1.0);
         assert!(stereo > light && stereo > time);
+    }
+
+    #[test]
+    fn a_polynomial_is_the_noise_that_was_measured() {
+        let sensor = Polynomial([0.001, 0.0005, 0.002]);
+        assert!((sensor.reading_sigma(2.0) - 0.010).abs() < 1e-12);
+        let same = Polynomial([0.0012, 0.0, 0.0003]);
+        for z in [0.5, 1.0, 3.0] {
+            assert!((same.feature_sigma(z) - TimeOfFlight.feature_sigma(z)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn coefficients_that_no_sensor_has_are_told() {
+        assert_eq!(ALL.map(|sensor| sensor.fault()), [const { None }; 4]);
+        for wrong in
+            [[0.0, 0.0, 0.0], [0.001, -1.0, 0.0], [f64::NAN, 0.0, 0.0], [0.001, f64::INFINITY, 0.0]]
+        {
+            let told = Polynomial(wrong).fault().expect("it is told");
+            assert!(told.contains("must be above 0"), "{told}");
+        }
+        assert!(Polynomial([1.0, 0.0, 2.0]).fault().expect("millimetres").contains("of metres?"));
     }
 
     #[test]

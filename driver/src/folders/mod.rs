@@ -13,7 +13,7 @@ mod odometry;
 mod times;
 
 pub use associations::{open_associations, parse_associations};
-pub use intrinsics::{parse_info, parse_matrix, parse_open3d};
+pub use intrinsics::{Intrinsics, parse_info, parse_matrix, parse_open3d};
 pub use odometry::{Odometry, parse_odometry};
 
 use crate::camera_file::read_camera_file;
@@ -21,7 +21,6 @@ use crate::error::{PictureFault, SourceError};
 use crate::image_file::{self, ImageFileError};
 use crate::statistics::SourceStatistics;
 use crate::tum::{FramePair, TumRecording, rate_hz};
-use intrinsics::Intrinsics;
 use linkage_frames::camera::PinholeCamera;
 use linkage_frames::depth::{DepthSensor, Registration, ScaleCheck};
 use linkage_frames::frame::{DepthImage, RgbdFrame};
@@ -317,7 +316,7 @@ impl Loader {
 }
 
 /// Depth in more pixels: each takes the reading that it lies in, so that no edge is blurred.
-fn finer(raw: &[u16], from: (usize, usize), to: (usize, usize)) -> Vec<u16> {
+pub(crate) fn finer<T: Copy>(raw: &[T], from: (usize, usize), to: (usize, usize)) -> Vec<T> {
     let mut finer = Vec::with_capacity(to.0 * to.1);
     for v in 0..to.1 {
         let row = v * from.1 / to.1 * from.0;

@@ -39,6 +39,11 @@ impl SqliteReader {
         Ok(Self { path, database, topics, places, query, last_id: i64::MIN })
     }
 
+    fn damaged(&self, reason: &str) -> SourceError {
+        let reason = format!("damaged database: {reason}");
+        SourceError::Recording { path: self.path.display().to_string(), reason }
+    }
+
     fn row(&mut self) -> rusqlite::Result<Option<Row>> {
         let mut statement = self.database.prepare_cached(&self.query)?;
         let most = MAX_MESSAGE_BYTES as i64;
@@ -61,11 +66,12 @@ impl BagReader for SqliteReader {
 
     fn next_message(&mut self) -> Result<Option<BagMessage>, SourceError> {
         loop {
-            let row = self.row().map_err(|e| SourceError::Recording {
-                path: self.path.display().to_string(),
-                reason: format!("damaged database: {e}"),
-            })?;
+            let row = self.row().map_err(|e| self.damaged(&e.to_string()))?;
             let Some((id, topic, timestamp_ns, bytes)) = row else { return Ok(None) };
+            // Damaged pages give the same messages again and again.
+            if id <= self.last_id {
+                return Err(self.damaged(&format!("message {id} follows message {}", self.last_id)));
+            }
             self.last_id = id;
             // A message above the limit comes without its bytes.
             if let (Some(&topic), Some(bytes)) = (self.places.get(&topic), bytes) {
@@ -144,6 +150,28 @@ mod tests {
         reader.select(&[1]).unwrap();
         assert_eq!(reader.next_message().unwrap().unwrap().bytes, [2]);
         assert_eq!(reader.next_message().unwrap(), None);
+    }
+
+    #[test]
+    fn a_database_whose_pages_are_damaged_has_an_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.db3");
+        Connection::open(&path)
+            .unwrap()
+            .execute_batch(&SCHEMA.replace("68000000", "4000"))
+            .unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let mut ended = 0;
+        for at in 0..whole.len() {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 2;
+            std::fs::write(&path, damaged).unwrap();
+            let Ok(mut reader) = SqliteReader::open(&path) else { continue };
+            let messages = (0..100).take_while(|_| matches!(reader.next_message(), Ok(Some(_))));
+            assert!(messages.count() < 100, "byte {at}: it has no end");
+            ended += 1;
+        }
+        assert!(ended > 1000, "{ended}");
     }
 
     #[test]

@@ -9,7 +9,10 @@ use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, DemoPage, DetailLinks};
 use crate::simulate::Take;
-use crate::steps::{demonstrate, film, last_frame, recognise_frame, remember, skill_config};
+use crate::steps::{
+    PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, demonstrate, film, last_frame,
+    recognise_frame, remember, skill_config,
+};
 use crate::truth::Truth;
 use anyhow::{Context, anyhow};
 use linkage_driver::jpeg;
@@ -17,6 +20,7 @@ use linkage_lcm::messages::{drake, linkage};
 use linkage_lcm::{Lcm, Message, Packet, decode};
 use linkage_planner_bridge::{Request, Rig, channel, predict};
 use linkage_skill::internals::{distance_to_line, line_angle};
+use linkage_skill::learn::StageTimes;
 use linkage_skill::object::StoredObject;
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::Recognised;
@@ -50,12 +54,18 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     let (demonstration, stored) = learn(&watched, out, &config, common.quiet)?;
 
     step(common, "3/5 recognising it from another viewpoint");
-    let frame = last_frame(&met.display().to_string())?;
-    let library = Store::open(&out.join(STORE))?.load()?;
-    let recognition = recognise_frame(&library, &frame, &met.display().to_string(), &config)?;
+    let mut times = StageTimes::default();
+    let source = met.display().to_string();
+    let frame = times.measure(READING_FRAMES, || last_frame(&source))?;
+    let store = Store::open(&out.join(STORE))?;
+    let library = times.measure(READING_STORE, || store.load())?;
+    let recognised =
+        times.measure(RECOGNITION, || recognise_frame(&library, &frame, &source, &config));
+    let recognition = recognised?;
     write_json(&out.join("recognition.json"), &recognition)?;
     let (known, objects) = (library.len(), std::slice::from_ref(&stored));
-    let asked = Asked { known, min_score: config.recognise.min_score, objects };
+    let min_score = config.recognise.min_score;
+    let asked = Asked { known, min_score, objects, times: &times };
     let page = report::recognition_page(&frame, &recognition, &asked)?;
     write_text(&out.join("recognition.html"), &page)?;
     let best = recognition
@@ -66,11 +76,12 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     step(common, "4/5 predicting how it opens");
     let rig = Rig::default();
     let model = &demonstration.model;
-    let plan = predict(model, best, &Request::to(Target::Open), &rig)?;
+    let request = Request::to(Target::Open);
+    let plan = times.measure(PREDICTION, || predict(model, best, &request, &rig))?;
     write_json(&out.join("prediction.json"), &plan.prediction)?;
     let picture = out.join("prediction.png");
     report::save_prediction_picture(&frame, best, &plan.prediction, &stored, &picture)?;
-    let page = report::prediction_page(&frame, best, &stored, Ok(&plan.prediction))?;
+    let page = report::prediction_page(&frame, best, &stored, Ok(&plan.prediction), &times)?;
     write_text(&out.join("prediction.html"), &page)?;
 
     step(common, "5/5 publishing over LCM");

@@ -6,13 +6,16 @@ use crate::outcome::{BAD_INPUT, Failure, NO_ANSWER, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, describe};
 use crate::source;
-use crate::steps::{recognise_frame, skill_config};
+use crate::steps::{
+    PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, recognise_frame, skill_config,
+};
 use linkage_driver::RgbdFrame;
 use linkage_driver::live::host_utime;
 use linkage_lcm::Lcm;
 use linkage_planner_bridge::messages::Stamps;
 use linkage_planner_bridge::{Plan, PlanError, Request, Rig, channel, messages, predict};
 use linkage_skill::ObjectModel;
+use linkage_skill::learn::StageTimes;
 use linkage_skill::predict::{PredictError, Target};
 use linkage_skill::recognise::Recognition;
 use linkage_skill::store::Store;
@@ -25,13 +28,18 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
         None => Rig::default(),
     };
     let store = Store::open(&args.store)?;
-    let library = store.load()?;
-    let frame = source::open(&args.source, &args.take)?.last_frame()?;
-    let recognition = recognise_frame(&library, &frame, &args.source, &config)?;
+    let mut times = StageTimes::default();
+    let library = times.measure(READING_STORE, || store.load())?;
+    let mut source = source::open(&args.source, &args.take)?;
+    let frame = times.measure(READING_FRAMES, || source.last_frame())?;
+    let recognised =
+        times.measure(RECOGNITION, || recognise_frame(&library, &frame, &args.source, &config));
+    let recognition = recognised?;
     let Some(best) = recognition.matches.first() else {
         if let Some(path) = &args.report {
             let min_score = config.recognise.min_score;
-            let asked = Asked { known: library.len(), min_score, objects: &[] };
+            let (known, times) = (library.len(), &times);
+            let asked = Asked { known, min_score, objects: &[], times };
             write_text(path, &report::recognition_page(&frame, &recognition, &asked)?)?;
         }
         return Err(Failure::no_answer(format!("{}: nothing is recognised", args.source)));
@@ -39,11 +47,11 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     let object = store.get(&best.object)?;
     let model = &object.model;
     let request = Request { joint: args.joint.as_deref(), ..Request::to(target) };
-    let plan = predict(model, best, &request, &rig);
+    let plan = times.measure(PREDICTION, || predict(model, best, &request, &rig));
     if let Some(path) = &args.report {
         let why = plan.as_ref().map_err(ToString::to_string);
         let predicted = why.as_ref().map(|p| &p.prediction).map_err(String::as_str);
-        write_text(path, &report::prediction_page(&frame, best, &object, predicted)?)?;
+        write_text(path, &report::prediction_page(&frame, best, &object, predicted, &times)?)?;
     }
     let plan = plan.map_err(|e| {
         let unseen = matches!(e, PlanError::Predict(PredictError::Unseen { .. }));

@@ -6,8 +6,9 @@ use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, describe};
 use crate::source;
-use crate::steps::{recognise_view, skill_config};
+use crate::steps::{READING_FRAMES, READING_STORE, RECOGNITION, recognise_view, skill_config};
 use crate::view::{View, Wanted};
+use linkage_skill::learn::StageTimes;
 use linkage_skill::object::StoredObject;
 use linkage_skill::recognise::Recognition;
 use linkage_skill::store::Store;
@@ -17,9 +18,13 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     let config = skill_config(common)?;
     let view = View::open(&Wanted { mcap: args.mcap.clone(), address: None })?;
     let store = Store::open(&args.store)?;
-    let library = store.load()?;
-    let still = source::open(&args.source, &args.take)?.still_frames()?;
-    let (frame, recognition) = recognise_view(&library, &still, &args.source, &config)?;
+    let mut times = StageTimes::default();
+    let library = times.measure(READING_STORE, || store.load())?;
+    let mut source = source::open(&args.source, &args.take)?;
+    let still = times.measure(READING_FRAMES, || source.still_frames())?;
+    let recognised =
+        times.measure(RECOGNITION, || recognise_view(&library, &still, &args.source, &config));
+    let (frame, recognition) = recognised?;
     if !common.quiet && still.len() > 1 {
         say(format!("the camera stands still: the last {} frames count together", still.len()));
     }
@@ -40,7 +45,8 @@ pub fn run(args: &RecogniseArgs, common: &Common) -> Outcome {
     }
     if let Some(path) = &args.report {
         let min_score = config.recognise.min_score;
-        let asked = Asked { known: library.len(), min_score, objects: &objects };
+        let (known, objects, times) = (library.len(), &objects[..], &times);
+        let asked = Asked { known, min_score, objects, times };
         write_text(path, &report::recognition_page(&frame, &recognition, &asked)?)?;
     }
     if recognition.matches.is_empty() {

@@ -43,7 +43,7 @@ impl DemoPage<'_> {
         let body = html! {
             h1 { "From one demonstration to a motion: " (name) }
             h2 { "1. A person moves it once" }
-            (learned::in_words(demonstration))
+            (learned::in_words(demonstration, Some(&object.appearance)))
             (learned::animation(demonstration, Some(&object.appearance))?)
             (more(links.learned, "What was refused, the motion over time, the numbers"))
             h2 { "2. It is met again, from elsewhere" }

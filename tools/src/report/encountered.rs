@@ -7,6 +7,7 @@ use super::overlay;
 use super::units::{amount, probability};
 use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
+use linkage_skill::learn::StageTimes;
 use linkage_skill::object::{ObjectModel, StoredObject};
 use linkage_skill::recognise::{JointState, PartEvidence, Recognised, Recognition};
 use linkage_skill::{Pose, pose_from_array};
@@ -21,6 +22,8 @@ pub struct Asked<'a> {
     pub min_score: f64,
     /// Those that were recognised, as they were learned; one that is missing is not drawn.
     pub objects: &'a [StoredObject],
+    /// How long each step took.
+    pub times: &'a StageTimes,
 }
 
 impl Asked<'_> {
@@ -65,6 +68,7 @@ pub fn recognition_page(
             @for m in found { (numbers(m)) }
             p.note { "Axes and origins are in the camera frame: x right, y down, z forward." }
         }
+        (layout::times(asked.times, |step| step))
     };
     Ok(layout::page("Linkage: recognition", &body))
 }
@@ -282,7 +286,7 @@ mod tests {
 
     #[test]
     fn the_best_of_what_was_refused_is_named_and_told_with_the_limit() {
-        let asked = Asked { known: 3, min_score: 0.5, objects: &[] };
+        let asked = Asked { known: 3, min_score: 0.5, objects: &[], times: &StageTimes::default() };
         let found = |name: &str| Recognised { object: name.to_owned(), ..drawer() };
         let said = |matches, score, refused: Option<&str>| {
             let best_refused_object = refused.map(str::to_owned);

@@ -6,6 +6,7 @@ use super::draw::{Rgb, part_colour};
 use anyhow::anyhow;
 use base64::Engine;
 use linkage_driver::{ColorImage, jpeg};
+use linkage_skill::learn::StageTimes;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const STYLE: &str = include_str!("style.css");
@@ -79,6 +80,21 @@ pub fn facts(caption: &str, rows: &[(&str, String)]) -> Markup {
             caption { (caption) }
             @for (quantity, value) in rows {
                 tr { th scope="row" { (quantity) } td { (value) } }
+            }
+        }
+    }
+}
+
+/// How long each stage took, with its name in words.
+pub fn times(times: &StageTimes, in_words: impl Fn(&'static str) -> &'static str) -> Markup {
+    html! {
+        details {
+            summary { "Where the time went" }
+            table {
+                tr { th { "stage" } th { "seconds" } }
+                @for (stage, time) in times.iter() {
+                    tr { td { (in_words(stage)) } td { (format!("{:.2}", time.as_secs_f64())) } }
+                }
             }
         }
     }

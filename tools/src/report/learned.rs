@@ -6,6 +6,7 @@ use super::chart::{self, Curve, Ground};
 use super::depth_spread::Surface;
 use super::draw::{Canvas, part_colour};
 use super::film_strip::film_strip;
+use super::hidden_hinge::hidden_hinge;
 use super::layout::{self, facts, keys, part_style, vector};
 use super::motion_warnings::motion_warnings;
 use super::part_tracks::tracks_of;
@@ -36,7 +37,7 @@ pub fn demonstration_page(
     let model = &demonstration.model;
     let body = html! {
         h1 { (model.object) }
-        (in_words(demonstration))
+        (in_words(demonstration, appearance))
         (refused(demonstration))
         @if !model.joints.is_empty() {
             h2 { "How it moves" }
@@ -51,7 +52,7 @@ pub fn demonstration_page(
             h2 { "Numbers" }
             (numbers(model))
         }
-        (times(demonstration))
+        (layout::times(&demonstration.times, stage_in_words))
     };
     Ok(layout::page(&format!("Linkage: {}", model.object), &body))
 }
@@ -80,7 +81,7 @@ pub fn save_demonstration_pictures(
 }
 
 /// The sentences of each joint, with what its evidence is.
-pub fn in_words(demonstration: &Demonstration) -> Markup {
+pub fn in_words(demonstration: &Demonstration, appearance: Option<&Appearance>) -> Markup {
     let model = &demonstration.model;
     html! {
         @if model.joints.is_empty() {
@@ -93,7 +94,8 @@ pub fn in_words(demonstration: &Demonstration) -> Markup {
                 p.lead { (words::sentence(joint, &seen)) }
                 p { (words::certainty(joint)) }
                 @let unseen = motion_warnings(joint, &times_that_may_show(demonstration, joint));
-                @for warning in words::warnings(joint, &seen).into_iter().chain(unseen) {
+                @let hidden = hidden_hinge(demonstration, appearance, joint);
+                @for warning in words::warnings(joint, &seen).into_iter().chain(unseen).chain(hidden) {
                     p.warning { (warning) }
                 }
                 p.note { (joint.name) ": " (evidence(demonstration, joint)) }
@@ -332,22 +334,8 @@ fn rows(j: &Joint, part: &dyn Fn(usize) -> String) -> Vec<(&'static str, String)
     rows
 }
 
-fn times(demonstration: &Demonstration) -> Markup {
-    html! {
-        details {
-            summary { "Where the time went" }
-            table {
-                tr { th { "stage" } th { "seconds" } }
-                @for (stage, time) in demonstration.times.iter() {
-                    tr { td { (stage_in_words(stage)) } td { (format!("{:.2}", time.as_secs_f64())) } }
-                }
-            }
-        }
-    }
-}
-
 /// What a stage of learning does.
-fn stage_in_words(stage: &str) -> &str {
+fn stage_in_words(stage: &'static str) -> &'static str {
     match stage {
         "ahead" => "handing frames to the search in the background",
         "articulate" | "katz" => "joints, from poses of parts",

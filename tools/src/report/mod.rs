@@ -8,6 +8,7 @@ mod depth_spread;
 mod draw;
 mod encountered;
 mod film_strip;
+mod hidden_hinge;
 mod layout;
 mod learned;
 mod motion_warnings;

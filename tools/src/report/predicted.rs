@@ -13,8 +13,9 @@ use super::words::kind_in_words;
 use linkage_driver::{ColorImage, RgbdFrame};
 use linkage_planner_bridge::Prediction;
 use linkage_planner_bridge::plan::PlannedJoint;
+use linkage_skill::learn::StageTimes;
 use linkage_skill::object::{Appearance, StoredObject};
-use linkage_skill::recognise::Recognised;
+use linkage_skill::recognise::{JointState, Recognised};
 use linkage_skill::{Pose, pose_from_array};
 use maud::{Markup, html};
 use nalgebra::Point3;
@@ -29,6 +30,7 @@ pub fn prediction_page(
     recognised: &Recognised,
     object: &StoredObject,
     predicted: Result<&Prediction, &str>,
+    times: &StageTimes,
 ) -> anyhow::Result<String> {
     let body = html! {
         h1 { "Prediction: " (recognised.object) }
@@ -47,6 +49,7 @@ pub fn prediction_page(
             div.facts { @for j in moving(prediction) { (facts(&j.state.name, &rows(j))) } }
         }
         (numbers(recognised))
+        (layout::times(times, |step| step))
     };
     Ok(layout::page(&format!("Linkage: prediction of {}", recognised.object), &body))
 }
@@ -73,7 +76,7 @@ fn motion(
     let picture = path_picture(frame, recognised, prediction, object)?;
     let charts: Vec<Markup> = moving(prediction)
         .map(|j| {
-            let caption = format!("{}: configuration over time, as planned", j.state.name);
+            let caption = planned_in_words(j);
             let colour = colour_of(recognised, j);
             Ok(layout::chart(&chart::svg(&[curve(j, colour)], Ground::Page)?, &caption))
         })
@@ -183,12 +186,26 @@ fn colour_of(recognised: &Recognised, j: &PlannedJoint) -> [u8; 3] {
     part_colour(number.map_or(1, |n| n + 1))
 }
 
+/// "joint1: configuration over time, as planned. The band is ± 1.0°, how exactly it is known where the joint is now."
+fn planned_in_words(j: &PlannedJoint) -> String {
+    let JointState { name, kind, deviation, .. } = &j.state;
+    let band = match deviation {
+        Some(d) => format!(
+            "The band is ± {}, the standard deviation of where the joint is now.",
+            amount(*kind, *d)
+        ),
+        None => "No band is drawn, for how exactly it is known where the joint is now is not told."
+            .to_owned(),
+    };
+    format!("{name}: configuration over time, as planned. {band}")
+}
+
 fn curve(j: &PlannedJoint, colour: [u8; 3]) -> Curve {
     Curve {
         kind: j.state.kind,
         colour,
         points: j.trajectory.iter().map(|k| [k[0], k[1]]).collect(),
-        deviations: Vec::new(),
+        deviations: vec![j.state.deviation; j.trajectory.len()],
     }
 }
 
@@ -243,10 +260,8 @@ pub fn path_picture(
 mod tests {
     use super::*;
     use linkage_skill::object::JointKind;
-    use linkage_skill::recognise::JointState;
 
-    #[test]
-    fn a_motion_is_told_from_where_to_where_in_which_time() {
+    fn slide(deviation: Option<f64>) -> PlannedJoint {
         let state = JointState {
             name: "joint1".to_owned(),
             kind: JointKind::Prismatic,
@@ -254,12 +269,29 @@ mod tests {
             origin: [0.0, 0.0, 1.0],
             pitch: 0.0,
             configuration: Some(0.05),
-            deviation: Some(0.001),
+            deviation,
             reason: None,
             range: [0.0, 0.3],
         };
         let trajectory = vec![[0.0, 0.05, 0.0, 0.0], [2.5, 0.3, 0.0, 0.0]];
-        let told = joint_in_words(&PlannedJoint { state, trajectory });
+        PlannedJoint { state, trajectory }
+    }
+
+    #[test]
+    fn a_motion_is_told_from_where_to_where_in_which_time() {
+        let told = joint_in_words(&slide(None));
         assert_eq!(told, "joint1, a slide, goes from 5.0 cm to 30 cm in 2.5 s.");
+    }
+
+    #[test]
+    fn the_curve_has_the_band_of_where_the_joint_is_now() {
+        let known = slide(Some(0.004));
+        assert_eq!(curve(&known, [0; 3]).deviations, [Some(0.004); 2]);
+        assert!(
+            planned_in_words(&known).contains("The band is ± 4 mm"),
+            "{}",
+            planned_in_words(&known)
+        );
+        assert!(planned_in_words(&slide(None)).contains("No band is drawn"));
     }
 }
