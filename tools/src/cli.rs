@@ -28,7 +28,7 @@ pub struct Common {
     /// Seed of all random sampling
     #[arg(long, global = true, value_name = "N")]
     pub seed: Option<u64>,
-    /// No progress
+    /// Neither progress nor a summary: errors and warnings alone, and what --json and other options ask for
     #[arg(long, global = true)]
     pub quiet: bool,
     /// How log events are written to standard error; RUST_LOG says which

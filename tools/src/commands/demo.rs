@@ -15,7 +15,7 @@ use crate::steps::{
 };
 use crate::truth::Truth;
 use anyhow::{Context, anyhow};
-use linkage_driver::jpeg;
+use linkage_driver::{RgbdFrame, jpeg};
 use linkage_lcm::messages::{drake, linkage};
 use linkage_lcm::{Lcm, Message, Packet, decode};
 use linkage_planner_bridge::{Request, Rig, channel, predict};
@@ -23,7 +23,7 @@ use linkage_skill::internals::{distance_to_line, line_angle};
 use linkage_skill::learn::StageTimes;
 use linkage_skill::object::StoredObject;
 use linkage_skill::predict::Target;
-use linkage_skill::recognise::Recognised;
+use linkage_skill::recognise::{Recognised, Recognition};
 use linkage_skill::store::Store;
 use linkage_skill::{Demonstration, SkillConfig};
 use nalgebra::{Point3, Vector3};
@@ -55,19 +55,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
 
     step(common, "3/5 recognising it from another viewpoint");
     let mut times = StageTimes::default();
-    let source = met.display().to_string();
-    let frame = times.measure(READING_FRAMES, || last_frame(&source))?;
-    let store = Store::open(&out.join(STORE))?;
-    let library = times.measure(READING_STORE, || store.load())?;
-    let recognised =
-        times.measure(RECOGNITION, || recognise_frame(&library, &frame, &source, &config));
-    let recognition = recognised?;
-    write_json(&out.join("recognition.json"), &recognition)?;
-    let (known, objects) = (library.len(), std::slice::from_ref(&stored));
-    let min_score = config.recognise.min_score;
-    let asked = Asked { known, min_score, objects, times: &times };
-    let page = report::recognition_page(&frame, &recognition, &asked)?;
-    write_text(&out.join("recognition.html"), &page)?;
+    let (frame, recognition) = recognise(&met, out, &stored, &config, &mut times)?;
     let best = recognition
         .matches
         .first()
@@ -102,6 +90,29 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     };
     let path = write_demo_page(&page, &proof, out)?;
     answer(format!("look at {}", path.display()))
+}
+
+/// Recognises in the last frame of a recording with what was stored, and tells it in a page.
+fn recognise(
+    met: &Path,
+    out: &Path,
+    stored: &StoredObject,
+    config: &SkillConfig,
+    times: &mut StageTimes,
+) -> Outcome<(RgbdFrame, Recognition)> {
+    let source = met.display().to_string();
+    let frame = times.measure(READING_FRAMES, || last_frame(&source))?;
+    let store = Store::open(&out.join(STORE))?;
+    let library = times.measure(READING_STORE, || store.load())?;
+    let recognised =
+        times.measure(RECOGNITION, || recognise_frame(&library, &frame, &source, config));
+    let recognition = recognised?;
+    write_json(&out.join("recognition.json"), &recognition)?;
+    let (known, objects) = (library.len(), std::slice::from_ref(stored));
+    let asked = Asked { known, min_score: config.recognise.min_score, objects, times };
+    let page = report::recognition_page(&frame, &recognition, &asked)?;
+    write_text(&out.join("recognition.html"), &page)?;
+    Ok((frame, recognition))
 }
 
 /// Learns, stores what was learned, and tells it in pages and pictures.

@@ -13,7 +13,9 @@ use linkage_driver::RgbdFrame;
 use linkage_driver::live::host_utime;
 use linkage_lcm::Lcm;
 use linkage_planner_bridge::messages::Stamps;
-use linkage_planner_bridge::{Plan, PlanError, Request, Rig, channel, messages, predict};
+use linkage_planner_bridge::{
+    Plan, PlanError, Prediction, Request, Rig, channel, messages, predict,
+};
 use linkage_skill::ObjectModel;
 use linkage_skill::learn::StageTimes;
 use linkage_skill::predict::{PredictError, Target};
@@ -67,21 +69,26 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     }
     if !common.quiet {
         say(describe(best).trim_end());
-        for j in prediction.joints.iter().filter(|j| !j.trajectory.is_empty()) {
-            if let (Some(a), Some(b)) = (j.trajectory.first(), j.trajectory.last()) {
-                say(format!(
-                    "{}/{}: {:.3} to {:.3} {} in {:.2} s",
-                    prediction.object,
-                    j.state.name,
-                    a[1],
-                    b[1],
-                    j.state.kind.unit(),
-                    b[0]
-                ));
-            }
-        }
+        say_motion(prediction);
     }
     Ok(())
+}
+
+/// Tells from where to where each joint goes.
+fn say_motion(prediction: &Prediction) {
+    for j in &prediction.joints {
+        if let (Some(a), Some(b)) = (j.trajectory.first(), j.trajectory.last()) {
+            say(format!(
+                "{}/{}: {:.3} to {:.3} {} in {:.2} s",
+                prediction.object,
+                j.state.name,
+                a[1],
+                b[1],
+                j.state.kind.unit(),
+                b[0]
+            ));
+        }
+    }
 }
 
 /// Sends model, recognition, prediction and plan; refuses where nothing would arrive.
