@@ -167,26 +167,6 @@ mod with {
     }
 
     #[test]
-    fn what_a_service_writes_is_whole_when_it_is_ended_and_tells_what_it_did() {
-        let Some(python) = python_with(&["mcap"]) else { return };
-        let dir = tempfile::tempdir().unwrap();
-        let (store, file) = (learned("drawer", dir.path()), dir.path().join("served.mcap"));
-        let met = text(&simulated("drawer", true, 3));
-        let options = ["--repeat", "--mcap", &text(&file)];
-        let service = Service::start("udpm://239.255.76.67:7764?ttl=0", &met, &store, &options);
-        service.done(&["recognise", "drawer"]);
-        service.done(&["predict", "drawer"]);
-        let (ended, _) = service.terminate();
-        assert!(ended.success() || ended.code() == Some(143), "{ended}");
-        let topics = said(&python, &["file", &text(&file)]);
-        for topic in ["/camera/color", "/camera/depth", "/surface", "/joints", "/ghost", "/log"] {
-            let told = &topics[topic];
-            assert!(told["count"].as_u64().is_some_and(|count| count > 0), "{topic}: {topics}");
-            assert_eq!(told["ordered"], true, "{topic}: time runs backwards");
-        }
-    }
-
-    #[test]
     fn a_stranger_s_page_sees_nothing() {
         let Some(python) = python_with(&["websockets"]) else { return };
         let dir = tempfile::tempdir().unwrap();
