@@ -4,7 +4,7 @@ use linkage_frames::text_table;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
@@ -54,11 +54,11 @@ impl Archive {
         let bytes = match &self.place {
             Place::Folder(dir) => {
                 let file = text_table::regular_file(&dir.join(name)).map_err(|e| e.to_string())?;
-                limited(file, most)
+                text_table::read_up_to(most, file)
             }
             Place::Zip(zip) => {
                 let mut zip = zip.lock().unwrap_or_else(PoisonError::into_inner);
-                limited(zip.by_name(name).map_err(|e| e.to_string())?, most)
+                text_table::read_up_to(most, zip.by_name(name).map_err(|e| e.to_string())?)
             }
         };
         bytes.map_err(|e| e.to_string())
@@ -97,14 +97,4 @@ fn names_in_folder(dir: &Path) -> io::Result<BTreeSet<String>> {
         }
     }
     Ok(names)
-}
-
-/// All bytes of a file that has no more than these.
-fn limited(file: impl Read, most: u64) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    file.take(most + 1).read_to_end(&mut bytes)?;
-    match bytes.len() as u64 > most {
-        true => Err(io::Error::other(format!("has more than {most} bytes"))),
-        false => Ok(bytes),
-    }
 }

@@ -6,6 +6,8 @@ use serde::Deserialize;
 
 /// Frames a second where nothing tells the times.
 const ASSUMED_RATE_HZ: f64 = 60.0;
+/// Frames a second that can be.
+const RATES_HZ: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 /// What the app calls the front camera.
 const FRONT_CAMERA: u64 = 0;
 /// Largest time, seconds: times count from the first frame.
@@ -33,6 +35,8 @@ enum Times {
     Told(Vec<i64>),
     /// Frames a second.
     Rate(f64),
+    /// Nothing tells it.
+    Assumed,
 }
 
 /// The JSON, as far as it is read.
@@ -77,7 +81,11 @@ pub fn parse(text: &[u8]) -> Result<Metadata, String> {
     let told = file.timestamps.filter(|seconds| !seconds.is_empty());
     let times = match told {
         Some(seconds) => Times::Told(seconds.into_iter().map(utime).collect::<Result<_, _>>()?),
-        None => Times::Rate(rate(file.fps)?),
+        None => match file.fps {
+            Some(fps) if RATES_HZ.contains(&fps) => Times::Rate(fps),
+            Some(fps) => return Err(format!("fps: {fps} is no number of frames a second")),
+            None => Times::Assumed,
+        },
     };
     Ok(Metadata {
         color_size,
@@ -93,9 +101,19 @@ impl Metadata {
     pub fn utime(&self, number: u64) -> Option<i64> {
         match &self.times {
             Times::Told(utimes) => utimes.get(usize::try_from(number).ok()?).copied(),
-            Times::Rate(hz) => Some((number as f64 * 1e6 / hz).round() as i64),
+            Times::Rate(hz) => Some(by_rate(number, *hz)),
+            Times::Assumed => Some(by_rate(number, ASSUMED_RATE_HZ)),
         }
     }
+
+    /// The rate of the frames where it is assumed, frames a second.
+    pub fn assumed_rate_hz(&self) -> Option<f64> {
+        (self.times == Times::Assumed).then_some(ASSUMED_RATE_HZ)
+    }
+}
+
+fn by_rate(number: u64, hz: f64) -> i64 {
+    (number as f64 * 1e6 / hz).round() as i64
 }
 
 fn utime(seconds: f64) -> Result<i64, String> {
@@ -105,19 +123,6 @@ fn utime(seconds: f64) -> Result<i64, String> {
         ));
     }
     Ok((seconds * 1e6).round() as i64)
-}
-
-fn rate(fps: Option<f64>) -> Result<f64, String> {
-    match fps {
-        None => {
-            tracing::warn!(
-                "nothing tells the times of the frames: assumed are {ASSUMED_RATE_HZ} a second"
-            );
-            Ok(ASSUMED_RATE_HZ)
-        }
-        Some(fps) if (0.1..=1000.0).contains(&fps) => Ok(fps),
-        Some(fps) => Err(format!("fps: {fps} is no number of frames a second")),
-    }
 }
 
 /// The intrinsics of most frames, which change a little with the focus, or those of all.
@@ -168,6 +173,8 @@ mod tests {
         assert_eq!([0, 2, 3].map(|n| told.utime(n)), [Some(0), Some(33_000), None]);
         assert_eq!(read(r#","fps":30"#).utime(3), Some(100_000));
         assert_eq!(read("").utime(6), Some(100_000));
+        assert_eq!(read("").assumed_rate_hz(), Some(ASSUMED_RATE_HZ));
+        assert_eq!(read(r#","fps":30"#).assumed_rate_hz(), None);
     }
 
     #[test]

@@ -37,6 +37,8 @@ const MAX_PICTURE_BYTES: u64 = 64 << 20;
 
 /// Everything that a pair needs to become a frame.
 struct Loader {
+    /// What errors name.
+    path: PathBuf,
     archive: Archive,
     camera: Arc<PinholeCamera>,
     depth_size: (usize, usize),
@@ -47,38 +49,44 @@ struct Loader {
 /// # Errors
 /// [`SourceError::Recording`] names the file that is missing or damaged.
 pub fn open(path: &Path, given: Option<&PinholeCamera>) -> Result<TumRecording, SourceError> {
-    let broken = |name: &str, reason: String| {
-        let path = path.join(name).display().to_string();
-        SourceError::Recording { path: path.trim_end_matches('/').to_owned(), reason }
+    let broken = |path: &Path, reason: String| {
+        let path = path.display().to_string();
+        SourceError::Recording { path, reason }
     };
-    let archive = Archive::open(path).map_err(|reason| broken("", reason))?;
-    let text = archive.read(METADATA, MAX_METADATA_BYTES).map_err(|e| broken(METADATA, e))?;
-    let metadata = metadata::parse(&text).map_err(|reason| broken(METADATA, reason))?;
+    let archive = Archive::open(path).map_err(|reason| broken(path, reason))?;
+    let file = path.join(METADATA);
+    let text = archive.read(METADATA, MAX_METADATA_BYTES).map_err(|e| broken(&file, e))?;
+    let metadata = metadata::parse(&text).map_err(|reason| broken(&file, reason))?;
+    if let Some(rate_hz) = metadata.assumed_rate_hz() {
+        let recording = path.display();
+        tracing::warn!(%recording, "nothing tells the times of the frames: assumed are {rate_hz} a second");
+    }
     let numbers = archive.frames();
     let Some(first) = numbers.first() else {
-        return Err(broken("", "holds no frame with colour and depth in rgbd/".to_owned()));
+        return Err(broken(path, "holds no frame with colour and depth in rgbd/".to_owned()));
     };
     let name = color_name(*first);
-    let picture = archive.read(&name, MAX_PICTURE_BYTES).map_err(|e| broken(&name, e))?;
-    let size = jpeg::size(&picture).map_err(|e| broken(&name, e.to_string()))?;
+    let first = path.join(&name);
+    let picture = archive.read(&name, MAX_PICTURE_BYTES).map_err(|e| broken(&first, e))?;
+    let size = jpeg::size(&picture).map_err(|e| broken(&first, e.to_string()))?;
     let own = path.join("camera.toml");
     let camera = match given {
         Some(camera) => camera.clone(),
         None if own.is_file() => read_camera_file(&own)?,
         None => camera(&metadata, size),
     };
-    camera.check().map_err(|e| broken(METADATA, e.to_string()))?;
-    let pairs = pairs(&numbers, &metadata).map_err(|reason| broken(METADATA, reason))?;
+    camera.check().map_err(|e| broken(&file, e.to_string()))?;
+    let pairs = pairs(&numbers, &metadata).map_err(|reason| broken(&file, reason))?;
     let statistics = SourceStatistics {
         unpaired: (archive.pictures() - pairs.len()) as u64,
         rate_hz: rate_hz(&pairs),
         ..Default::default()
     };
     let scale = ScaleCheck::new(UNITS_PER_METRE, false);
-    let loader = Loader { archive, camera: Arc::new(camera), depth_size: metadata.depth_size };
-    let path = path.to_owned();
+    let (camera, depth_size) = (Arc::new(camera), metadata.depth_size);
+    let loader = Loader { path: path.to_owned(), archive, camera, depth_size };
     let name = path.display().to_string();
-    Ok(TumRecording::play(&name, pairs, statistics, scale, move |pair| loader.load(pair, &path)))
+    Ok(TumRecording::play(&name, pairs, statistics, scale, move |pair| loader.load(pair)))
 }
 
 fn color_name(number: u64) -> String {
@@ -127,9 +135,9 @@ fn pairs(numbers: &[u64], metadata: &Metadata) -> Result<Vec<FramePair>, String>
 }
 
 impl Loader {
-    /// Decodes one pair; `path` is what errors name.
-    fn load(&self, pair: &FramePair, path: &Path) -> Result<RgbdFrame, SourceError> {
-        let in_path = |name: &Path| path.join(name).display().to_string();
+    /// Decodes one pair.
+    fn load(&self, pair: &FramePair) -> Result<RgbdFrame, SourceError> {
+        let in_path = |name: &Path| self.path.join(name).display().to_string();
         let unreadable = |name: &Path, reason: String| {
             let reason =
                 format!("{reason}: record it again, or give the folder without this frame");
@@ -146,11 +154,11 @@ impl Loader {
         })?;
         let damaged = |reason| unreadable(&pair.depth, reason);
         let mut metres = metres(&read(&pair.depth)?, self.depth_size).map_err(damaged)?;
-        let sure = pair.depth.with_extension("conf");
-        if self.archive.holds(&sure.to_string_lossy()) {
-            let damaged = |reason| unreadable(&sure, reason);
-            let confidence = confidence(&read(&sure)?, self.depth_size).map_err(damaged)?;
-            let low = metres.iter_mut().zip(confidence).filter(|(_, sure)| *sure == LOW_CONFIDENCE);
+        let beside = pair.depth.with_extension("conf");
+        if self.archive.holds(&beside.to_string_lossy()) {
+            let damaged = |reason| unreadable(&beside, reason);
+            let confidence = confidence(&read(&beside)?, self.depth_size).map_err(damaged)?;
+            let low = metres.iter_mut().zip(confidence).filter(|(_, c)| *c == LOW_CONFIDENCE);
             low.for_each(|(z, _)| *z = 0.0);
         }
         let metres = finer(&metres, self.depth_size, size);

@@ -1,13 +1,20 @@
-//! What a recording of Record3D holds, of any bytes: its description, depth and confidence are refused, or have the
-//! size that is told.
+//! A recording of Record3D, and what it holds, of any bytes: its archive is refused or opened; its description, depth
+//! and confidence are refused, or have the size that is told.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use linkage_driver::record3d::{confidence, metres, parse_metadata};
+use linkage_driver::record3d::{confidence, metres, open, parse_metadata};
+use std::sync::LazyLock;
+use tempfile::TempDir;
 
 const SIZE: (usize, usize) = (24, 32);
 
+static FOLDER: LazyLock<TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a folder"));
+
 fuzz_target!(|bytes: &[u8]| {
+    let path = FOLDER.path().join("fuzz.r3d");
+    std::fs::write(&path, bytes).expect("a file can be written");
+    let _ = open(&path, None);
     if let Ok(metadata) = parse_metadata(bytes) {
         let (width, height) = metadata.depth_size;
         assert!(width * height > 0);

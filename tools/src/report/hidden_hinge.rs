@@ -1,4 +1,4 @@
-//! For how much of the time something stood before a hinge, which makes its place less exact.
+//! In how many pictures something stood before a hinge, which makes its place less exact.
 //!
 //! In: keyframes with the poses of the parts, and the learned surface of the part that turns (object frame at
 //! configuration 0, metres). Out: a sentence that says what to do.
@@ -20,10 +20,10 @@ const NEARER_SHARE: f64 = 0.02;
 const OWN_M: f64 = 0.05;
 /// A place that is free in less than this share of the keyframes is hidden by the thing itself.
 const SOMETIMES_FREE: f64 = 0.2;
-/// Share of the time from which it is told.
+/// Share of the pictures from which it is told: more are kept while parts move.
 const MUCH: f64 = 0.3;
 
-/// A sentence where something stood before a hinge for much of the time.
+/// A sentence where something stood before a hinge in many pictures.
 pub fn hidden_hinge(
     demonstration: &Demonstration,
     appearance: Option<&Appearance>,
@@ -43,8 +43,8 @@ pub fn hidden_hinge(
     let share = hidden_share(&looks.collect::<Vec<Vec<Option<bool>>>>());
     (share >= MUCH).then(|| {
         format!(
-            "Something stood before its hinge for {:.0} % of the time: stand on the other side, so that the camera \
-             sees the hinge.",
+            "Something stood before its hinge in {:.0} % of the pictures that were kept: stand on the other side, so that \
+             the camera sees the hinge.",
             100.0 * share
         )
     })
