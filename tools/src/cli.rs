@@ -1,6 +1,7 @@
 //! Options of the command line.
 
 use crate::console::LogFormat;
+use crate::simulate::Surfaces;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use linkage_skill::articulation::Columns;
 use std::path::PathBuf;
@@ -406,6 +407,9 @@ pub struct SimulateArgs {
     /// Stick an AprilTag (36h11) on each part and write tags.toml
     #[arg(long)]
     pub tags: bool,
+    /// Surfaces of thing, room and person
+    #[arg(long, value_enum, default_value_t = Surfaces::Speckled, value_name = "KIND")]
+    pub surfaces: Surfaces,
 }
 
 #[derive(Debug, Args)]
@@ -513,6 +517,12 @@ pub struct BenchArgs {
     /// says where they are
     #[arg(long)]
     pub tags: bool,
+    /// paper: surfaces of thing, room and person; other than speckled, results are told by texture class
+    #[arg(long, value_enum, default_value_t = Surfaces::Speckled, value_name = "KIND")]
+    pub surfaces: Surfaces,
+    /// paper: learn in this way alone, by the name of its profile
+    #[arg(long, value_name = "PROFILE", value_parser = ["katz", "paper", "default"])]
+    pub only: Option<String>,
     /// recognise: without ablation and without large libraries
     #[arg(long)]
     pub brief: bool,

@@ -7,7 +7,7 @@
 use crate::cli::{Common, SourceArgs};
 use crate::console::Progress;
 use crate::outcome::{BAD_INPUT, Failure, INTERNAL, NO_ANSWER, Outcome};
-use crate::simulate::{SCENES, Take, record, scene};
+use crate::simulate::{SCENES, Surfaces, Take, paint_as, record, scene};
 use crate::tags::TagLog;
 use crate::{interrupt, source};
 use anyhow::{Context, anyhow};
@@ -35,19 +35,35 @@ pub fn skill_config(common: &Common) -> Outcome<SkillConfig> {
     Ok(config)
 }
 
+/// A recording to be rendered.
+pub struct FilmOrder<'n> {
+    /// Name of the scene.
+    pub scene: &'n str,
+    /// What is filmed of it.
+    pub take: Take,
+    /// Surfaces of thing and room.
+    pub surfaces: Surfaces,
+    /// AprilTags are stuck on the parts.
+    pub with_tags: bool,
+    /// Seed of room, light, person and noise.
+    pub seed: u64,
+}
+
+impl<'n> FilmOrder<'n> {
+    /// A take with speckled surfaces and without tags.
+    pub fn of(scene: &'n str, take: Take, seed: u64) -> Self {
+        Self { scene, take, surfaces: Surfaces::Speckled, with_tags: false, seed }
+    }
+}
+
 /// Renders a scene with progress.
-pub fn film(
-    name: &str,
-    take: Take,
-    with_tags: bool,
-    seed: u64,
-    out: &Path,
-    quiet: bool,
-) -> Outcome {
-    let scene = scene(name, seed).ok_or_else(|| {
+pub fn film(order: &FilmOrder, out: &Path, quiet: bool) -> Outcome {
+    let FilmOrder { scene: name, take, surfaces, with_tags, seed } = *order;
+    let mut scene = scene(name, seed).ok_or_else(|| {
         let known: Vec<&str> = SCENES.iter().map(|s| s.0).collect();
         anyhow!("no scene \"{name}\"; known: {}", known.join(", "))
     })?;
+    paint_as(&mut scene, surfaces, seed);
     let total = take.frames(&scene);
     let progress = Progress::new("rendering", Some(total), quiet);
     record(&scene, take, seed, out, with_tags, || progress.step())?;
@@ -165,7 +181,8 @@ mod tests {
     #[test]
     fn an_unknown_scene_is_refused_with_the_names_of_those_that_there_are() {
         let out = tempfile::tempdir().unwrap();
-        let failed = film("castle", Take::Encounter, false, 1, out.path(), true).err().unwrap();
+        let order = FilmOrder::of("castle", Take::Encounter, 1);
+        let failed = film(&order, out.path(), true).err().unwrap();
         let said = failed.cause.to_string();
         assert!(said.contains("\"castle\"") && said.contains("two_drawers"), "{said}");
         assert_eq!(failed.status, BAD_INPUT);

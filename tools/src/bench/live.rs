@@ -2,7 +2,7 @@
 
 use crate::outcome::Outcome;
 use crate::simulate::Take;
-use crate::steps::film;
+use crate::steps::{FilmOrder, film};
 use anyhow::{Context, anyhow};
 use linkage_driver::{RgbdFrame, RgbdSource, SourceError, SourceStatistics};
 use linkage_lcm::messages::linkage::{Command, Status};
@@ -39,7 +39,7 @@ const REMEMBERED: usize = 600;
 /// Renders a take of a scene into a folder, unless it is there already.
 pub fn filmed(scene: &str, take: Take, dir: PathBuf, is_quiet: bool) -> Outcome<PathBuf> {
     if !dir.join("truth.json").exists() {
-        film(scene, take, false, SEED, &dir, is_quiet)?;
+        film(&FilmOrder::of(scene, take, SEED), &dir, is_quiet)?;
     }
     Ok(dir)
 }

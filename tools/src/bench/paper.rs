@@ -12,8 +12,8 @@ use super::tags::{Watched, log_of, watch};
 use crate::cli::{BenchArgs, Common};
 use crate::outcome::Outcome;
 use crate::output::write_json;
-use crate::simulate::{Take, instances};
-use crate::steps::{film, skill_config};
+use crate::simulate::{Surfaces, Take, instances};
+use crate::steps::{FilmOrder, film, skill_config};
 use crate::tags::TagLog;
 use linkage_skill::SkillConfig;
 use linkage_skill::internals::median;
@@ -26,6 +26,8 @@ use std::time::Instant;
 const PROFILES: [&str; 3] = ["katz", "paper", "default"];
 /// Where recordings are kept when no folder is named.
 const DEFAULT_DIR: &str = "out/paper";
+/// Texture classes, in the order in which they are printed.
+const TEXTURES: [&str; 3] = ["plain", "medium", "rich"];
 /// The paper's limits of a success: centimetres and degrees.
 const SUCCESS: (f64, f64) = (10.0, 25.0);
 
@@ -34,6 +36,8 @@ const SUCCESS: (f64, f64) = (10.0, 25.0);
 struct Row {
     demonstration: String,
     kind: &'static str,
+    /// How much there is to see on the thing: plain, medium or rich.
+    texture: String,
     profile: &'static str,
     degrees_of_freedom: usize,
     /// Joints whose truth is by tags, where tags are asked for; the rest is exact.
@@ -62,9 +66,10 @@ struct Report {
 }
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
-    let dir = args.dir.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DIR));
+    let dir = args.dir.clone().unwrap_or_else(|| default_dir(args.surfaces));
     let configs: Vec<(&'static str, SkillConfig)> = PROFILES
         .iter()
+        .filter(|profile| args.only.as_ref().is_none_or(|only| only == *profile))
         .map(|profile| {
             let common = Common { profile: (*profile).to_owned(), ..common.clone() };
             Ok((*profile, skill_config(&common)?))
@@ -77,8 +82,12 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
             let recording = dir.join(if args.tags { format!("{name}_tags") } else { name.clone() });
             // The truth is written last: with it the recording is whole.
             if !recording.join("truth.json").is_file() {
-                let seed = instances::seed_of(&name);
-                film(&name, Take::Demonstration, args.tags, seed, &recording, common.quiet)?;
+                let order = FilmOrder {
+                    surfaces: args.surfaces,
+                    with_tags: args.tags,
+                    ..FilmOrder::of(&name, Take::Demonstration, instances::seed_of(&name))
+                };
+                film(&order, &recording, common.quiet)?;
             }
             let mut tags = log_of(&recording, args.tags)?;
             for (profile, config) in &configs {
@@ -88,6 +97,9 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
             }
         }
     }
+    if args.surfaces != Surfaces::Speckled {
+        print_textures(&rows);
+    }
     print_truth(&rows);
     print_pose_table(&rows);
     print_model_table(&rows);
@@ -96,6 +108,13 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         write_json(path, &Report { truth: if args.tags { "tags" } else { "exact" }, rows })?;
     }
     Ok(())
+}
+
+fn default_dir(surfaces: Surfaces) -> PathBuf {
+    match surfaces {
+        Surfaces::Speckled => PathBuf::from(DEFAULT_DIR),
+        other => PathBuf::from(format!("{DEFAULT_DIR}-{}", other.name())),
+    }
 }
 
 fn learn(
@@ -118,6 +137,7 @@ fn learn(
     Ok(Row {
         demonstration: name.to_owned(),
         kind,
+        texture: truth.texture.clone(),
         profile,
         degrees_of_freedom: truth.moved().len(),
         joints_by_tags,
@@ -173,6 +193,11 @@ fn print_row(row: &Row) {
     );
 }
 
+/// The profiles that were run, in their order.
+fn profiles(rows: &[Row]) -> Vec<&'static str> {
+    PROFILES.into_iter().filter(|profile| rows.iter().any(|row| row.profile == *profile)).collect()
+}
+
 /// Rows of a kind (all kinds for `None`) and profile.
 fn of<'r>(rows: &'r [Row], kind: Option<&'r str>, profile: &'r str) -> Vec<&'r Row> {
     rows.iter().filter(|r| r.profile == profile && kind.is_none_or(|k| r.kind == k)).collect()
@@ -182,29 +207,47 @@ fn of<'r>(rows: &'r [Row], kind: Option<&'r str>, profile: &'r str) -> Vec<&'r R
 fn print_table(title: &str, header: &str, rows: &[Row], columns: impl Fn(&[&Row]) -> String) {
     println!("\n{title}");
     print!("{:10} {:>3}", "", "DOF");
-    for profile in PROFILES {
+    let profiles = profiles(rows);
+    for profile in &profiles {
         print!(" | {:^width$}", profile, width = header.chars().count());
     }
     println!();
     print!("{:14}", "");
-    for _ in PROFILES {
+    for _ in &profiles {
         print!(" | {header}");
     }
     println!();
     let kinds = instances::KINDS.iter().map(|(k, _)| Some(*k)).chain([None]);
     for kind in kinds {
-        let dof = of(rows, kind, "default").first().map_or(0, |r| r.degrees_of_freedom);
+        let dof = rows.iter().find(|r| Some(r.kind) == kind).map_or(0, |r| r.degrees_of_freedom);
         let dof = if kind.is_some() { dof.to_string() } else { String::new() };
         print!("{:10} {:>3}", kind.unwrap_or("overall"), dof);
-        for profile in PROFILES {
+        for profile in &profiles {
             print!(" | {}", columns(&of(rows, kind, profile)));
         }
         println!();
     }
 }
 
+/// Demonstrations that were learned rightly, by texture class; plain ones first.
+fn print_textures(rows: &[Row]) {
+    println!(
+        "\nLearned rightly (each joint's type, axis < 25° and < 10 cm, the tree, none spurious), by texture"
+    );
+    for texture in TEXTURES {
+        let cell = |profile| {
+            let own = of(rows, None, profile).into_iter().filter(|r| r.texture == texture);
+            let (right, all) = own.fold((0, 0), |(n, all), r| (n + usize::from(r.whole), all + 1));
+            format!("{profile} {right}/{all}")
+        };
+        let cells: Vec<String> = profiles(rows).into_iter().map(cell).collect();
+        println!("{texture:10} {}", cells.join("   "));
+    }
+}
+
 fn print_truth(rows: &[Row]) {
-    let own: Vec<&Row> = of(rows, None, "default");
+    let profiles = profiles(rows);
+    let own: Vec<&Row> = profiles.last().map_or(Vec::new(), |last| of(rows, None, last));
     let all: usize = own.iter().map(|r| r.degrees_of_freedom).sum();
     let told: Option<usize> = own.iter().map(|r| r.joints_by_tags).sum();
     match told {
@@ -256,13 +299,15 @@ fn print_model_table(rows: &[Row]) {
 
 /// What the paper's tables leave out.
 fn print_rest(rows: &[Row]) {
-    println!("\nWhat the tables leave out{:15} {:>9} {:>9} {:>9}", "", "katz", "paper", "default");
+    let profiles = profiles(rows);
+    let named: String = profiles.iter().map(|profile| format!(" {profile:>9}")).collect();
+    println!("\nWhat the tables leave out{:15}{named}", "");
     let line = |name: &str, value: &dyn Fn(&[&Row]) -> Option<f64>, digits: usize| {
-        let cell = |profile| {
+        let cell = |profile: &&str| {
             value(&of(rows, None, profile)).map_or("-".to_owned(), |x| format!("{x:.digits$}"))
         };
-        let [a, b, c] = PROFILES.map(cell);
-        println!("{name:40} {a:>9} {b:>9} {c:>9}");
+        let cells: String = profiles.iter().map(cell).map(|value| format!(" {value:>9}")).collect();
+        println!("{name:40}{cells}");
     };
     let joints = |rows: &[&Row], f: &dyn Fn(&super::score::JointScore) -> Option<f64>| {
         rows.iter().flat_map(|r| &r.learn.joints).filter_map(f).collect::<Vec<f64>>()
@@ -304,7 +349,7 @@ fn print_rest(rows: &[Row]) {
     };
     line("frames a second, median", &collected(|r| r.frames_per_second), 1);
     line("seconds after the last frame, median", &collected(|r| r.finish_seconds), 2);
-    for profile in PROFILES {
+    for profile in &profiles {
         let own = of(rows, None, profile);
         let mut stages: BTreeMap<&str, f64> = BTreeMap::new();
         for (stage, seconds) in own.iter().flat_map(|r| &r.stage_seconds) {

@@ -10,8 +10,8 @@ use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, DemoPage, DetailLinks};
 use crate::simulate::Take;
 use crate::steps::{
-    PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, demonstrate, film, last_frame,
-    recognise_frame, remember, skill_config,
+    FilmOrder, PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, demonstrate, film,
+    last_frame, recognise_frame, remember, skill_config,
 };
 use crate::truth::Truth;
 use anyhow::{Context, anyhow};
@@ -47,8 +47,9 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let (watched, met) = (out.join("demonstration"), out.join("encounter"));
     step(common, "1/5 simulating a person opening a fridge");
-    film(SCENE, Take::Demonstration, false, DEMONSTRATION_SEED, &watched, common.quiet)?;
-    film(SCENE, Take::Encounter, false, ENCOUNTER_SEED, &met, common.quiet)?;
+    let order = |take, seed| FilmOrder::of(SCENE, take, seed);
+    film(&order(Take::Demonstration, DEMONSTRATION_SEED), &watched, common.quiet)?;
+    film(&order(Take::Encounter, ENCOUNTER_SEED), &met, common.quiet)?;
 
     step(common, "2/5 learning from the demonstration");
     let (demonstration, stored) = learn(&watched, out, &config, common.quiet)?;

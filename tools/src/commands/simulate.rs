@@ -4,7 +4,7 @@ use crate::cli::{Common, SimulateArgs};
 use crate::console::answer;
 use crate::outcome::Outcome;
 use crate::simulate::{SCENES, Take};
-use crate::steps::film;
+use crate::steps::{FilmOrder, film};
 use anyhow::anyhow;
 
 pub fn run(args: &SimulateArgs, common: &Common) -> Outcome {
@@ -16,5 +16,12 @@ pub fn run(args: &SimulateArgs, common: &Common) -> Outcome {
     }
     let take = if args.encounter { Take::Encounter } else { Take::Demonstration };
     let out = args.out.as_deref().ok_or_else(|| anyhow!("say where to with --out DIR"))?;
-    film(&args.scene, take, args.tags, common.seed.unwrap_or(1), out, common.quiet)
+    let order = FilmOrder {
+        scene: &args.scene,
+        take,
+        surfaces: args.surfaces,
+        with_tags: args.tags,
+        seed: common.seed.unwrap_or(1),
+    };
+    film(&order, out, common.quiet)
 }

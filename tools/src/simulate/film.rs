@@ -3,6 +3,7 @@
 //! In: a scene (world frame, metres), how it is filmed, a seed. Out: at a time the pose of the camera,
 //! the solids with their poses, the person; and the truth of a whole recording, in the camera frame.
 
+use super::home::TextureClass;
 use super::kit::{GREY, Look, Palette};
 use super::person::Person;
 use super::render::Light;
@@ -130,7 +131,7 @@ impl<'s> Film<'s> {
             take,
             camera: PinholeCamera::kinect(),
             start,
-            person: Person::new(seed),
+            person: if scene.texture.is_some() { Person::at_home(seed) } else { Person::new(seed) },
             light: Light {
                 lamp: Point3::new(rng.random_range(-1.5..1.5), rng.random_range(-2.5..-1.0), 2.6),
                 ambient: rng.random_range(0.40..0.55),
@@ -253,7 +254,7 @@ impl<'s> Film<'s> {
         Truth {
             object: self.scene.name.clone(),
             category: self.scene.category.to_owned(),
-            texture: "rich".to_owned(),
+            texture: self.scene.texture.map_or("rich", TextureClass::name).to_owned(),
             hand: self.take == Take::Demonstration,
             moving_camera: self.scene.moving_camera,
             encounter: self.take != Take::Demonstration,

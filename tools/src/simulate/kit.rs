@@ -94,6 +94,7 @@ pub fn scene_of(name: &str, category: &'static str, target: [f64; 3], view: [f64
         view,
         moving_camera: false,
         passer_by: false,
+        texture: None,
         duration: 10.0,
     }
 }

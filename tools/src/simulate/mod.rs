@@ -7,6 +7,7 @@
 mod devices;
 mod film;
 mod furniture;
+mod home;
 pub mod instances;
 mod kit;
 mod person;
@@ -19,6 +20,7 @@ mod texture;
 mod world;
 
 pub use film::{Shot, Take};
+pub use home::{Surfaces, paint_as};
 pub use record::record;
 pub use scenes::{SCENES, add_common_clutter, repainted, reproportioned, scene};
 pub use world::Scene;

@@ -1,6 +1,7 @@
 //! The demonstrator: a hand that reaches, holds, follows and leaves, with the arm and the
 //! body behind it.
 
+use super::home::clothes;
 use super::texture::{Richness, Texture};
 use super::world::{Action, Material, PERSON, Scene, Solid};
 use nalgebra::{Point3, Vector3};
@@ -17,11 +18,15 @@ const UPPER_ARM: f64 = 0.30;
 const COMFORTABLE: f64 = 0.46;
 /// How far the body sways, metres, and how often, radians a second.
 const SWAY: (f64, f64) = (0.012, 1.7);
+/// How far the body of a person at home sways, metres.
+const SWAY_AT_HOME: f64 = 0.025;
 
 /// What the person wears.
 pub struct Person {
     skin: Material,
     sleeve: Material,
+    /// The trunk leans over the feet, head and the other arm are there; else the trunk follows the shoulder upright.
+    is_whole: bool,
 }
 
 impl Person {
@@ -35,14 +40,22 @@ impl Person {
         Self {
             skin: material([205.0, 155.0, 130.0], Richness::Poor, seed ^ 0x51),
             sleeve: material(sleeves[(seed % 3) as usize], Richness::Medium, seed ^ 0x52),
+            is_whole: false,
         }
+    }
+
+    /// A person as one is at home: plain cloth, a trunk that leans, a head, the other arm.
+    pub fn at_home(seed: u64) -> Self {
+        let [sleeve, skin] = clothes(seed);
+        Self { skin, sleeve, is_whole: true }
     }
 
     /// The person at a time, and who walks past; nobody where there is nothing to do.
     pub fn solids(&self, scene: &Scene, t: f64, start: &[f64]) -> Vec<Solid> {
         let mut solids = match reach_at(scene, t, start) {
             Some(reach) => {
-                let sway = Vector3::new(1.0, 0.6, 0.3) * SWAY.0 * (SWAY.1 * t).sin();
+                let far = if self.is_whole { SWAY_AT_HOME } else { SWAY.0 };
+                let sway = Vector3::new(1.0, 0.6, 0.3) * far * (SWAY.1 * t).sin();
                 self.arm(&reach, sway)
             }
             None => Vec::new(),
@@ -98,9 +111,37 @@ impl Person {
         solids.push(Solid::rod(wrist, elbow, 0.042, &self.sleeve, PERSON));
         solids.push(Solid::rod(elbow, shoulder, 0.052, &self.sleeve, PERSON));
         let chest = shoulder + outward * 0.2;
-        let hip = chest - Vector3::z() * 0.5;
-        solids.push(Solid::rod(chest, hip, 0.13, &self.sleeve, PERSON));
+        if self.is_whole {
+            self.add_trunk(&mut solids, chest, standing + outward * 0.2 - sway, outward);
+        } else {
+            let hip = chest - Vector3::z() * 0.5;
+            solids.push(Solid::rod(chest, hip, 0.13, &self.sleeve, PERSON));
+        }
         solids
+    }
+
+    /// Trunk from a chest to the hip below where the person stands upright, with legs, head and the other arm.
+    fn add_trunk(
+        &self,
+        solids: &mut Vec<Solid>,
+        chest: Point3<f64>,
+        upright: Point3<f64>,
+        outward: Vector3<f64>,
+    ) {
+        let hip = upright - Vector3::z() * 0.5;
+        let feet = Point3::new(hip.x, hip.y, 0.08_f64.min(hip.z - 0.2));
+        let neck = chest + (chest - hip).normalize() * 0.24;
+        let other = chest + outward * 0.22;
+        let hand = other - Vector3::z() * 0.5 - outward * 0.04;
+        let rods = [
+            (chest, hip, 0.13, &self.sleeve),
+            (hip, feet, 0.11, &self.sleeve),
+            (neck, neck + Vector3::z() * 0.06, 0.09, &self.skin),
+            (other, hand, 0.045, &self.sleeve),
+            (hand, hand - Vector3::z() * 0.12, 0.035, &self.skin),
+        ];
+        let rod = |(a, b, radius, material)| Solid::rod(a, b, radius, material, PERSON);
+        solids.extend(rods.map(rod));
     }
 }
 

@@ -4,7 +4,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Texels on a side.
-const SIDE: usize = 768;
+pub const SIDE: usize = 768;
 /// Texels in a metre.
 const TEXELS_PER_METRE: f64 = 500.0;
 
@@ -21,6 +21,8 @@ pub enum Richness {
 
 /// A repeating surface, linear RGB 0-255.
 pub struct Texture {
+    /// Colour without grain and marks, RGB 0-255.
+    pub colour: [f64; 3],
     texels: Vec<[f32; 3]>,
     side: usize,
     texels_per_metre: f64,
@@ -39,14 +41,19 @@ impl Texture {
         };
         let mut light = vec![0.0_f32; SIDE * SIDE];
         for (cell, share) in [(96, 0.5), (32, 0.35), (12, 0.3), (5, 0.2)] {
-            add_noise(&mut light, cell, share * grain, &mut rng);
+            add_noise(&mut light, [cell, cell], share * grain, &mut rng);
         }
         let mut texels: Vec<[f32; 3]> =
             light.iter().map(|l| colour.map(|c| c as f32 + l)).collect();
         for _ in 0..marks {
             add_mark(&mut texels, colour, &mut rng);
         }
-        Self { texels, side: SIDE, texels_per_metre: TEXELS_PER_METRE, corner: 0.0 }
+        Self::of_texels(colour, texels)
+    }
+
+    /// A surface of [`SIDE`] by [`SIDE`] texels, rows first.
+    pub fn of_texels(colour: [f64; 3], texels: Vec<[f32; 3]>) -> Self {
+        Self { colour, texels, side: SIDE, texels_per_metre: TEXELS_PER_METRE, corner: 0.0 }
     }
 
     /// Black and white cells, top row first, on white paper about the origin: `size_m` wide on
@@ -72,7 +79,7 @@ impl Texture {
                 texels.push([if white { 225.0 } else { 18.0 }; 3]);
             }
         }
-        Self { texels, side, texels_per_metre, corner: -0.5 * paper_m }
+        Self { colour: [225.0; 3], texels, side, texels_per_metre, corner: -0.5 * paper_m }
     }
 
     /// Colour at surface coordinates in metres, bilinear.
@@ -93,18 +100,23 @@ impl Texture {
     }
 }
 
-/// Smooth value noise that repeats at the borders.
-fn add_noise(light: &mut [f32], cell: usize, amplitude: f64, rng: &mut ChaCha8Rng) {
-    let n = SIDE / cell;
+/// Smooth value noise in cells of (width, height) texels, which repeats at the borders.
+pub fn add_noise(
+    light: &mut [f32],
+    [width, height]: [usize; 2],
+    amplitude: f64,
+    rng: &mut ChaCha8Rng,
+) {
+    let (columns, rows) = (SIDE / width, SIDE / height);
     let lattice: Vec<f32> =
-        (0..n * n).map(|_| (amplitude * rng.random_range(-1.0..1.0)) as f32).collect();
+        (0..columns * rows).map(|_| (amplitude * rng.random_range(-1.0..1.0)) as f32).collect();
     let smooth = |f: f32| f * f * (3.0 - 2.0 * f);
-    for v in 0..n * cell {
-        for u in 0..n * cell {
-            let (i, j) = (u / cell, v / cell);
-            let fu = smooth((u % cell) as f32 / cell as f32);
-            let fv = smooth((v % cell) as f32 / cell as f32);
-            let at = |i: usize, j: usize| lattice[(j % n) * n + i % n];
+    for v in 0..rows * height {
+        for u in 0..columns * width {
+            let (i, j) = (u / width, v / height);
+            let fu = smooth((u % width) as f32 / width as f32);
+            let fv = smooth((v % height) as f32 / height as f32);
+            let at = |i: usize, j: usize| lattice[(j % rows) * columns + i % columns];
             let top = at(i, j) + fu * (at(i + 1, j) - at(i, j));
             let bottom = at(i, j + 1) + fu * (at(i + 1, j + 1) - at(i, j + 1));
             light[v * SIDE + u] += top + fv * (bottom - top);

@@ -1,5 +1,6 @@
 //! Solids, the bodies that they make up, and joints between them.
 
+use super::home::TextureClass;
 use super::texture::Texture;
 use crate::truth::TrueForm;
 use linkage_skill::Pose;
@@ -352,6 +353,8 @@ pub struct Scene {
     pub moving_camera: bool,
     /// Somebody else walks past at the side.
     pub passer_by: bool,
+    /// How much there is to see on the thing where surfaces are those of a home; `None`: speckles everywhere.
+    pub texture: Option<TextureClass>,
     /// Seconds.
     pub duration: f64,
 }

@@ -11,6 +11,7 @@
 //! features, or the pose of the frame before, is taken if the surface of the first frame supports it more.
 
 mod first_surface;
+mod fixed_camera;
 mod observation;
 
 use super::tracking::{Track, TrackId, TrackSet};
@@ -18,6 +19,7 @@ use crate::math::ransac::{Correspondence, RansacOptions, ransac_rigid};
 use crate::math::rigid::Pose;
 use crate::math::robust::median_point;
 use first_surface::FirstSurface;
+use fixed_camera::FixedCamera;
 use linkage_frames::RgbdFrame;
 use linkage_frames::depth::DepthSensor;
 use nalgebra::Point3;
@@ -98,6 +100,7 @@ pub struct EgoMotionEstimator {
     map: Vec<Option<MapPoint>>,
     camera_from_base: Vec<Pose>,
     first_surface: FirstSurface,
+    fixed_camera: FixedCamera,
 }
 
 impl EgoMotionEstimator {
@@ -108,6 +111,7 @@ impl EgoMotionEstimator {
             map: Vec::new(),
             camera_from_base: Vec::new(),
             first_surface: FirstSurface::default(),
+            fixed_camera: FixedCamera::default(),
         }
     }
 
@@ -115,9 +119,11 @@ impl EgoMotionEstimator {
     /// numbers of their tracks, and their places in the camera frame, metres.
     pub fn push(&mut self, lifted: &[(usize, Point3<f64>)], frame: &RgbdFrame) {
         let sensor = frame.camera.depth_sensor;
-        let before = self.camera_from_base.last().copied();
-        let pose =
-            before.map_or_else(Pose::identity, |before| self.register(lifted, frame, &before));
+        let is_fixed = self.fixed_camera.push(lifted, frame);
+        let pose = match self.camera_from_base.last().copied() {
+            Some(before) if !is_fixed => self.register(lifted, frame, &before),
+            _ => Pose::identity(),
+        };
         if self.first_surface.is_little() {
             self.first_surface = FirstSurface::of(frame, &pose);
         }
@@ -192,6 +198,7 @@ impl EgoMotionEstimator {
         self.camera_from_base.retain(|_| *marked.next().unwrap_or(&true));
         let mut number = numbers.iter();
         self.map.retain(|_| number.next().is_some_and(Option::is_some));
+        self.fixed_camera.keep_tracks(numbers);
     }
 
     /// Pose of the base in the camera, for each frame so far.

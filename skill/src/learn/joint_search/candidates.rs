@@ -10,6 +10,7 @@ use super::decision::accepts;
 use super::estimate::JointEstimate;
 use super::growth::grow_hypothesis;
 use super::motion_hypotheses::{COVERED, Hypothesis, hypotheses};
+use super::screw_joint::ScrewJoint;
 use super::search_state::{MIN_MOVING, SearchState};
 use super::tracks_in_part_frame::TracksInFrame;
 use super::verification::verify;
@@ -136,7 +137,7 @@ fn candidates_in_frame(
 ) -> (Vec<JointEstimate>, Vec<RejectedHypothesis>) {
     let FrameCandidates { parent, view, moving, hypotheses } = frame;
     let grow = |h: &Hypothesis| {
-        let joint = grown(search, h, (*parent, view, moving))?;
+        let joint = grown(search, (h, None), (*parent, view, moving))?;
         Some(verify(search, view, joint, moving, "grown"))
     };
     let config = search.config();
@@ -182,11 +183,11 @@ fn most_grown(search: &SearchState, config: &JointSearchConfig) -> usize {
     }
 }
 
-/// Grows a hypothesis in the frame of `parent` to a candidate that is not yet verified; `None` where too few of the
-/// `moving` tracks follow it.
+/// Grows a hypothesis in the frame of `parent`, about a line if it is `known`, to a candidate that is not yet verified;
+/// `None` where too few of the `moving` tracks follow it.
 pub fn grown(
     search: &SearchState,
-    h: &Hypothesis,
+    (h, known): (&Hypothesis, Option<ScrewJoint>),
     (parent, view, moving): (Option<usize>, &TracksInFrame, &[usize]),
 ) -> Option<JointEstimate> {
     if search.is_cancelled() {
@@ -196,7 +197,7 @@ pub fn grown(
         search.is_cancelled()
             || !ALLOWED_CORRELATION.contains(&search.parent_correlation(j, parent))
     };
-    let mut joint = grow_hypothesis(view, h, moving, search.config(), is_hopeless)?;
+    let mut joint = grow_hypothesis(view, (h, known), moving, search.config(), is_hopeless)?;
     joint.parent = parent;
     joint.seed.clone_from(&h.tracks);
     Some(joint)

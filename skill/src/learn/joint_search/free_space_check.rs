@@ -16,6 +16,9 @@ use rayon::prelude::*;
 
 /// Discriminability below which depth images do not discriminate a configuration.
 pub const SILENT: f64 = 0.1;
+/// Share of the members that must be inliers for the others to be removed; of a sibling of another joint.
+const LEAST_INLIERS: f64 = 0.5;
+const LEAST_OF_SIBLING: f64 = 0.25;
 /// Largest number of members whose points are tested in the depth images.
 const MAX_POINTS: usize = 120;
 /// Number of configurations that are tried within the known range, and on each side beyond it, in
@@ -129,7 +132,8 @@ impl FreeSpaceCheck<'_> {
 
     /// Members that depth images do not contradict. An outlier is a track whose point is often seen
     /// through while the rest of the part is found: a hand moves with what it holds, but comes and
-    /// leaves. All members are kept where at least half of them would be outliers.
+    /// leaves. All members are kept where at least half of them would be outliers, or, of a sibling of another joint,
+    /// three quarters: the arm that opens a plain door has more tracks than the door.
     pub fn inlier_members(&self, joint: &JointEstimate, joints: &[JointEstimate]) -> Vec<usize> {
         let pictures: Vec<(Pose, &RgbdFrame)> = self
             .recording
@@ -149,7 +153,13 @@ impl FreeSpaceCheck<'_> {
             all.mostly_agrees()
         };
         let kept: Vec<usize> = joint.members.par_iter().copied().filter(is_inlier).collect();
-        if 2 * kept.len() > joint.members.len() { kept } else { joint.members.clone() }
+        let least =
+            if joint.evidence.is_parallel_sibling { LEAST_OF_SIBLING } else { LEAST_INLIERS };
+        if kept.len() as f64 > least * joint.members.len() as f64 {
+            kept
+        } else {
+            joint.members.clone()
+        }
     }
 
     /// True if depth images show a joint's points where the part of joint number `index` would
@@ -291,6 +301,19 @@ mod tests {
         let evidence = Evidence { discriminability, ..drawer.evidence.clone() };
         let along = JointEstimate { evidence, ..drawer.clone() };
         FreeSpaceCheck { recording: &recording }.is_on(&along, 0, &[drawer])
+    }
+
+    #[test]
+    fn of_a_sibling_a_third_of_the_tracks_may_be_the_part() {
+        // Two thirds of the tracks are on an arm that is not there in the pictures.
+        let (recording, mut drawer) = opened_drawer();
+        drawer.points[20..].iter_mut().for_each(|p| p.z -= 0.4);
+        let check = FreeSpaceCheck { recording: &recording };
+        assert_eq!(check.inlier_members(&drawer, &[]).len(), 60);
+        drawer.evidence.is_parallel_sibling = true;
+        assert_eq!(check.inlier_members(&drawer, &[]), (0..20).collect::<Vec<_>>());
+        drawer.points[10..].iter_mut().for_each(|p| p.z = 1.0);
+        assert_eq!(check.inlier_members(&drawer, &[]).len(), 60, "ten are too few");
     }
 
     #[test]

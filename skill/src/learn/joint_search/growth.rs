@@ -14,8 +14,9 @@ use super::estimate::JointEstimate;
 use super::helical_pitch;
 use super::motion_hypotheses::Hypothesis;
 use super::propagation::propagate;
+use super::screw_joint::ScrewJoint;
 use super::tracks_in_part_frame::TracksInFrame;
-use super::window_fit::window_fits;
+use super::window_fit::{window_fit_about, window_fits};
 
 /// Largest mean cost of an observation at which a window's fit is grown.
 const MAX_WINDOW_COST: f64 = 5.0;
@@ -36,18 +37,22 @@ const PITCH_ROUNDS: usize = 3;
 /// any line.
 const HINGE_ADVANTAGE: f64 = 1.03;
 
-/// Grows a slide and a hinge from a hypothesis and returns the better one. A candidate that
-/// `is_hopeless` after its propagation is not refined.
+/// Grows a slide and a hinge from a hypothesis, or a joint about a `known` line, and returns the better one. A
+/// candidate that `is_hopeless` after its propagation is not refined.
 pub fn grow_hypothesis(
     view: &TracksInFrame,
-    hypothesis: &Hypothesis,
+    (hypothesis, known): (&Hypothesis, Option<ScrewJoint>),
     candidates: &[usize],
     config: &JointSearchConfig,
     is_hopeless: impl Fn(&JointEstimate) -> bool,
 ) -> Option<JointEstimate> {
     let anchors = anchor_tracks(&hypothesis.tracks, candidates);
     let mut best: Option<JointEstimate> = None;
-    for (start, cost) in window_fits(view, hypothesis) {
+    let fits = match known {
+        Some(line) => vec![window_fit_about(view, line, hypothesis)],
+        None => window_fits(view, hypothesis),
+    };
+    for (start, cost) in fits {
         if cost > MAX_WINDOW_COST {
             continue;
         }
@@ -142,7 +147,6 @@ fn with_pitch(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learn::joint_search::screw_joint::ScrewJoint;
     use crate::learn::joint_search::test_data::seen_moving;
     use nalgebra::{Point3, Vector3};
 
@@ -159,7 +163,7 @@ mod tests {
         let tracks = all[..8].to_vec();
         let hypothesis = Hypothesis { from: 12, to: 24, motion, tracks, rank: 1.0 };
         let config = JointSearchConfig::default();
-        grow_hypothesis(&view, &hypothesis, &all, &config, |_| false).unwrap()
+        grow_hypothesis(&view, (&hypothesis, None), &all, &config, |_| false).unwrap()
     }
 
     #[test]

@@ -33,14 +33,14 @@ pub fn window_fits(view: &TracksInFrame, h: &Hypothesis) -> Vec<(JointEstimate, 
     let centre = Point3::from(start);
     let mut fits = Vec::new();
     if let Some(axis) = (end - start).try_normalize(1e-6) {
-        fits.push(window_fit(view, ScrewJoint::slide(axis, centre), h));
+        fits.push(window_fit(view, ScrewJoint::slide(axis, centre), h, STEPS));
     }
     if let Some(screw) = screw_of(&h.motion)
         && screw.angle > MIN_SCREW_ANGLE
         && distance_to_line(&screw.origin, &screw.axis, &centre) < MAX_LEVER
     {
         let dof = ScrewJoint::hinge(screw.axis.into_inner(), screw.origin);
-        let hinge = window_fit(view, dof, h);
+        let hinge = window_fit(view, dof, h, STEPS);
         let slide_cost = fits.first().map_or(f64::INFINITY, |(_, c)| *c);
         if slide_cost > 1.3 * hinge.1 + 0.2 {
             fits.clear();
@@ -52,7 +52,22 @@ pub fn window_fits(view: &TracksInFrame, h: &Hypothesis) -> Vec<(JointEstimate, 
     fits
 }
 
-fn window_fit(view: &TracksInFrame, dof: ScrewJoint, h: &Hypothesis) -> (JointEstimate, f64) {
+/// Fits the configurations of a joint whose line is known to the window, with its mean cost of an observation.
+pub fn window_fit_about(
+    view: &TracksInFrame,
+    dof: ScrewJoint,
+    h: &Hypothesis,
+) -> (JointEstimate, f64) {
+    window_fit(view, dof, h, 0)
+}
+
+/// Fits a joint to the window, in so many `steps` of bundle adjustment.
+fn window_fit(
+    view: &TracksInFrame,
+    dof: ScrewJoint,
+    h: &Hypothesis,
+    steps: usize,
+) -> (JointEstimate, f64) {
     let mut joint = JointEstimate::new(dof, view, h.from);
     for &t in &h.tracks {
         if let Some(s) = view.at(t, h.from) {
@@ -76,7 +91,7 @@ fn window_fit(view: &TracksInFrame, dof: ScrewJoint, h: &Hypothesis) -> (JointEs
         }
     }
     joint.members = h.tracks.clone();
-    refine(&mut joint, view, &h.tracks, OUTLIER_CUT, STEPS);
+    refine(&mut joint, view, &h.tracks, OUTLIER_CUT, steps);
     let (mut sum, mut observations) = (0.0, 0);
     let motions = joint.motions();
     for &t in &h.tracks {

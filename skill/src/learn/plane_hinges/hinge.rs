@@ -157,21 +157,26 @@ impl Candidate {
 }
 
 /// Lines that planes turn about, the best supported first, at most `most`. Of lines that count as one, only the best
-/// is kept.
+/// is kept. A plane counts half for each line before that it supports: the planes of a trunk that sways lie about many
+/// lines, and must not keep a door out of the list.
 pub fn candidates(patches: &[PlanePatch], most: usize) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = (0..patches.len())
         .into_par_iter()
         .flat_map_iter(|i| (i + 1..patches.len()).filter_map(move |j| candidate(patches, i, j)))
         .collect();
     all.sort_by_key(|c| std::cmp::Reverse(c.samples));
+    let mut worth: Vec<f64> = patches.iter().map(|patch| patch.points.len() as f64).collect();
     let mut distinct: Vec<Candidate> = Vec::new();
-    for c in all {
-        if distinct.len() >= most {
-            break;
-        }
-        if !distinct.iter().any(|d| d.is_like(&c)) {
-            distinct.push(c);
-        }
+    while distinct.len() < most {
+        let supported = |c: &Candidate| c.support.iter().map(|&k| worth[k]).sum::<f64>();
+        // Of equals the first one, which is that with most samples.
+        let best =
+            (0..all.len()).rev().max_by(|&a, &b| supported(&all[a]).total_cmp(&supported(&all[b])));
+        let Some(best) = best else { break };
+        let best = all.remove(best);
+        best.support.iter().for_each(|&k| worth[k] *= 0.5);
+        all.retain(|c| !best.is_like(c));
+        distinct.push(best);
     }
     distinct
 }
@@ -544,6 +549,34 @@ mod tests {
         assert!((told.middle - Point3::new(0.445, -0.05, 1.5)).norm() < 0.1, "{}", told.middle);
         let few = &planes[..6];
         assert!(candidates(few, 1).iter().all(|c| c.turning_plane(few).is_none()));
+    }
+
+    #[test]
+    fn planes_that_lie_about_many_lines_do_not_keep_a_door_out_of_the_list() {
+        let (axis, origin) = (Vector3::y_axis(), Point3::new(-0.2, 0.1, 1.5));
+        let mut planes = patches(&axis, &origin);
+        // A trunk that sways: larger planes, which turn a little about lines of many directions.
+        planes.extend((0..20).map(|k| {
+            let wave = |speed: f64| 0.12 * (speed * f64::from(k)).sin();
+            let normal = Vector3::new(wave(0.7), wave(1.1), -1.0).normalize();
+            let points: Vec<Point3<f64>> = (0..300)
+                .map(|i| Point3::new(0.8 + 0.01 * f64::from(i % 20), 0.02 * f64::from(i / 20), 1.2))
+                .collect();
+            PlanePatch {
+                frame: 4 * k as usize,
+                normal,
+                offset: normal.dot(&points[0].coords),
+                points,
+            }
+        }));
+        let found = candidates(&planes, 6);
+        let is_doors = |c: &Candidate| line_angle(&c.axis, &axis) < 0.02 && c.support.len() > 15;
+        assert!(
+            found.iter().any(is_doors),
+            "{:?}",
+            found.iter().map(|c| c.axis).collect::<Vec<_>>()
+        );
+        assert!(found[0].samples >= found.iter().map(|c| c.samples).max().unwrap());
     }
 
     #[test]

@@ -217,7 +217,7 @@ mod tests {
         let planes = best.hinge(&patches, &best.support, &FaceEdges::default()).unwrap();
         let surface = closed_door();
         let range = [planes.range()[0] - 0.1, planes.range()[1] + 0.1];
-        let search = Search { range, max_steps: &[] };
+        let search = Search { range, ..Search::default() };
         let following = follow(&surface, &planes.geometry(), planes.reach(), &search, &recording);
         let line = align_line(&surface, &planes, &following, &recording);
         (planes, line)

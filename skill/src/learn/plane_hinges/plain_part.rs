@@ -184,7 +184,9 @@ pub fn follow_candidate(
     }
 }
 
-/// The part that most planes about a line agree with, near the range of these planes or far beyond it.
+/// The part that most planes about a line agree with. If depth alone shows none, the planes guide it: a thin lid may lie
+/// so close to what is below it that depth finds it there throughout. Its speed is then bounded, because keyframes
+/// without a plane would leave it there.
 fn best_followed(
     rough: &Hinge,
     is_bounded: bool,
@@ -192,9 +194,28 @@ fn best_followed(
     patches: &[PlanePatch],
     recording: &Recording,
 ) -> Followed {
-    let [low, high] = rough.range();
+    let by = |is_guided: bool| {
+        let is_bounded = is_bounded || is_guided;
+        let manner = SearchSpace { range: rough.range(), is_bounded, is_guided };
+        near_or_beyond(rough, manner, candidate, patches, recording)
+    };
+    match by(false) {
+        part @ Followed::Part(_) => part,
+        other => other.better(by(true)),
+    }
+}
+
+/// The part that most planes about a line agree with, near the range of these planes or far beyond it.
+fn near_or_beyond(
+    rough: &Hinge,
+    manner: SearchSpace,
+    candidate: &Candidate,
+    patches: &[PlanePatch],
+    recording: &Recording,
+) -> Followed {
+    let [low, high] = manner.range;
     let of_surfaces = |beyond: f64, surface_of: &dyn Fn(usize) -> Option<Surface>| {
-        let search = SearchSpace { range: [low - beyond, high + beyond], is_bounded };
+        let search = SearchSpace { range: [low - beyond, high + beyond], ..manner };
         let parts = rough.ends().into_iter().filter_map(|seed| {
             followed(&surface_of(seed)?, rough, search, candidate, patches, recording)
         });
@@ -253,13 +274,15 @@ fn plate_of(
     (others.len() >= MIN_OF_OTHER_FACE).then(|| Surface { back: back(), ..face })
 }
 
-/// Range in which a part is searched for, and whether its speed is bounded.
+/// Range in which a part is searched for, and what bounds it.
 #[derive(Clone, Copy)]
 struct SearchSpace {
     /// Range of configurations, radians.
     range: [f64; 2],
     /// True if the part may move no faster than people open things.
     is_bounded: bool,
+    /// True if the part is where its planes are, in the keyframes that have one.
+    is_guided: bool,
 }
 
 /// Follows a surface about a rough line, refines the line from the planes that agree, and follows the surface about
@@ -276,8 +299,10 @@ fn followed(
     let [for_line, few] = [FIRST_POINTS, MAX_POINTS].map(|most| surface.thinned(most));
     let max_steps = recording.keyframes.largest_steps(MAX_SPEED_RAD_S);
     let bound = if search.is_bounded { &max_steps[..] } else { &[] };
+    let guides = if search.is_guided { &rough.turns[..] } else { &[] };
     let follow = |surface: &Surface, geometry: &JointGeometry, reach: f64| {
-        let search = Search { range: search.range, max_steps: bound };
+        let guided_to = SAME_TURN_RAD;
+        let search = Search { range: search.range, max_steps: bound, guides, guided_to };
         follow(surface, geometry, reach, &search, recording)
     };
     let first = follow(&for_line, &rough.geometry(), rough.reach());

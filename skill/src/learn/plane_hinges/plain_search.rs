@@ -28,6 +28,8 @@ pub struct PlainParts {
 /// parts.
 pub fn search(recording: &Recording) -> PlainParts {
     let mut patches = moving_patches(recording, Sampling::Coarse, None);
+    let samples: usize = patches.iter().map(|patch| patch.points.len()).sum();
+    tracing::debug!(patches = patches.len(), samples, "planes that move");
     let mut found = PlainParts::default();
     let mut followed = 0;
     'next: while followed < MOST_FOLLOWED {
