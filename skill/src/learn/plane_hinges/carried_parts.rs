@@ -4,8 +4,11 @@
 //! Hinges are searched for in the keyframes of the parent's longest rest; the keyframes outside that rest decide
 //! whether the parent carries them.
 //!
+//! A part that was found in the base frame may be carried too: the back of a chair whose seat turned before. It was
+//! found while the seat rested.
+//!
 //! In: the joints of the base, and the recording.
-//! Out: hinges whose parent is a slide of the base; line and points are those at the first frame, metres and radians.
+//! Out: hinges whose parent is a moving part; line and points are those at the first frame, metres and radians.
 
 use super::depth_following::MAX_POINTS;
 use super::extend_range::extend_to;
@@ -20,10 +23,13 @@ use std::ops::RangeInclusive;
 
 /// Fewest keyframes of the parent's rest.
 const MIN_REST_KEYFRAMES: usize = 12;
-/// Largest shift of a slide during its rest, metres.
+/// Largest shift of a slide during its rest, metres, and largest turn of a hinge, radians.
 const REST_M: f64 = 0.006;
-/// The parent counts as moved away when it is more than `ELSEWHERE` times `REST_M` from its rest.
+const REST_RAD: f64 = 0.02;
+/// The parent counts as moved away when it is more than this many times `REST_M` or `REST_RAD` from its rest.
 const ELSEWHERE: f64 = 6.0;
+/// Smallest share of a part's range that it must show while its carrier rests.
+const WITHIN_REST: f64 = 0.8;
 /// Fewest keyframes in which the parent is moved away.
 const MIN_ELSEWHERE_KEYFRAMES: usize = 3;
 /// Smallest share of a carried part's points that the keyframes outside the rest must find where the parent carries
@@ -54,7 +60,25 @@ pub fn carried_parts(joints: &[LearnedJoint], recording: &Recording) -> Vec<Lear
     found
 }
 
-/// The longest rest of a slide.
+/// Hangs a part that was found in the base frame on the joint that carries it, if one does.
+pub fn hang_on_carrier(part: &mut LearnedJoint, joints: &[LearnedJoint], recording: &Recording) {
+    let of_base = joints.iter().filter(|carrier| carrier.joint.parent == 0);
+    let mut hung = of_base.filter_map(|carrier| {
+        let rest = Rest::of(carrier, recording)?;
+        let seen = rest.part_within(part, recording)?;
+        rest.carries(&seen, carrier, recording).then(|| rest.carried(seen, carrier))
+    });
+    if let Some(hung) = hung.next() {
+        tracing::debug!(
+            parent = hung.joint.parent,
+            joint = hung.joint.name,
+            "hangs on a moving part"
+        );
+        *part = hung;
+    }
+}
+
+/// The longest rest of a joint.
 struct Rest {
     /// The recording, with the keyframes of the rest only.
     recording: Recording,
@@ -68,14 +92,16 @@ impl Rest {
     /// The longest rest; `None` if the joint rests for too few keyframes, or is moved away in too few.
     fn of(carrier: &LearnedJoint, recording: &Recording) -> Option<Self> {
         let q = configurations(carrier, recording);
+        let is_slide = carrier.joint.kind == JointKind::Prismatic;
+        let still = if is_slide { REST_M } else { REST_RAD };
         let from = |start: usize| {
-            let near = |then: &&(usize, f64)| (then.1 - q[start].1).abs() < REST_M;
+            let near = |then: &&(usize, f64)| (then.1 - q[start].1).abs() < still;
             (start, q[start..].iter().take_while(near).count())
         };
         let (start, count) =
             (0..q.len()).map(from).max_by_key(|(start, n)| (*n, usize::MAX - start))?;
         let elsewhere =
-            q.iter().filter(|(_, other)| (other - q[start].1).abs() > ELSEWHERE * REST_M);
+            q.iter().filter(|(_, other)| (other - q[start].1).abs() > ELSEWHERE * still);
         if count < MIN_REST_KEYFRAMES || elsewhere.count() < MIN_ELSEWHERE_KEYFRAMES {
             return None;
         }
@@ -84,6 +110,20 @@ impl Rest {
         let keyframes = recording.keyframes.within(&frames);
         let recording = Recording { keyframes, ..recording.clone() };
         Some(Self { recording, frames, base_from_carrier })
+    }
+
+    /// What is known of a part during the rest; `None` if that is little of its range.
+    fn part_within(&self, part: &LearnedJoint, recording: &Recording) -> Option<LearnedJoint> {
+        let mut within = part.clone();
+        for (frame, pose) in within.base_from_part.iter_mut().enumerate() {
+            if !self.frames.contains(&frame) {
+                *pose = None;
+            }
+        }
+        // Frames that stay known keep their configurations; those of the others are dropped.
+        within.place(&[], &recording.tracks);
+        let length = |part: &LearnedJoint| part.joint.range[1] - part.joint.range[0];
+        (length(&within) >= WITHIN_REST * length(part)).then_some(within)
     }
 
     /// True if the keyframes outside the rest show the part where the parent carries it, and not where the base would
@@ -190,6 +230,23 @@ mod tests {
         let off = distance_to_line(&joint.origin.into(), &joint.axis.into(), &hinge);
         assert!(off < 0.02, "{off} m off");
         assert!((joint.range[1] - joint.range[0] - 1.3).abs() < 0.05, "{:?}", joint.range);
+    }
+
+    #[test]
+    fn a_door_that_was_found_on_the_base_is_hung_on_what_carries_it_and_on_nothing_else() {
+        let found = |recording: &Recording| {
+            let rest = Rest::of(&slide(pulled), recording).unwrap();
+            search(&rest.recording).parts[0].to_learned(&rest.recording)
+        };
+        let hung_on = |shift: fn(usize) -> f64| {
+            let recording = pulled_door_recording(FRAMES, opened, shift);
+            let mut door = found(&recording);
+            assert_eq!(door.joint.parent, 0);
+            hang_on_carrier(&mut door, &[slide(pulled)], &recording);
+            door.joint.parent
+        };
+        assert_eq!(hung_on(pulled), 1);
+        assert_eq!(hung_on(|_| 0.0), 0, "the base holds it");
     }
 
     #[test]

@@ -29,7 +29,7 @@ pub(super) mod test_data;
 use super::learned_joint::{LearnedJoint, LearnedJoints};
 use super::recording::Recording;
 use crate::object::model::Joint;
-use carried_parts::carried_parts;
+use carried_parts::{carried_parts, hang_on_carrier};
 use extend_range::{extend, extend_to, pose_anew};
 use place_fusion::fuse_place;
 use plain_part::PlainPart;
@@ -88,6 +88,7 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
         number(&mut joints, 1);
     }
     number(&mut plain, joints.len() + 1);
+    plain.iter_mut().for_each(|part| hang_on_carrier(part, &joints, recording));
     joints.append(&mut plain);
     let mut carried = carried_parts(&joints, recording);
     number(&mut carried, joints.len() + 1);
