@@ -54,6 +54,9 @@ const HOPELESS_SHOWN: f64 = 0.4;
 const HOPELESS_VIOLATION: f64 = 0.35;
 /// Most points by which a part is followed until its line is known.
 const FIRST_POINTS: usize = 50;
+/// Share of the largest speed at which a part may turn that is guided by its planes: it must not wait in keyframes
+/// without a plane and then jump.
+const GUIDED_SPEED: f64 = 0.6;
 /// Consecutive keyframes for which a part must rest.
 const REST_KEYFRAMES: usize = 4;
 /// Largest turn of a part during its rest, radians.
@@ -195,7 +198,6 @@ fn best_followed(
     recording: &Recording,
 ) -> Followed {
     let by = |is_guided: bool| {
-        let is_bounded = is_bounded || is_guided;
         let manner = SearchSpace { range: rough.range(), is_bounded, is_guided };
         near_or_beyond(rough, manner, candidate, patches, recording)
     };
@@ -298,11 +300,15 @@ fn followed(
     // Each point is tested in each keyframe, so few points are used, and fewer still until the line is known.
     let [for_line, few] = [FIRST_POINTS, MAX_POINTS].map(|most| surface.thinned(most));
     let max_steps = recording.keyframes.largest_steps(MAX_SPEED_RAD_S);
-    let bound = if search.is_bounded { &max_steps[..] } else { &[] };
+    let bound: Vec<f64> = match (search.is_guided, search.is_bounded) {
+        (true, _) => max_steps.iter().map(|max| GUIDED_SPEED * max).collect(),
+        (_, true) => max_steps.clone(),
+        _ => Vec::new(),
+    };
     let guides = if search.is_guided { &rough.turns[..] } else { &[] };
     let follow = |surface: &Surface, geometry: &JointGeometry, reach: f64| {
         let guided_to = SAME_TURN_RAD;
-        let search = Search { range: search.range, max_steps: bound, guides, guided_to };
+        let search = Search { range: search.range, max_steps: &bound, guides, guided_to };
         follow(surface, geometry, reach, &search, recording)
     };
     let first = follow(&for_line, &rough.geometry(), rough.reach());
