@@ -54,6 +54,9 @@ const HOPELESS_SHOWN: f64 = 0.4;
 const HOPELESS_VIOLATION: f64 = 0.35;
 /// Most points by which a part is followed until its line is known.
 const FIRST_POINTS: usize = 50;
+/// Smallest turn of the planes that guide a part, radians. A trunk that its planes guided turned by 0.7 rad; thin lids
+/// turn by 1.1 and more.
+const GUIDED_TURN_RAD: f64 = 0.9;
 /// Share of the largest speed at which a part may turn that is guided by its planes: it must not wait in keyframes
 /// without a plane and then jump.
 const GUIDED_SPEED: f64 = 0.6;
@@ -153,6 +156,8 @@ pub struct PlainPart {
     first_turn: f64,
     /// Share of the line that is attached to no visible surface.
     unattached_ratio: f64,
+    /// True if it was followed with its planes as guides.
+    is_guided: bool,
 }
 
 /// The part that is seen to turn about a candidate's line. Two parts may turn about one line (a toilet's lid and
@@ -349,6 +354,7 @@ fn followed(
         explained,
         first_turn,
         unattached_ratio,
+        is_guided: search.is_guided,
     };
     part.find_edge_on(recording);
     Some(part)
@@ -411,8 +417,11 @@ impl PlainPart {
         let [low, high] = seen.range();
         let max_violation =
             if self.has_many_planes() { MAX_VIOLATION } else { FEW_PLANES_VIOLATION };
-        let [least_turn, least_turn_of_planes] =
-            if self.has_many_planes() { MIN_TURNS_RAD } else { MIN_TURNS_OF_FEW_PLANES_RAD };
+        let [least_turn, least_turn_of_planes] = match (self.is_guided, self.has_many_planes()) {
+            (true, _) => [GUIDED_TURN_RAD; 2],
+            (_, true) => MIN_TURNS_RAD,
+            _ => MIN_TURNS_OF_FEW_PLANES_RAD,
+        };
         let reasons = [
             (high - low < least_turn, "it hardly turns"),
             (self.turn_of_planes() < least_turn_of_planes, "its planes do not turn"),
