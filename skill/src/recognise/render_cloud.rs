@@ -10,7 +10,7 @@ use crate::math::extremes::smaller;
 use crate::math::rigid::{Pose, matrix_pose};
 use crate::object::appearance::{Appearance, Edge};
 use nalgebra::{Point3, Vector3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Surface of an object as surfels.
 pub struct Cloud {
@@ -22,6 +22,8 @@ pub struct Cloud {
     pub part_of_patch: Vec<usize>,
     /// Some of the known edges of the parts; none in a thinned cloud.
     pub edges: Vec<KnownEdge>,
+    /// Width of a patch, metres, by part.
+    widths: Vec<f64>,
 }
 
 /// Largest number of edges of a part that are tested; they are stored in random order.
@@ -64,10 +66,16 @@ impl Cloud {
 
     /// Groups surfels in patches; without edges.
     pub fn of(surfels: Vec<CloudPoint>) -> Self {
+        let widths = patch_widths(&surfels);
+        Self::in_patches(surfels, widths)
+    }
+
+    /// Groups surfels in patches that are so wide, metres, by part.
+    fn in_patches(surfels: Vec<CloudPoint>, widths: Vec<f64>) -> Self {
         let mut part_of_patch = Vec::new();
         let mut in_cells: HashMap<_, Vec<Side>> = HashMap::new();
         let patch_of = |s: &CloudPoint| {
-            let cell = [s.point.x, s.point.y, s.point.z].map(|x| (x / PATCH_M).floor() as i32);
+            let cell = patch_cell(&s.point, widths[s.part]);
             let sides = in_cells.entry((s.part, cell)).or_default();
             if let Some(side) = sides.iter().find(|side| side.normal.dot(&s.normal) > SAME_SIDE) {
                 return side.patch;
@@ -78,12 +86,13 @@ impl Cloud {
             patch
         };
         let patches = surfels.iter().map(patch_of).collect();
-        Self { patches, part_of_patch, surfels, edges: Vec::new() }
+        Self { patches, part_of_patch, surfels, edges: Vec::new(), widths }
     }
 
     /// Cloud of every third surfel: enough to compare configurations.
     pub fn thinned(&self) -> Self {
-        Self::of(self.surfels.iter().copied().step_by(THINNING).collect())
+        let kept = self.surfels.iter().copied().step_by(THINNING).collect();
+        Self::in_patches(kept, self.widths.clone())
     }
 }
 
@@ -246,8 +255,34 @@ pub fn known_edges(edges: &[Edge]) -> Vec<KnownEdge> {
 /// Side of a patch, metres: a piece of a part's surface with even illumination. Two planks of different paint are
 /// two levels of lightness, and any two levels correlate: only variation within a patch distinguishes surfaces.
 const PATCH_M: f64 = 0.1;
+/// Mean number of surfels of a patch. An appearance holds at most 1200 surfels of a part: on a door of 2 square metres six
+/// in a patch of the usual width, which are too few to correlate, so that a barn's door was not recognised at all.
+const MEAN_IN_PATCH: f64 = 20.0;
+/// Number of surfels of a part from which it is large rather than seen little.
+const LARGE_PART: usize = 600;
 /// Smallest cosine between normals of one patch: around a corner the illumination is another.
 const SAME_SIDE: f64 = 0.7;
+
+/// Width of the patches of each part, metres: wider than usual where the surfels of a large part are far apart.
+fn patch_widths(surfels: &[CloudPoint]) -> Vec<f64> {
+    let mut parts: Vec<(usize, HashSet<[i32; 3]>)> = Vec::new();
+    for s in surfels {
+        if parts.len() <= s.part {
+            parts.resize_with(s.part + 1, Default::default);
+        }
+        parts[s.part].0 += 1;
+        parts[s.part].1.insert(patch_cell(&s.point, PATCH_M));
+    }
+    let width = |(count, cells): &(usize, HashSet<_>)| {
+        let wanted = (MEAN_IN_PATCH * cells.len() as f64 / *count as f64).sqrt();
+        if *count >= LARGE_PART { PATCH_M * wanted.max(1.0) } else { PATCH_M }
+    };
+    parts.iter().map(width).collect()
+}
+
+fn patch_cell(point: &Point3<f64>, width: f64) -> [i32; 3] {
+    [point.x, point.y, point.z].map(|x| (x / width).floor() as i32)
+}
 
 /// A patch and the normal of its first surfel.
 struct Side {
@@ -270,6 +305,29 @@ mod tests {
         let slanted = Vector3::new(0.3, 0.0, -1.0).normalize();
         let cloud = Cloud::of([-Vector3::z(), Vector3::x(), slanted].map(surfel).into());
         assert_eq!(cloud.patches, [0, 1, 0]);
+    }
+
+    #[test]
+    fn patches_of_a_large_part_are_wide_enough_to_hold_its_surfels() {
+        let board = |side: f64, count: u32| {
+            let surfel = |i: u32| {
+                let (x, y) =
+                    (f64::from(i) * 0.618_034 % 1.0, (f64::from(i) + 0.5) / f64::from(count));
+                CloudPoint {
+                    part: 0,
+                    point: Point3::new(side * x, side * y, 1.05),
+                    normal: -Vector3::z(),
+                    lab: [50.0, 0.0, 0.0],
+                }
+            };
+            Cloud::of((0..count).map(surfel).collect())
+        };
+        let mean = |cloud: &Cloud| cloud.surfels.len() / cloud.part_of_patch.len();
+        assert_eq!(board(0.5, 1200).part_of_patch.len(), 25);
+        let door = board(1.5, 1200);
+        assert!((15..25).contains(&mean(&door)), "{}", mean(&door));
+        assert_eq!(door.thinned().part_of_patch.len(), door.part_of_patch.len());
+        assert_eq!(mean(&board(0.5, 100)), 4, "little was seen of it");
     }
 
     #[test]
