@@ -222,16 +222,24 @@ mod tests {
         });
     }
 
-    /// A hinge, and when the lower and the upper door of a fridge turn about it, radians by frame.
-    fn fridge() -> (ScrewJoint, [fn(usize) -> f64; 2]) {
-        let lower = |f: usize| 0.1 * f.saturating_sub(5).min(10) as f64;
-        let upper = |f: usize| 0.1 * f.saturating_sub(46).min(10) as f64;
-        (ScrewJoint::hinge(Vector3::y(), Point3::new(-0.3, 0.0, 1.5)), [lower, upper])
+    /// The hinge about which both doors of a fridge turn.
+    fn fridge_line() -> ScrewJoint {
+        ScrewJoint::hinge(Vector3::y(), Point3::new(-0.3, 0.0, 1.5))
+    }
+
+    /// Turn of the lower door, radians.
+    fn lower(frame: usize) -> f64 {
+        0.1 * frame.saturating_sub(5).min(10) as f64
+    }
+
+    /// Turn of the upper door, radians: the lower one rests by then.
+    fn upper(frame: usize) -> f64 {
+        0.1 * frame.saturating_sub(46).min(10) as f64
     }
 
     #[test]
     fn the_second_door_about_one_line_is_a_candidate_and_the_first_one_is_not_again() {
-        let (line, [lower, upper]) = fridge();
+        let line = fridge_line();
         let place = |i: usize, y: f64| {
             Point3::new(0.04 * (i % 10) as f64 - 0.2, y + 0.03 * (i / 10) as f64, 1.5)
         };
@@ -262,7 +270,7 @@ mod tests {
 
     #[test]
     fn a_motion_turns_about_a_line_if_the_line_stays_where_it_is() {
-        let (line, _) = fridge();
+        let line = fridge_line();
         assert!(turns_about(&line, &line.geometry().motion(0.4)));
         assert!(!turns_about(&line, &line.geometry().motion(0.02)), "it hardly turns");
         let aside = ScrewJoint::hinge(Vector3::y(), Point3::new(0.4, 0.0, 1.5));
