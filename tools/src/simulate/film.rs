@@ -3,11 +3,10 @@
 //! In: a scene (world frame, metres), how it is filmed, a seed. Out: at a time the pose of the camera,
 //! the solids with their poses, the person; and the truth of a whole recording, in the camera frame.
 
-use super::home::TextureClass;
 use super::kit::{GREY, Look, Palette};
 use super::person::Person;
 use super::render::Light;
-use super::texture::Richness;
+use super::texture::{Richness, TextureClass};
 use super::world::{Scene, Solid};
 use crate::truth::{TrueJoint, TruePart, TrueSolid, Truth};
 use linkage_driver::PinholeCamera;

@@ -3,7 +3,7 @@
 //! In: a scene in its room, painted with speckles everywhere. Out: the same scene with other surfaces; nothing else
 //! changes. On speckles every feature tracker finds thousands of corners; on paint it finds the edges and the handle.
 
-use super::texture::{SIDE, Texture, add_noise};
+use super::texture::{SIDE, Texture, TextureClass, add_noise};
 use super::world::{Form, Material, Scene, Solid};
 use clap::ValueEnum;
 use rand::seq::IndexedRandom;
@@ -29,28 +29,6 @@ impl Surfaces {
             Self::Speckled => "speckled",
             Self::Home => "home",
             Self::Plain => "plain",
-        }
-    }
-}
-
-/// How much there is to see on a thing at home.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TextureClass {
-    /// Paint, metal, laminate.
-    Plain,
-    /// Wood with a visible grain, or paint with a few labels.
-    Medium,
-    /// Strong grain and many labels.
-    Rich,
-}
-
-impl TextureClass {
-    /// The name in `truth.json`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Plain => "plain",
-            Self::Medium => "medium",
-            Self::Rich => "rich",
         }
     }
 }
@@ -279,7 +257,7 @@ fn add_label(texels: &mut [[f32; 3]], rng: &mut ChaCha8Rng) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scene;
+    use super::super::scenes::scene;
     use super::*;
 
     /// Mean absolute difference of neighbouring texels of the thing's surfaces, grey levels.

@@ -19,6 +19,28 @@ pub enum Richness {
     Poor,
 }
 
+/// How much there is to see on a thing at home.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TextureClass {
+    /// Paint, metal, laminate.
+    Plain,
+    /// Wood with a visible grain, or paint with a few labels.
+    Medium,
+    /// Strong grain and many labels.
+    Rich,
+}
+
+impl TextureClass {
+    /// The name in `truth.json`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plain => "plain",
+            Self::Medium => "medium",
+            Self::Rich => "rich",
+        }
+    }
+}
+
 /// A repeating surface, linear RGB 0-255.
 pub struct Texture {
     /// Colour without grain and marks, RGB 0-255.

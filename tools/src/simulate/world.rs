@@ -1,7 +1,6 @@
 //! Solids, the bodies that they make up, and joints between them.
 
-use super::home::TextureClass;
-use super::texture::Texture;
+use super::texture::{Texture, TextureClass};
 use crate::truth::TrueForm;
 use linkage_skill::Pose;
 use linkage_skill::object::{JointGeometry, JointKind};
