@@ -206,8 +206,10 @@ fn best_followed(
         let manner = SearchSpace { range: rough.range(), is_bounded, is_guided };
         near_or_beyond(rough, manner, candidate, patches, recording)
     };
+    let [low, high] = rough.range();
     match by(false) {
         part @ Followed::Part(_) => part,
+        other if high - low < GUIDED_TURN_RAD => other,
         other => other.better(by(true)),
     }
 }
