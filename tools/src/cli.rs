@@ -517,7 +517,7 @@ pub struct BenchArgs {
     /// says where they are
     #[arg(long)]
     pub tags: bool,
-    /// paper: surfaces of thing, room and person; other than speckled, results are told by texture class
+    /// paper, recognise: surfaces of thing, room and person; other than speckled, results are told by texture class
     #[arg(long, value_enum, default_value_t = Surfaces::Speckled, value_name = "KIND")]
     pub surfaces: Surfaces,
     /// paper: learn in this way alone, by the name of its profile

@@ -7,7 +7,7 @@
 use crate::cli::{Common, SourceArgs};
 use crate::console::Progress;
 use crate::outcome::{BAD_INPUT, Failure, INTERNAL, NO_ANSWER, Outcome};
-use crate::simulate::{SCENES, Surfaces, Take, paint_as, record, scene};
+use crate::simulate::{SCENES, Surfaces, Take, paint, record, scene};
 use crate::tags::TagLog;
 use crate::{interrupt, source};
 use anyhow::{Context, anyhow};
@@ -63,7 +63,7 @@ pub fn film(order: &FilmOrder, out: &Path, quiet: bool) -> Outcome {
         let known: Vec<&str> = SCENES.iter().map(|s| s.0).collect();
         anyhow!("no scene \"{name}\"; known: {}", known.join(", "))
     })?;
-    paint_as(&mut scene, surfaces, seed);
+    surfaces.texture(seed).into_iter().for_each(|class| paint(&mut scene, class, seed));
     let total = take.frames(&scene);
     let progress = Progress::new("rendering", Some(total), quiet);
     record(&scene, take, seed, out, with_tags, || progress.step())?;

@@ -13,7 +13,7 @@ use linkage_skill::object::{Joint, JointKind};
 pub fn assure(joint: &Joint, safety: &Safety) -> Result<(), PlanError> {
     let uncertain = |what: String| PlanError::Uncertain { joint: joint.name.clone(), what };
     if joint.undecided {
-        return Err(uncertain(format!("{} is only its likeliest type", joint.kind.name())));
+        return Err(uncertain(format!("its type, {}, is not sure", joint.kind.name())));
     }
     if joint.kind == JointKind::Fixed {
         return Ok(());

@@ -161,7 +161,7 @@ mod tests {
         };
         assert!(refusal(|j| j.covariance[2][2] = 0.04).contains("axis deviates by 11.5°"));
         assert!(refusal(|j| j.covariance[5][5] = 0.0025).contains("hinge deviates by 5.0 cm"));
-        assert!(refusal(|j| j.undecided = true).contains("revolute is only its likeliest type"));
+        assert!(refusal(|j| j.undecided = true).contains("its type, revolute, is not sure"));
     }
 
     #[test]

@@ -102,11 +102,13 @@ pub struct LearnedJoints {
 }
 
 /// A plane that turned about a line, and of which no joint was made. The direction of the line is
-/// known well, because the normals determine it; the place of the line is not.
+/// known well, because the normals determine it; the place of the line is known worse.
 #[derive(Debug, Clone, Copy)]
 pub struct TurningPlane {
     /// Unit direction of the line, base frame.
     pub axis: Vector3<f64>,
+    /// A point of the line, base frame, metres.
+    pub origin: Point3<f64>,
     /// Middle of the plane when it was first seen, base frame, metres.
     pub middle: Point3<f64>,
 }

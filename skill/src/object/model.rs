@@ -79,7 +79,7 @@ pub struct Joint {
     /// Probability of each kind given the observations, where it was computed.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub type_probabilities: BTreeMap<JointKind, f64>,
-    /// The motion was too short to tell the type: `kind` is the likeliest, not more.
+    /// The motion does not tell the type: the probability of `kind` is below [`DECIDED`].
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub undecided: bool,
 }
@@ -87,9 +87,9 @@ pub struct Joint {
 /// Probability from which a type counts as told.
 pub const DECIDED: f64 = 0.95;
 
-/// True where no kind is likely enough to be called the type.
-pub fn is_undecided(probabilities: &BTreeMap<JointKind, f64>) -> bool {
-    !probabilities.is_empty() && probabilities.values().all(|p| *p < DECIDED)
+/// True where `kind` is not likely enough to be called the type.
+pub fn is_undecided(kind: JointKind, probabilities: &BTreeMap<JointKind, f64>) -> bool {
+    !probabilities.is_empty() && probabilities.get(&kind).is_none_or(|p| *p < DECIDED)
 }
 
 impl Joint {
@@ -280,12 +280,14 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_type_is_undecided_where_none_is_likely_enough() {
+    fn a_type_is_undecided_where_it_is_not_likely_enough() {
         let of = |p: f64| {
-            is_undecided(&[(JointKind::Prismatic, 1.0 - p), (JointKind::Revolute, p)].into())
+            let probabilities = [(JointKind::Prismatic, 1.0 - p), (JointKind::Revolute, p)].into();
+            is_undecided(JointKind::Revolute, &probabilities)
         };
-        assert!(of(0.6) && !of(0.97) && !of(0.01));
-        assert!(!is_undecided(&BTreeMap::new()));
+        assert!(of(0.6) && !of(0.97));
+        assert!(of(0.01), "another type is likelier");
+        assert!(!is_undecided(JointKind::Revolute, &BTreeMap::new()));
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! chair) with about 380 wrong pairs, of which none is reported.
 
 use super::ambiguity::told_by_surface;
-use super::evidence::{Detection, RefinedPose, is_believed};
+use super::evidence::{Detection, RefinedPose, evident_joints, is_believed};
 use super::hypothesis::Hypothesis;
 use super::normal_equations::System;
 use super::refine::Refiner;
@@ -23,6 +23,9 @@ const HYPOTHESES: usize = 8;
 const ENOUGH_ENDS: usize = 12;
 /// Share of visible contour points confirmed by the image: score 0 at the first value, 1 at the second.
 const FOUND: (f64, f64) = (0.65, 0.9);
+/// Number of confirmed contour points, and their share of those in sight, by which a part that hardly shows a surface
+/// is where the state puts it: an open door that the camera sees from its edge.
+const EDGE_ON: (usize, f64) = (20, 0.85);
 /// With n confirmed contour points the evidence is 1 - exp(-n / ENDS).
 const ENDS: f64 = 25.0;
 /// Largest standard deviation of a pose that the shape determines: rotation in radians, translation in metres.
@@ -37,7 +40,8 @@ pub fn find(refiner: &Refiner, contours: Contours) -> Option<Detection> {
     is_certain.then_some(found)
 }
 
-/// Best state that the contours of the parts lead to.
+/// Best state that the contours of the parts lead to. A state that places parts on both sides of a joint is preferred: a
+/// board alone fits any other board, as a door fits the side of its own cabinet, and determines no configuration.
 fn best(refiner: &Refiner, contours: Contours) -> Option<RefinedPose> {
     let Refiner { scene, articulated, cloud, .. } = *refiner;
     let mut hypotheses = shape_hypotheses(scene, contours.seen, articulated, contours.shape);
@@ -53,10 +57,14 @@ fn best(refiner: &Refiner, contours: Contours) -> Option<RefinedPose> {
         // A board fits another one in several poses: the one that places more parts is preferred.
         let parts = placed.iter().filter(|placed| **placed).count() as f64;
         let explained = score * parts * verdict.fit_of_shape().max(0.0);
-        Some((explained, RefinedPose { state, score, inliers: 0, verdict }))
+        let places_both_sides = evident_joints(articulated, &placed).contains(&true);
+        let rank = (places_both_sides && score > 0.0, explained);
+        Some((rank, RefinedPose { state, score, inliers: 0, verdict }))
     };
     let all = hypotheses.iter().filter_map(refined);
-    all.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, best)| best)
+    let best =
+        all.max_by(|((both_a, a), _), ((both_b, b), _)| both_a.cmp(both_b).then(a.total_cmp(b)));
+    best.map(|(_, best)| best)
 }
 
 /// Decides which configurations of a state found by shape are determined: a part that stands fixes its place,
@@ -70,11 +78,20 @@ fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detect
 /// For each part, true if it stands and ends where the state puts it. Of a texture only one that is contrary to the
 /// learned one counts: other light changes the rest.
 fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
+    let base_holds = verdict.parts[0].holds();
     let is_placed = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
-        let stands = if part == 0 { seen.holds() } else { seen.stands() && !seen.is_unlike() };
-        stands && (part == 0 || ends.count() < ENOUGH_ENDS || ends.share() > FOUND.0)
+        if part == 0 {
+            return base_holds;
+        }
+        let ends_there = ends.count() < ENOUGH_ENDS || ends.share() > FOUND.0;
+        seen.stands() && !seen.is_unlike() && ends_there || base_holds && is_edge_on(seen, ends)
     };
     verdict.parts.iter().zip(in_sight).enumerate().map(is_placed).collect()
+}
+
+/// True if hardly any surface of a part is in sight, and the image confirms its contour.
+fn is_edge_on(seen: &PartVerdict, ends: &EndsInSight) -> bool {
+    !seen.is_missing() && ends.found >= EDGE_ON.0 && ends.share() > EDGE_ON.1
 }
 
 /// Score of a state by shape alone, 0 to 1: colour of the surface, free space, edges, contours of the moving parts,
@@ -146,6 +163,21 @@ mod tests {
     fn a_plate_whose_ends_do_not_tell_its_place_tells_no_configuration() {
         // Within the gate for ends the plate could as well be two centimetres beside.
         assert!(look_for_plain_slider(Some(0.2), 0.06, find).is_none());
+    }
+
+    #[test]
+    fn a_door_seen_from_its_edge_is_placed_by_its_contour_where_the_base_stands() {
+        let ends = |found, missing| EndsInSight { found, missing, closeness: 0.0 };
+        let of = |agree, through| PartVerdict { agree, through, ..PartVerdict::default() };
+        let is_placed = |base: PartVerdict, door: PartVerdict, ends_of_door: EndsInSight| {
+            let verdict = Verdict { parts: vec![base, door], ..Verdict::default() };
+            placed_by_shape(&verdict, &[ends(100, 0), ends_of_door])[1]
+        };
+        assert!(is_placed(of(500, 0), of(10, 0), ends(30, 1)));
+        assert!(!is_placed(of(0, 500), of(10, 0), ends(30, 1)), "no base");
+        assert!(!is_placed(of(500, 0), of(10, 0), ends(15, 0)), "too few ends");
+        assert!(!is_placed(of(500, 0), of(10, 0), ends(30, 20)), "it ends elsewhere");
+        assert!(!is_placed(of(500, 0), of(10, 40), ends(30, 1)), "it is seen through");
     }
 
     #[test]

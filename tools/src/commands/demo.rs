@@ -8,7 +8,7 @@ use crate::console::{answer, say};
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, DemoPage, DetailLinks};
-use crate::simulate::Take;
+use crate::simulate::{Surfaces, Take};
 use crate::steps::{
     FilmOrder, PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, demonstrate, film,
     last_frame, recognise_frame, remember, skill_config,
@@ -32,6 +32,8 @@ use std::time::Duration;
 
 /// The object of the demonstration.
 const SCENE: &str = "fridge";
+/// A plain fridge in plain rooms, as in homes.
+const SURFACES: Surfaces = Surfaces::Plain;
 /// Seeds of the two rooms.
 const DEMONSTRATION_SEED: u64 = 1;
 const ENCOUNTER_SEED: u64 = 3;
@@ -47,7 +49,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let (watched, met) = (out.join("demonstration"), out.join("encounter"));
     step(common, "1/5 simulating a person opening a fridge");
-    let order = |take, seed| FilmOrder::of(SCENE, take, seed);
+    let order = |take, seed| FilmOrder { surfaces: SURFACES, ..FilmOrder::of(SCENE, take, seed) };
     film(&order(Take::Demonstration, DEMONSTRATION_SEED), &watched, common.quiet)?;
     film(&order(Take::Encounter, ENCOUNTER_SEED), &met, common.quiet)?;
 

@@ -96,7 +96,7 @@ fn to_model(
         position_rmse: best.position_rmse,
         orientation_rmse: best.orientation_rmse,
         configuration: told.iter().zip(&configuration).map(|(&i, &q)| [samples[i].t, q]).collect(),
-        undecided: is_undecided(&probabilities),
+        undecided: is_undecided(geometry.kind, &probabilities),
         type_probabilities: probabilities,
         ..Joint::of(&geometry)
     };

@@ -15,7 +15,7 @@ pub fn summary(model: &ObjectModel) -> String {
             "{} {}: {}{} of {} on {}, {:.2} to {:.2} {}, axis ({:.3}, {:.3}, {:.3})",
             model.object,
             j.name,
-            if j.undecided { "undecided, likeliest " } else { "" },
+            if j.undecided { "undecided, perhaps " } else { "" },
             j.kind.name(),
             model.parts[j.child].name,
             model.parts[j.parent].name,

@@ -88,9 +88,7 @@ pub fn warnings(joint: &Joint, seen: &Seen) -> Vec<String> {
         _ => (SHORT_SLIDE_M, "move"),
     };
     if joint.undecided {
-        let p = joint.type_probabilities.get(&joint.kind).copied().unwrap_or(0.0);
-        let (name, p) = (kind_in_words(joint.kind), probability(p));
-        said.push(format!("The type is not sure: {name} is only the likeliest ({p})."));
+        said.push(format!("The type is not sure: {}.", kinds_with_probability(joint)));
     }
     if travel < short {
         let shown = amount(joint.kind, travel);
@@ -144,11 +142,17 @@ pub fn kind_in_words(kind: JointKind) -> &'static str {
 
 /// "A part of which the type is not sure (a hinge 62 %, a slide 38 %)".
 fn undecided(joint: &Joint) -> String {
-    let mut kinds: Vec<_> = joint.type_probabilities.iter().filter(|(_, p)| **p >= 0.01).collect();
+    format!("A part of which the type is not sure ({})", kinds_with_probability(joint))
+}
+
+/// "a hinge 62 %, a slide 38 %": the kinds that are likely, and the one that the joint has.
+fn kinds_with_probability(joint: &Joint) -> String {
+    let is_told = |(kind, p): &(&JointKind, &f64)| **p >= 0.01 || **kind == joint.kind;
+    let mut kinds: Vec<_> = joint.type_probabilities.iter().filter(is_told).collect();
     kinds.sort_by(|a, b| b.1.total_cmp(a.1));
     let told: Vec<String> =
         kinds.iter().map(|(k, p)| format!("{} {}", kind_in_words(**k), probability(**p))).collect();
-    format!("A part of which the type is not sure ({})", told.join(", "))
+    told.join(", ")
 }
 
 /// The kind of thing that it is, with the side of its hinge.
@@ -318,7 +322,7 @@ mod tests {
             "A part of which the type is not sure (a hinge 62 %, a slide 38 %) moves 12°."
         );
         let warned = warnings(&short, &seen());
-        assert_eq!(warned[0], "The type is not sure: a hinge is only the likeliest (62 %).");
+        assert_eq!(warned[0], "The type is not sure: a hinge 62 %, a slide 38 %.");
         assert_eq!(warned[1], "Only 12° were shown; open it further.");
         assert!(warned[2].starts_with("Few pictures show it: its configuration is known in 20 %"));
         assert_eq!(warned.len(), 3);

@@ -20,7 +20,8 @@ mod texture;
 mod world;
 
 pub use film::{Shot, Take};
-pub use home::{Surfaces, paint_as};
+pub use home::{Surfaces, paint};
 pub use record::record;
 pub use scenes::{SCENES, add_common_clutter, repainted, reproportioned, scene};
+pub use texture::TextureClass;
 pub use world::Scene;

@@ -20,7 +20,8 @@ pub enum Richness {
 }
 
 /// How much there is to see on a thing at home.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TextureClass {
     /// Paint, metal, laminate.
     Plain,

@@ -87,7 +87,7 @@ fn joint_in_object(search: &SearchState, index: usize) -> Joint {
         log_likelihood: joint.gain,
         position_rmse: position_rmse(joint, &view),
         configuration: search.recording.tracks.timed(&frames, &configuration),
-        undecided: is_undecided(&type_probabilities),
+        undecided: is_undecided(geometry.kind, &type_probabilities),
         type_probabilities,
         ..Joint::of(&geometry)
     }

@@ -144,7 +144,7 @@ impl Candidate {
         let is_told = hinge.turns.len() >= MIN_TELLING && high - low > MIN_TELLING_TURN_RAD;
         let sum: Vector3<f64> = hinge.points.iter().map(|p| p.coords).sum();
         let middle = Point3::from(sum / hinge.points.len() as f64);
-        is_told.then_some(TurningPlane { axis: hinge.axis, middle })
+        is_told.then_some(TurningPlane { axis: hinge.axis, origin: hinge.origin, middle })
     }
 
     /// True if two candidates have about the same line and are mostly supported by the same planes.

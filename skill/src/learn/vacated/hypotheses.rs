@@ -1,7 +1,8 @@
 //! Proposes joints that could have moved a surface from its rest to where it is when its place is empty: all hinges
 //! of a coarse grid of lines, and slides, along given directions.
 //!
-//! In: a surface at rest, directions, lines of known joints, and the moving readings of each keyframe; base frame.
+//! In: a surface at rest, directions, lines of known joints, lines about which planes turned, and the moving readings
+//! of each keyframe; base frame.
 //! Out: the best hypotheses with their scores.
 //! From: exhaustive search, coarse to fine.
 
@@ -35,7 +36,10 @@ struct Effort {
 }
 /// Effort for all hinges of the grid.
 const COARSE: Effort = Effort { points: 20, keyframes: 3 };
-/// Effort for the best hinges of the grid, the known lines and the slides.
+/// Distance from a line about which planes turned within which another line counts as the same, as a step of the grid,
+/// metres.
+const STEP_OF_PLANES_M: f64 = 0.03;
+/// Effort for the best hinges of the grid, the known lines, those of planes and the slides.
 const FINE: Effort = Effort { points: 60, keyframes: 6 };
 /// Share of the grid's hinges that is kept after coarse scoring.
 const BEST: f64 = 0.2;
@@ -85,11 +89,12 @@ fn evenly<'m, 'v, 'r>(
 }
 
 /// The best hypotheses: at most `hinges` distinct hinges and `slides` distinct slides. Lines of known joints come
-/// before those of the grid.
+/// before those of planes and of the grid.
 pub fn best_hypotheses(
     surface: &RestSurface,
     directions: &[Vector3<f64>],
     lines: &[JointGeometry],
+    of_planes: &[JointGeometry],
     moving: &[MovingPoints],
     [hinges, slides]: [usize; 2],
 ) -> Vec<Hypothesis> {
@@ -114,8 +119,18 @@ pub fn best_hypotheses(
     score_by(&COARSE, &mut of_grid);
     of_grid.sort_by(|a, b| b.score.total_cmp(&a.score));
     of_grid.truncate((BEST * of_grid.len() as f64).ceil() as usize);
+    // Where the line is about along a direction of the surroundings, it may be exactly so.
+    let squared = |line: &JointGeometry| {
+        let line = *line;
+        let near = directions.iter().filter(move |d| line_angle(d, &line.axis) < SAME_RAD);
+        let along = |d: &Vector3<f64>| UnitVector3::new_normalize(*d);
+        let exact = near.map(move |d| JointGeometry { axis: along(d), ..line });
+        exact.chain([line]).collect::<Vec<_>>()
+    };
+    let of_planes = of_planes.iter().flat_map(squared);
+    let of_planes = of_planes.map(|line| untried(line, STEP_OF_PLANES_M, false));
     let mut scored: Vec<Hypothesis> =
-        known.chain(of_grid).chain(directions.iter().map(slide)).collect();
+        known.chain(of_planes).chain(of_grid).chain(directions.iter().map(slide)).collect();
     score_by(&FINE, &mut scored);
     scored.sort_by(|a, b| b.is_known.cmp(&a.is_known).then(b.score.total_cmp(&a.score)));
     let mut chosen: Vec<Hypothesis> = Vec::new();
@@ -210,7 +225,7 @@ mod tests {
         let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
         let moving = MovingPoints::near(&surface.centre(), 0.6, &views, &|_| Vec::new());
         let directions = [Vector3::z(), Vector3::x()];
-        let best = best_hypotheses(surface, &directions, &[], &moving, [3, 1]);
+        let best = best_hypotheses(surface, &directions, &[], &[], &moving, [3, 1]);
         assert_eq!(best[0].geometry.kind, JointKind::Revolute);
         assert!(best[0].geometry.axis.z.abs() > 0.99);
         let off = distance_to_line(

@@ -9,6 +9,7 @@
 //! Out: these joints and those of other parts; base frame, metres and radians.
 
 mod alignment;
+mod connected_body;
 mod directions;
 mod hypotheses;
 mod moving_points;
@@ -28,6 +29,7 @@ use super::recording::Recording;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
 use crate::object::model::Joint;
+use connected_body::Body;
 use directions::axis_directions;
 use hypotheses::{Hypothesis, best_hypotheses};
 use moving_points::MovingPoints;
@@ -88,6 +90,9 @@ const EXPLAINED_THROUGH: f64 = 0.2;
 const EXPLAINED_FOUND: f64 = 0.3;
 /// Why a surface is refused that two quite different hinges explain.
 const AMBIGUOUS: &str = "another hinge, in another direction, explains it nearly as well";
+
+/// Why a surface is refused that hangs on what sways.
+const LIMB: &str = "it hangs on a body that sways, as a forearm does";
 
 /// Adds the joints of parts that were seen to leave their places and that no joint explains.
 pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
@@ -175,6 +180,10 @@ impl Search<'_> {
                 return false;
             }
         };
+        if frame.body == Body::Sways {
+            self.refused.push(refused(part.geometry().kind, part.shown().count(), LIMB));
+            return false;
+        }
         let learned = part.to_learned(surface, recording);
         let is_drawer = frame.is_set_in() || part.is_clearly_a_slide() && !frame.is_open();
         if is_drawer || may_be_of(&learned.joint, &self.joints) {
@@ -303,8 +312,12 @@ fn part_of(
         .collect();
     // The drawers of a cabinet slide in parallel.
     let axes = joints.iter().filter(|j| j.joint.parent == 0).map(|j| Vector3::from(j.joint.axis));
-    let of_planes = turning_near(surface, turning);
-    let directions = axis_directions(surface, &views[surface.keyframe], axes, of_planes);
+    let of_planes = || turning_near(surface, turning);
+    let axes_of_planes = of_planes().map(|plane| plane.axis);
+    let directions = axis_directions(surface, &views[surface.keyframe], axes, axes_of_planes);
+    let lines_of_planes: Vec<JointGeometry> = of_planes()
+        .map(|plane| JointGeometry::hinge(UnitVector3::new_normalize(plane.axis), plane.origin))
+        .collect();
     tracing::debug!(
         points = surface.points.len(),
         radius = surface.radius(),
@@ -313,18 +326,19 @@ fn part_of(
         directions = directions.len(),
         "vacated surface at rest"
     );
-    let hypotheses = best_hypotheses(surface, &directions, &lines, &moving, MOST_ALIGNED);
+    let hypotheses =
+        best_hypotheses(surface, &directions, &lines, &lines_of_planes, &moving, MOST_ALIGNED);
     let slides: Vec<Vector3<f64>> = known_slides(joints).collect();
     best_part(surface, frame, &slides, &hypotheses, &moving, recording)
 }
 
-/// Directions of the lines about which planes near a surface turned: the other faces of a part turn with it.
-fn turning_near(
+/// Planes near a surface that turned: the other faces of a part turn with it.
+fn turning_near<'t>(
     surface: &RestSurface,
-    turning: &[TurningPlane],
-) -> impl Iterator<Item = Vector3<f64>> {
+    turning: &'t [TurningPlane],
+) -> impl Iterator<Item = &'t TurningPlane> {
     let (centre, radius) = (surface.centre(), PLANES_RADII * surface.radius());
-    turning.iter().filter(move |t| (t.middle - centre).norm() < radius).map(|t| t.axis)
+    turning.iter().filter(move |t| (t.middle - centre).norm() < radius)
 }
 
 /// True if the joint is a hinge, or a slide parallel to a known slide. Images show what holds a hinge, but not what
@@ -355,7 +369,7 @@ fn best_part(
     recording: &Recording,
 ) -> Result<VacatedPart, Option<RejectedCandidate>> {
     let follow = |h: &Hypothesis, direction_sigma: f64| {
-        VacatedPart::follow(surface, h, direction_sigma, moving, recording)
+        VacatedPart::follow(surface, h, direction_sigma, moving, recording).on(frame.body)
     };
     let known = slides.iter().map(|slide| UnitVector3::new_normalize(*slide));
     let told: Vec<UnitVector3<f64>> = known.chain(surface.flat_normal()).collect();
@@ -384,7 +398,7 @@ fn best_part(
     let (best, sigma) = if is_any { (any, ANY_RAD) } else { (square, SQUARE_RAD) };
     let best = with_other_face(best, surface, |surface| {
         let part = VacatedPart::follow(surface, &hypothesis, sigma, moving, recording);
-        part.beside(&rivals, slides)
+        part.on(frame.body).beside(&rivals, slides)
     });
     let rival = parts.iter().any(|(_, part)| part.contradicts(&best)).then_some(AMBIGUOUS);
     match best.doubt().or(rival) {
@@ -456,7 +470,8 @@ fn is_slide(part: &VacatedPart) -> bool {
 #[cfg(test)]
 mod tests {
     use super::test_data::{
-        FRAMES, PIVOT_M, drawer, flap, lever, recording as recording_with, slider, swaying, turn,
+        FRAMES, PIVOT_M, bar_on_post, drawer, flap, lever, recording as recording_with, slider,
+        swaying, turn,
     };
     use super::*;
 
@@ -529,6 +544,16 @@ mod tests {
     }
 
     #[test]
+    fn what_hangs_on_a_body_that_sways_is_no_part() {
+        let on_post =
+            |sway_m: f64| bar_on_post(turn, move |f| sway_m * (0.8 * f as f64).sin(), |_| None);
+        assert_eq!(joints(&on_post(0.0)).len(), 1);
+        let found = complete(LearnedJoints::default(), &on_post(0.01));
+        assert!(found.joints.is_empty());
+        assert!(found.rejections.iter().any(|r| r.reason == LIMB), "{:?}", found.rejections);
+    }
+
+    #[test]
     fn a_surface_that_is_no_part_is_reported_with_its_reason() {
         let told = |recording: &Recording| {
             let all = complete(LearnedJoints::default(), recording).rejections;
@@ -575,7 +600,7 @@ mod tests {
         let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
         let moving = MovingPoints::near(&surface.centre(), 1.0, &views, &|_| Vec::new());
         let followed = |line: &JointGeometry| {
-            let hypotheses = best_hypotheses(surface, &[], &[*line], &moving, [1, 1]);
+            let hypotheses = best_hypotheses(surface, &[], &[*line], &[], &moving, [1, 1]);
             let part = VacatedPart::follow(surface, &hypotheses[0], FRONT_RAD, &moving, &recording);
             (hypotheses[0], part)
         };
@@ -596,9 +621,9 @@ mod tests {
         let views = View::all(&recording);
         let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
         let askew = Vector3::new(0.1, 0.0, 1.0).normalize();
-        let at = |middle| [TurningPlane { axis: askew, middle }];
+        let at = |middle| [TurningPlane { axis: askew, origin: middle, middle }];
         let tried = |turning: &[TurningPlane]| {
-            let of_planes = turning_near(surface, turning);
+            let of_planes = turning_near(surface, turning).map(|plane| plane.axis);
             axis_directions(surface, &views[surface.keyframe], std::iter::empty(), of_planes)
         };
         let is_tried = |turning: &[TurningPlane]| tried(turning).contains(&askew);
@@ -616,6 +641,8 @@ mod tests {
         // The block leaves when the bar begins to turn, as a forearm does with its upper arm.
         let together = |frame: usize| Some([0.22, -0.25 + 0.25 * turn(frame)]);
         assert!(joints(&recording_with(turn, together)).is_empty());
+        // What hangs on a post is no limb, however early something moves beside it.
+        assert_eq!(joints(&bar_on_post(turn, |_| 0.0, together)).len(), 1);
     }
 
     #[test]

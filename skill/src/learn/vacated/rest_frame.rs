@@ -6,6 +6,7 @@
 //! Out: the number of directions, from its middle to all sides, in which its border meets something that stays, and
 //! in which there is only what is far behind.
 
+use super::connected_body::{Body, body_of};
 use super::rest_surface::RestSurface;
 use super::view::View;
 use crate::learn::free_space::Probe;
@@ -40,6 +41,8 @@ pub struct RestFrame {
     pub meets: usize,
     /// Directions in which nothing meets the surface.
     pub free: usize,
+    /// What the surface is connected with.
+    pub body: Body,
 }
 
 impl RestFrame {
@@ -51,7 +54,7 @@ impl RestFrame {
         let (u, v) = orthonormal_basis(&normal);
         let rest = &views[surface.keyframe];
         let away: Vec<&View> = views.iter().filter(|view| is_away(surface, view)).collect();
-        let mut frame = Self::default();
+        let mut frame = Self { body: body_of(surface, views), ..Self::default() };
         for k in 0..DIRECTIONS {
             let angle = TAU * k as f64 / DIRECTIONS as f64;
             let direction = u * angle.cos() + v * angle.sin();
@@ -137,7 +140,7 @@ mod tests {
         let in_cabinet = frame(&drawer(|frame| 0.25 * turn(frame), 0.3));
         assert!(in_cabinet.is_set_in() && in_cabinet.free == 0, "{in_cabinet:?}");
         let before_a_wall = frame(&slider(|frame| 0.25 * turn(frame)));
-        assert_eq!(before_a_wall, RestFrame { meets: 0, free: DIRECTIONS });
+        assert_eq!([before_a_wall.meets, before_a_wall.free], [0, DIRECTIONS]);
     }
 
     #[test]

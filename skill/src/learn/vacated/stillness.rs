@@ -49,7 +49,7 @@ pub fn sways(surface: &RestSurface, end: End, views: &[View]) -> bool {
 }
 
 /// Static points all over the image, with their normals; base frame. A person covers a small share of the image.
-fn room<'v>(
+pub fn room<'v>(
     rest: &'v View,
     views: &'v [View],
 ) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> + 'v {
@@ -78,7 +78,11 @@ fn spreads(points: &[Point3<f64>], normals: &[Vector3<f64>], keyframes: &[&View]
 
 /// The shift that brings points to a keyframe's readings, metres: least squares, point to plane. `None` if few points
 /// are shown.
-fn shift(points: &[Point3<f64>], normals: &[Vector3<f64>], view: &View) -> Option<Vector3<f64>> {
+pub fn shift(
+    points: &[Point3<f64>],
+    normals: &[Vector3<f64>],
+    view: &View,
+) -> Option<Vector3<f64>> {
     let n = points.len() as f64;
     let (mut left, mut right) = (Matrix3::from_diagonal_element(DAMPING * n), Vector3::zeros());
     let mut shown = 0;

@@ -155,6 +155,30 @@ pub fn swaying(turn: impl Fn(usize) -> f64, nearer: impl Fn(usize) -> f64) -> Re
     })
 }
 
+/// A recording of the bar beside a post that reaches to its pivot, and of a block elsewhere: by the bar's turn, by how
+/// many metres the post comes nearer to the camera, and by the middle of the block in each frame.
+pub fn bar_on_post(
+    turn: impl Fn(usize) -> f64,
+    nearer: impl Fn(usize) -> f64,
+    block: impl Fn(usize) -> Option<[f64; 2]>,
+) -> Recording {
+    recorded(|frame| {
+        let (turn, block, post) = (turn(frame), block(frame), PIVOT_M[2] - nearer(frame));
+        move |x, y| {
+            let right = post * x - PIVOT_M[0];
+            let is_post = (-0.2..-0.5 * WIDTH_M).contains(&right) && (post * y).abs() < 0.2;
+            let is_block = block
+                .is_some_and(|[bx, by]| (1.1 * x - bx).abs() < 0.05 && (1.1 * y - by).abs() < 0.05);
+            match (is_block, is_on_bar([PIVOT_M[2] * x, PIVOT_M[2] * y], turn), is_post) {
+                (true, ..) => 1.1,
+                (_, true, _) => PIVOT_M[2],
+                (_, _, true) => post,
+                _ => WALL_M,
+            }
+        }
+    })
+}
+
 /// True if a place across the line of sight is on the bar at this turn.
 fn is_on_bar([x, y]: [f64; 2], turn: f64) -> bool {
     let [dx, dy] = [x - PIVOT_M[0], y - PIVOT_M[1]];

@@ -6,6 +6,7 @@
 //! From: dynamic programming (Viterbi) for the configurations; the limits were measured, see each constant.
 
 use super::alignment::{Aligned, LinePrior, align};
+use super::connected_body::Body;
 use super::hypotheses::{Hypothesis, configurations, reach};
 use super::moving_points::{Evidence, MovingPoints};
 use super::rest_surface::RestSurface;
@@ -124,6 +125,8 @@ pub struct VacatedPart {
     lead_s: f64,
     /// True if nothing else moves near the surface; tested only if nothing moved long enough before it.
     is_alone: bool,
+    /// What the surface is connected with at rest.
+    body: Body,
     /// Share of the keyframes in which the other face is turned to the camera.
     turned_away: f64,
     /// Other motions that the same surface may have.
@@ -259,6 +262,7 @@ impl VacatedPart {
             unattached_ratio,
             lead_s,
             is_alone,
+            body: Body::Unknown,
             turned_away,
             rivals: Rivals::default(),
             is_parallel: false,
@@ -310,6 +314,11 @@ impl VacatedPart {
         Self { is_along_known_direction: true, ..self }
     }
 
+    /// The part, with what its surface is connected with at rest.
+    pub fn on(self, body: Body) -> Self {
+        Self { body, ..self }
+    }
+
     /// The part, compared with the other motions of the same surface and with the directions of known slides.
     pub fn beside(self, rivals: &Rivals, slides: &[Vector3<f64>]) -> Self {
         let axis = self.geometry().axis;
@@ -349,7 +358,7 @@ impl VacatedPart {
             ),
             (self.agreement_elsewhere() < MIN_AGREEMENT, "it is not found elsewhere"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
-            (self.lead_s < MIN_LEAD_S && !self.is_alone, "it moves by itself"),
+            (self.may_be_limb(), "it moves by itself"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
     }
@@ -360,6 +369,12 @@ impl VacatedPart {
         let line = |part: &VacatedPart| (part.agreement(), part.geometry().axis.into_inner());
         let may_be = self.is_hinge() && self.doubt().is_none();
         may_be && best.is_hinge() && !best.is_on_known_line && are_ambiguous(line(self), line(best))
+    }
+
+    /// True if something else moves near the surface, did not move long before it, and the surface does not hang on
+    /// what stands still: an upper arm moves together with the hand.
+    fn may_be_limb(&self) -> bool {
+        self.lead_s < MIN_LEAD_S && !self.is_alone && self.body != Body::StandsStill
     }
 
     /// True if the joint is a hinge about which the part shows its other face for a while.
@@ -639,7 +654,7 @@ mod tests {
         let surface = &vacated_surfaces(&views, End::First, |_| Vec::new())[0];
         let moving = MovingPoints::near(&surface.centre(), 0.8, &views, &|_| Vec::new());
         let mut hypothesis =
-            best_hypotheses(surface, &[*geometry.axis], &[], &moving, [1, 0]).remove(0);
+            best_hypotheses(surface, &[*geometry.axis], &[], &[], &moving, [1, 0]).remove(0);
         hypothesis.geometry = *geometry;
         let part = VacatedPart::follow(surface, &hypothesis, 0.035, &moving, recording);
         look(&part, surface, &moving)

@@ -6,9 +6,10 @@
 use super::super::kinematics::{Articulated, State};
 use super::super::render_cloud::NEAREST_M;
 use super::super::scene::Scene;
-use super::contour::ContourPoint;
+use super::contour::{BEYOND_M, ContourPoint};
 use super::contour_grid::ContourGrid;
 use super::object_shape::Contours;
+use crate::object::surface_end::is_empty;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
 /// Smallest cosine between the normal of a contour point and the direction to the camera at which it is visible.
@@ -16,7 +17,9 @@ pub const LEAST_COSINE: f64 = 0.2;
 /// Smallest distance before a contour point at which a reading occludes it, metres.
 const HIDDEN_M: f64 = 0.05;
 
-/// True if the surface in the image ends as a contour point predicts; `None` if the point is not visible.
+/// True if the surface in the image ends as a contour point predicts; false if there is no surface at the point, or if
+/// it continues beyond the point; `None` if the point is not visible, or if something else begins just beyond it: the
+/// floor below a door, the door behind its handle.
 pub fn ends(
     scene: &Scene,
     seen: &ContourGrid,
@@ -29,7 +32,14 @@ pub fn ends(
     if seen.has(&point, &normal, &(pose * c.outward)) {
         return Some(true);
     }
-    (z > point.z - HIDDEN_M).then_some(false)
+    if z < point.z - HIDDEN_M {
+        return None;
+    }
+    let is_empty = |place: Point3<f64>| is_empty(&scene.frame, &place, &normal);
+    let outward = pose * c.outward;
+    let goes_on =
+        || BEYOND_M.iter().all(|beyond| is_empty(point + outward * *beyond) == Some(false));
+    (is_empty(point) == Some(true) || goes_on()).then_some(false)
 }
 
 /// How exactly the image ends as a contour point predicts, 0 to 1.
@@ -112,7 +122,10 @@ mod tests {
     /// corner has no depth.
     fn told(c: &ContourPoint) -> Option<bool> {
         let of_board = board(0.2, 1.5, 2.5);
-        let depth = |x, y| if x < -0.1 && y > 0.1 { f64::NAN } else { of_board(x, y) };
+        told_in(|x, y| if x < -0.1 && y > 0.1 { f64::NAN } else { of_board(x, y) }, c)
+    }
+
+    fn told_in(depth: impl Fn(f64, f64) -> f64, c: &ContourPoint) -> Option<bool> {
         let scene = Scene::plain(&picture(1, depth)).unwrap();
         ends(&scene, &ContourGrid::of(&scene), &IsometryMatrix3::identity(), c)
     }
@@ -122,6 +135,20 @@ mod tests {
         assert_eq!(told(&end(0.2, 1.5, Vector3::x())), Some(true));
         assert_eq!(told(&end(-0.2, 1.5, -Vector3::x())), Some(true));
         assert_eq!(told(&end(0.2, 1.5, -Vector3::x())), Some(false), "to the other side");
+    }
+
+    #[test]
+    fn a_surface_does_not_end_where_it_continues_or_where_there_is_none() {
+        assert_eq!(told(&end(0.05, 1.5, Vector3::x())), Some(false), "it continues");
+        assert_eq!(told(&end(0.4, 1.5, Vector3::x())), Some(false), "there is none");
+    }
+
+    #[test]
+    fn what_begins_just_behind_an_end_leaves_it_unknown() {
+        let behind_m = |gap: f64| told_in(board(0.2, 1.5, 1.5 + gap), &end(0.2, 1.5, Vector3::x()));
+        assert_eq!(behind_m(0.03), None, "a door behind its handle");
+        assert_eq!(behind_m(0.5), Some(true));
+        assert_eq!(behind_m(0.0), Some(false), "the same plane");
     }
 
     #[test]

@@ -12,6 +12,7 @@ use super::dir::ConfigurationScore;
 use crate::cli::{BenchArgs, Common};
 use crate::outcome::Outcome;
 use crate::output::write_json;
+use crate::simulate::{Surfaces, TextureClass};
 use crate::steps::{demonstrate, last_frame, remember, skill_config};
 use crate::truth::Truth;
 use anyhow::anyhow;
@@ -38,6 +39,7 @@ const BANDS: [f64; 4] = [15.0, 30.0, 45.0, 60.0];
 struct Row {
     still: String,
     shows: Shows,
+    texture: Option<TextureClass>,
     turn_deg: f64,
     roll_deg: f64,
     occluded: bool,
@@ -70,12 +72,17 @@ struct Report {
 }
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
-    let config = skill_config(common)?;
+    let mut config = skill_config(common)?;
+    // Plain things have no features; `linkage recognise` searches by shape as well.
+    config.recognise.try_shape |= args.surfaces != Surfaces::Speckled;
     let dir = folder(args, config.seed);
+    let surfaces = args.surfaces;
     let mut store = args.store.as_deref().map(Store::open_or_create).transpose()?;
     let learned: Vec<Learned> = THINGS
         .iter()
-        .map(|thing| known_or_learned(store.as_mut(), thing, &dir.join(thing), &config, common))
+        .map(|thing| {
+            known_or_learned(store.as_mut(), thing, surfaces, &dir.join(thing), &config, common)
+        })
         .collect::<Outcome<Vec<Option<Learned>>>>()?
         .into_iter()
         .flatten()
@@ -92,7 +99,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         scale: Vec::new(),
     };
     let mut questions = Vec::new();
-    for still in stills::all(config.seed) {
+    for still in stills::all(config.seed, surfaces) {
         let recording = dir.join(&still.name);
         still.render(&recording, common.quiet)?;
         let (row, scene) =
@@ -127,7 +134,10 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
 
 /// Where the recordings of a draw are kept.
 fn folder(args: &BenchArgs, draw: u64) -> PathBuf {
-    let dir = args.dir.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DIR));
+    let dir = args.dir.clone().unwrap_or_else(|| match args.surfaces {
+        Surfaces::Speckled => PathBuf::from(DEFAULT_DIR),
+        other => PathBuf::from(format!("{DEFAULT_DIR}-{}", other.name())),
+    });
     if draw == SkillConfig::default().seed { dir } else { dir.join(format!("draw_{draw}")) }
 }
 
@@ -135,11 +145,12 @@ fn folder(args: &BenchArgs, draw: u64) -> PathBuf {
 fn known_or_learned(
     store: Option<&mut Store>,
     thing: &str,
+    surfaces: Surfaces,
     recording: &Path,
     config: &SkillConfig,
     common: &Common,
 ) -> Outcome<Option<Learned>> {
-    stills::demonstration(thing, config.seed, recording, common.quiet)?;
+    stills::demonstration(thing, surfaces, config.seed, recording, common.quiet)?;
     let known = store.as_ref().map(|store| store.find(thing)).transpose()?.flatten();
     let source = recording.display().to_string();
     if let Some(other) = known.iter().flat_map(|k| &k.provenance).find(|p| p.source != source) {
@@ -273,6 +284,7 @@ fn look(
     let row = Row {
         still: still.name.clone(),
         shows: still.shows,
+        texture: still.texture,
         turn_deg: still.shot.turn_deg.abs(),
         roll_deg: still.shot.roll_deg,
         occluded: still.shot.occluded,
@@ -314,6 +326,18 @@ fn print_bands(report: &Report) {
         let right = rows.iter().filter(|r| r.right).count();
         println!("{low:>3.0}-{high:.0}° {right:>3} of {} right", rows.len());
         low = high;
+    }
+    let known: Vec<&Row> = report.rows.iter().filter(|r| r.shows == Shows::Known).collect();
+    let share = |what: &str, is_meant: &dyn Fn(&Row) -> bool| {
+        let rows: Vec<&&Row> = known.iter().filter(|r| r.turn_deg <= 45.0 && is_meant(r)).collect();
+        let right = rows.iter().filter(|r| r.right).count();
+        if !rows.is_empty() {
+            println!("up to 45°, {what:8} {right:>3} of {} right", rows.len());
+        }
+    };
+    share("occluded", &|r| r.occluded);
+    for texture in [TextureClass::Plain, TextureClass::Medium, TextureClass::Rich] {
+        share(texture.name(), &|r| r.texture == Some(texture));
     }
     for shows in [Shows::Repainted, Shows::Reproportioned, Shows::Other] {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.shows == shows).collect();

@@ -4,7 +4,8 @@
 use crate::console::Progress;
 use crate::outcome::Outcome;
 use crate::simulate::{
-    Scene, Shot, Take, add_common_clutter, instances, record, repainted, reproportioned, scene,
+    Scene, Shot, Surfaces, Take, TextureClass, add_common_clutter, instances, paint, record,
+    repainted, reproportioned, scene,
 };
 use anyhow::anyhow;
 use rand::{Rng, SeedableRng};
@@ -60,11 +61,14 @@ pub struct Still {
     pub thing: String,
     /// How it is filmed.
     pub shot: Shot,
+    /// Texture of a thing at home; `None` with speckles.
+    pub texture: Option<TextureClass>,
     seed: u64,
 }
 
-/// All stills of a draw of rooms and shots, in a fixed order.
-pub fn all(draw: u64) -> Vec<Still> {
+/// All stills of a draw of rooms and shots, in a fixed order. Paint keeps a thing's colour, so that what is repainted
+/// with surfaces of a home is the same thing: it is left out.
+pub fn all(draw: u64, surfaces: Surfaces) -> Vec<Still> {
     let mut stills = Vec::new();
     let mut add = |shows, thing: &str, tag: &str, turn: f64| {
         let seed = home(draw).wrapping_add(100 + stills.len() as u64);
@@ -80,7 +84,8 @@ pub fn all(draw: u64) -> Vec<Still> {
             occluded: rng.random_bool(0.25),
         };
         let name = format!("{thing}_{tag}");
-        stills.push(Still { name, shows, thing: thing.to_owned(), shot, seed });
+        let texture = surfaces.texture(number_of(thing).unwrap_or(seed));
+        stills.push(Still { name, shows, thing: thing.to_owned(), shot, texture, seed });
     };
     for thing in THINGS {
         for turn in TURNS {
@@ -92,23 +97,45 @@ pub fn all(draw: u64) -> Vec<Still> {
     for other in instances::names() {
         add(Shows::Other, &other, "other", 15.0);
     }
+    stills.retain(|still| surfaces == Surfaces::Speckled || still.shows != Shows::Repainted);
     stills
 }
 
+/// Number of a thing that is demonstrated.
+fn number_of(thing: &str) -> Option<u64> {
+    THINGS.iter().position(|t| *t == thing).map(|number| number as u64)
+}
+
 /// Renders a thing's demonstration, unless it is there.
-pub fn demonstration(thing: &str, draw: u64, dir: &Path, quiet: bool) -> Outcome {
-    let number = THINGS.iter().position(|t| *t == thing).unwrap_or(0) as u64;
+pub fn demonstration(
+    thing: &str,
+    surfaces: Surfaces,
+    draw: u64,
+    dir: &Path,
+    quiet: bool,
+) -> Outcome {
+    let number = number_of(thing).unwrap_or(0);
     let seed = home(draw).wrapping_add(number);
-    render(|| scene(thing, seed), Take::Demonstration, seed, dir, quiet)
+    let staged = || painted(scene(thing, seed)?, surfaces.texture(number), seed);
+    render(staged, Take::Demonstration, seed, dir, quiet)
+}
+
+/// The scene with surfaces of a home, if it is in one.
+fn painted(mut scene: Scene, texture: Option<TextureClass>, seed: u64) -> Option<Scene> {
+    texture.into_iter().for_each(|class| paint(&mut scene, class, seed));
+    Some(scene)
 }
 
 impl Still {
     /// Renders it, unless it is there.
     pub fn render(&self, dir: &Path, quiet: bool) -> Outcome {
-        let staged = || match self.shows {
-            Shows::Known | Shows::Other => scene(&self.thing, self.seed),
-            Shows::Repainted => repainted(&self.thing, self.seed),
-            Shows::Reproportioned => reproportioned(&self.thing, self.seed),
+        let staged = || {
+            let scene = match self.shows {
+                Shows::Known | Shows::Other => scene(&self.thing, self.seed),
+                Shows::Repainted => repainted(&self.thing, self.seed),
+                Shows::Reproportioned => reproportioned(&self.thing, self.seed),
+            };
+            painted(scene?, self.texture, self.seed)
         };
         render(staged, Take::Still(self.shot), self.seed, dir, quiet)
     }
