@@ -48,9 +48,28 @@ pub fn type_probabilities(joint: &JointEstimate, view: &TracksInFrame) -> BTreeM
         let least = costs.entry(kind).or_insert(f64::INFINITY);
         *least = least.min(cost);
     }
-    let criteria = sample.criteria(&costs);
-    tracing::debug!(?costs, ?criteria, "criteria of the types");
-    let best = criteria.values().copied().fold(f64::INFINITY, f64::min);
+    tracing::debug!(?costs, "mean cost of an observation by type");
+    probabilities(&costs, sample.independent, sample.counting)
+}
+
+/// Probability of each type by the mean cost of an observation, the number of independent observations, and how many
+/// of these errors shared by the tracks of a frame leave.
+fn probabilities(
+    costs: &BTreeMap<JointKind, f64>,
+    independent: f64,
+    counting: f64,
+) -> BTreeMap<JointKind, f64> {
+    let inflation = costs.values().copied().fold(f64::INFINITY, f64::min).max(1.0);
+    let criterion = |(&kind, cost): (&JointKind, &f64)| {
+        let more_parameters = match kind {
+            JointKind::Helical => 3.0,
+            JointKind::Revolute => 2.0,
+            _ => 0.0,
+        };
+        (kind, counting * cost / inflation + more_parameters * independent.ln())
+    };
+    let criteria: Vec<(JointKind, f64)> = costs.iter().map(criterion).collect();
+    let best = criteria.iter().map(|(_, b)| *b).fold(f64::INFINITY, f64::min);
     let mut likely: BTreeMap<JointKind, f64> =
         criteria.into_iter().map(|(kind, b)| (kind, (-0.5 * (b - best)).exp())).collect();
     let total: f64 = likely.values().sum();
@@ -103,21 +122,6 @@ impl<'s> Sample<'s> {
         let motions = joint.motions();
         let cost = |&t: &usize| joint.cost_of(&motions, self.view, t, OUTLIER_CUT).sum;
         self.tracks.par_iter().map(cost).sum::<f64>() / self.observations
-    }
-
-    /// BIC of each type from the costs of an observation, up to a constant that all types share.
-    fn criteria(&self, costs: &BTreeMap<JointKind, f64>) -> BTreeMap<JointKind, f64> {
-        let inflation = costs.values().copied().fold(f64::INFINITY, f64::min).max(1.0);
-        let criterion = |(&kind, cost): (&JointKind, &f64)| {
-            let more_parameters = match kind {
-                JointKind::Helical => 3.0,
-                JointKind::Revolute => 2.0,
-                _ => 0.0,
-            };
-            let fit = self.counting * cost / inflation;
-            (kind, fit + more_parameters * self.independent.ln())
-        };
-        costs.iter().map(criterion).collect()
     }
 }
 
@@ -198,6 +202,17 @@ mod tests {
     fn a_door_that_hardly_opens_may_be_either() {
         let short = probability_of_a_hinge(0.01);
         assert!(short < 0.9, "{short}");
+    }
+
+    #[test]
+    fn a_hinge_that_fits_little_better_under_errors_that_tracks_share_is_not_told() {
+        let hinge = |slide: f64, hinge: f64, counting: f64| {
+            let costs = [(JointKind::Prismatic, slide), (JointKind::Revolute, hinge)].into();
+            probabilities(&costs, 540.0, counting)[&JointKind::Revolute]
+        };
+        assert!(hinge(4.5, 4.0, 540.0) > 0.99, "if all observations were independent");
+        assert!(hinge(4.5, 4.0, 54.0) < 0.1);
+        assert!(hinge(20.0, 4.0, 54.0) > 0.99);
     }
 
     #[test]

@@ -35,7 +35,7 @@ use place_fusion::fuse_place;
 use plain_part::PlainPart;
 use plain_search::{PlainParts, search};
 use same_joint::{is_known, is_meagre};
-pub use same_joint::{is_same_hinge, moves_together};
+pub use same_joint::{is_same_hinge, moves_together, take_turns};
 
 /// Largest share of the range of a plain part's hinge that tracks of the same hinge show, for the plain part to
 /// replace them.

@@ -24,6 +24,12 @@ pub fn is_known(joint: &LearnedJoint, plain: &LearnedJoint) -> bool {
     is_same_hinge(&joint.joint, &plain.joint) || !is_meagre(joint) && moves_together(joint, plain)
 }
 
+/// Shares of its largest configuration from which a part is away from its rest, and up to which it is at rest.
+const AWAY: f64 = 0.4;
+const AT_REST: f64 = 0.15;
+/// Fewest keyframes in which one of two parts must be away alone for them to take turns.
+const MIN_ALONE: usize = 3;
+
 /// True if few tracks show the joint: its gain is small.
 pub fn is_meagre(learned: &LearnedJoint) -> bool {
     learned.joint.log_likelihood < MEAGRE_GAIN
@@ -31,12 +37,29 @@ pub fn is_meagre(learned: &LearnedJoint) -> bool {
 
 /// True if the configuration of one joint is nearly a linear function of the other's.
 pub fn moves_together(a: &LearnedJoint, b: &LearnedJoint) -> bool {
-    let of_b = &b.joint.configuration;
-    let at = |time: f64| of_b.iter().find(|[t, _]| (t - time).abs() < SAME_TIME_S);
-    let common: Vec<(f64, f64)> =
-        a.joint.configuration.iter().filter_map(|[t, q]| Some((*q, at(*t)?[1]))).collect();
+    let common = at_common_times(a, b);
     common.len() >= MIN_COMMON
         && Moments::of(&common).correlation_sq().is_some_and(|share| share > MAX_CORRELATION)
+}
+
+/// True if each of two joints is away from its rest while the other one is at rest: they are two parts, however near
+/// their lines are, like two letter trays above each other.
+pub fn take_turns(a: &LearnedJoint, b: &LearnedJoint) -> bool {
+    let common = at_common_times(a, b);
+    let most = |of: fn(&(f64, f64)) -> f64| common.iter().map(of).fold(0.0, f64::max);
+    let (of_a, of_b) = (most(|(a, _)| a.abs()), most(|(_, b)| b.abs()));
+    let alone = |is_alone: &dyn Fn(f64, f64) -> bool| {
+        common.iter().filter(|(a, b)| is_alone(a.abs() / of_a, b.abs() / of_b)).count()
+    };
+    alone(&|a, b| a > AWAY && b < AT_REST) >= MIN_ALONE
+        && alone(&|a, b| b > AWAY && a < AT_REST) >= MIN_ALONE
+}
+
+/// Configurations of two joints at the times at which both are known.
+fn at_common_times(a: &LearnedJoint, b: &LearnedJoint) -> Vec<(f64, f64)> {
+    let of_b = &b.joint.configuration;
+    let at = |time: f64| of_b.iter().find(|[t, _]| (t - time).abs() < SAME_TIME_S);
+    a.joint.configuration.iter().filter_map(|[t, q]| Some((*q, at(*t)?[1]))).collect()
 }
 
 /// True if both joints are of one kind and have about the same line.

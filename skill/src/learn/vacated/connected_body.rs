@@ -37,9 +37,11 @@ type Cell = [usize; 2];
 /// What a surface at rest is connected with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Body {
-    /// Too little is seen of it.
+    /// Hardly anything that stays.
     #[default]
-    Unknown,
+    Nothing,
+    /// Something of which it is not clear whether it sways.
+    Unclear,
     /// Furniture: what hangs on it is no limb.
     StandsStill,
     /// A person.
@@ -51,7 +53,7 @@ pub fn body_of(surface: &RestSurface, views: &[View]) -> Body {
     let rest = &views[surface.keyframe];
     let (points, normals): (Vec<_>, Vec<_>) = connected(surface, views).unzip();
     if points.len() < LEAST_POINTS {
-        return Body::Unknown;
+        return Body::Nothing;
     }
     let (still, of_still): (Vec<_>, Vec<_>) = room(rest, views).unzip();
     let over_room = |view| Some(shift(&points, &normals, view)? - shift(&still, &of_still, view)?);
@@ -65,10 +67,10 @@ pub fn body_of(surface: &RestSurface, views: &[View]) -> Body {
     let sway_m = median(&mut apart).unwrap_or_default();
     tracing::debug!(points = points.len(), shown = shifts.len(), sway_m, sigma, "its body");
     match sway_m {
-        _ if shifts.len() < LEAST_SHIFTS => Body::Unknown,
+        _ if shifts.len() < LEAST_SHIFTS => Body::Unclear,
         s if s > SWAYS.0.max(SWAYS.1 * sigma) => Body::Sways,
         s if s < STILL.0.max(STILL.1 * sigma) => Body::StandsStill,
-        _ => Body::Unknown,
+        _ => Body::Unclear,
     }
 }
 

@@ -24,7 +24,7 @@ mod view;
 
 use super::free_space::{FreeSpaceCounts, count_free_space};
 use super::learned_joint::{LearnedJoint, LearnedJoints, RejectedCandidate, TurningPlane};
-use super::plane_hinges::{is_same_hinge, moves_together};
+use super::plane_hinges::{is_same_hinge, moves_together, take_turns};
 use super::recording::Recording;
 use crate::math::rigid::{Pose, distance_to_line, line_angle};
 use crate::object::joint_geometry::{JointGeometry, JointKind};
@@ -185,7 +185,8 @@ impl Search<'_> {
             return false;
         }
         let learned = part.to_learned(surface, recording);
-        let is_drawer = frame.is_set_in() || part.is_clearly_a_slide() && !frame.is_open();
+        let may_be_set_in = !frame.is_open() && frame.body != Body::Nothing;
+        let is_drawer = frame.is_set_in() || part.is_clearly_a_slide() && may_be_set_in;
         if is_drawer || may_be_of(&learned.joint, &self.joints) {
             add(learned, &mut self.joints);
         } else {
@@ -225,7 +226,7 @@ fn add(mut learned: LearnedJoint, joints: &mut Vec<LearnedJoint>) {
     let is_other_face =
         |j: &LearnedJoint| is_same_hinge(&j.joint, &learned.joint) && moves_together(j, &learned);
     let is_same = |j: &LearnedJoint| {
-        is_about_one_line(&j.joint, &learned.joint) && !are_beside_each_other(j, &learned)
+        is_about_one_line(&j.joint, &learned.joint) && !are_two_parts(j, &learned)
             || is_hand(j)
             || is_other_face(j)
     };
@@ -251,6 +252,12 @@ fn is_about_one_line(known: &Joint, new: &Joint) -> bool {
     (known.kind != JointKind::Prismatic || new.kind == JointKind::Prismatic)
         && line_angle(&axis, &new.axis.into()) < SAME_LINE_RAD
         && distance_to_line(&known.origin.into(), &axis, &new.origin.into()) < SAME_LINE_M
+}
+
+/// True if two joints about one line are of two parts: drawers that are pulled in turn, or doors above each other.
+fn are_two_parts(known: &LearnedJoint, new: &LearnedJoint) -> bool {
+    let is_slide = |j: &LearnedJoint| j.joint.kind == JointKind::Prismatic;
+    is_slide(known) && is_slide(new) && take_turns(known, new) || are_beside_each_other(known, new)
 }
 
 /// True if two parts are clearly apart along one line and do not move together: doors above each other. A part
@@ -661,6 +668,29 @@ mod tests {
         assert!(!is_about_one_line(&known, &slide([0.15, 0.2, 1.7])), "the next drawer");
         let hinge = JointGeometry::hinge(Vector3::y_axis(), Point3::new(0.0, 0.0, 1.7));
         assert!(!is_about_one_line(&known, &Joint::of(&hinge)));
+    }
+
+    #[test]
+    fn drawers_on_one_line_that_are_pulled_in_turn_are_two_parts() {
+        let slide = JointGeometry::slide(Vector3::z_axis(), Point3::origin());
+        let pulled = |times: std::ops::Range<usize>| {
+            let q = |k: usize| if times.contains(&k) { 0.2 } else { 0.0 };
+            let configuration = (0..20).map(|k| [k as f64, q(k)]).collect();
+            LearnedJoint {
+                joint: Joint { configuration, ..Joint::of(&slide) },
+                base_from_part: Vec::new(),
+                tracks: Vec::new(),
+                plain_surface: Vec::new(),
+            }
+        };
+        let added = |new: LearnedJoint| {
+            let mut joints = vec![pulled(3..9)];
+            add(new, &mut joints);
+            joints.len()
+        };
+        assert_eq!(added(pulled(11..17)), 2);
+        assert_eq!(added(pulled(3..8)), 1, "the same drawer");
+        assert_eq!(added(pulled(3..20)), 1, "it is never away without the other one");
     }
 
     #[test]

@@ -262,7 +262,7 @@ impl VacatedPart {
             unattached_ratio,
             lead_s,
             is_alone,
-            body: Body::Unknown,
+            body: Body::Nothing,
             turned_away,
             rivals: Rivals::default(),
             is_parallel: false,

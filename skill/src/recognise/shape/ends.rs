@@ -14,12 +14,15 @@ use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
 /// Smallest cosine between the normal of a contour point and the direction to the camera at which it is visible.
 pub const LEAST_COSINE: f64 = 0.2;
+/// Smallest cosine between the normal of a surface and the direction to the camera at which a reading beside its end
+/// tells whether something else begins there: the edge of a table, seen from a low place, fits any board.
+const WELL_SEEN: f64 = 0.4;
 /// Smallest distance before a contour point at which a reading occludes it, metres.
 const HIDDEN_M: f64 = 0.05;
 
-/// True if the surface in the image ends as a contour point predicts; false if there is no surface at the point, or if
-/// it continues beyond the point; `None` if the point is not visible, or if something else begins just beyond it: the
-/// floor below a door, the door behind its handle.
+/// True if the surface in the image ends as a contour point predicts, and false if not; `None` if the point is not
+/// visible, or if the surface is there and something else begins just beyond the point: the floor below a door, the
+/// door behind its handle.
 pub fn ends(
     scene: &Scene,
     seen: &ContourGrid,
@@ -35,11 +38,22 @@ pub fn ends(
     if z < point.z - HIDDEN_M {
         return None;
     }
-    let is_empty = |place: Point3<f64>| is_empty(&scene.frame, &place, &normal);
-    let outward = pose * c.outward;
-    let goes_on =
-        || BEYOND_M.iter().all(|beyond| is_empty(point + outward * *beyond) == Some(false));
-    (is_empty(point) == Some(true) || goes_on()).then_some(false)
+    let is_there = is_empty(&scene.frame, &point, &normal) == Some(false);
+    let begins = || {
+        let [.., beyond] = BEYOND_M;
+        another_surface(scene, &(point + pose * c.outward * beyond), &normal)
+    };
+    (!(is_there && begins())).then_some(false)
+}
+
+/// True if the reading at a place beyond the end of a surface is of something else: not in the plane of the surface,
+/// which is seen well there.
+fn another_surface(scene: &Scene, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    let cosine = -normal.dot(&place.coords) / place.coords.norm();
+    let pixel = scene.frame.camera.project(place);
+    let z = pixel.and_then(|px| scene.frame.depth.at_nearest(px.x, px.y));
+    let tolerance = scene.frame.camera.depth_sensor.tolerance(place.z, cosine);
+    cosine > WELL_SEEN && z.is_some_and(|z| (f64::from(z) - place.z).abs() > tolerance)
 }
 
 /// How exactly the image ends as a contour point predicts, 0 to 1.
