@@ -132,7 +132,7 @@ pub fn last_frame(recording: &str) -> Outcome<RgbdFrame> {
 }
 
 /// Recognises in one frame.
-pub fn recognise_frame(
+fn recognise_frame(
     library: &Library,
     frame: &RgbdFrame,
     source: &str,

@@ -3,15 +3,16 @@
 //! is predicted and published to a subscriber that decodes it. One page shows all results.
 
 use super::predict::publish;
-use crate::cli::{Common, DemoArgs};
+use crate::cli::{Common, DemoArgs, SourceArgs};
 use crate::console::{answer, say};
 use crate::outcome::{Failure, Outcome};
 use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, DemoPage, DetailLinks};
 use crate::simulate::{Surfaces, Take};
+use crate::source;
 use crate::steps::{
     FilmOrder, PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, demonstrate, film,
-    last_frame, recognise_frame, remember, skill_config,
+    recognise_view, remember, skill_config,
 };
 use crate::truth::Truth;
 use anyhow::{Context, anyhow};
@@ -95,7 +96,7 @@ pub fn run(args: &DemoArgs, common: &Common) -> Outcome {
     answer(format!("look at {}", path.display()))
 }
 
-/// Recognises in the last frame of a recording with what was stored, and tells it in a page.
+/// Recognises in the frames of a recording with what was stored, and tells it in a page.
 fn recognise(
     met: &Path,
     out: &Path,
@@ -104,12 +105,13 @@ fn recognise(
     times: &mut StageTimes,
 ) -> Outcome<(RgbdFrame, Recognition)> {
     let source = met.display().to_string();
-    let frame = times.measure(READING_FRAMES, || last_frame(&source))?;
+    let still = times.measure(READING_FRAMES, || {
+        source::open(&source, &SourceArgs::default())?.still_frames()
+    })?;
     let store = Store::open(&out.join(STORE))?;
     let library = times.measure(READING_STORE, || store.load())?;
-    let recognised =
-        times.measure(RECOGNITION, || recognise_frame(&library, &frame, &source, config));
-    let recognition = recognised?;
+    let (frame, recognition) =
+        times.measure(RECOGNITION, || recognise_view(&library, &still, &source, config))?;
     write_json(&out.join("recognition.json"), &recognition)?;
     let (known, objects) = (library.len(), std::slice::from_ref(stored));
     let asked = Asked { known, min_score: config.recognise.min_score, objects, times };

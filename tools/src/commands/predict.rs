@@ -7,7 +7,7 @@ use crate::output::{write_json, write_text};
 use crate::report::{self, Asked, describe};
 use crate::source;
 use crate::steps::{
-    PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, recognise_frame, skill_config,
+    PREDICTION, READING_FRAMES, READING_STORE, RECOGNITION, recognise_view, skill_config,
 };
 use linkage_driver::RgbdFrame;
 use linkage_driver::live::host_utime;
@@ -33,10 +33,10 @@ pub fn run(args: &PredictArgs, common: &Common) -> Outcome {
     let mut times = StageTimes::default();
     let library = times.measure(READING_STORE, || store.load())?;
     let mut source = source::open(&args.source, &args.take)?;
-    let frame = times.measure(READING_FRAMES, || source.last_frame())?;
+    let still = times.measure(READING_FRAMES, || source.still_frames())?;
     let recognised =
-        times.measure(RECOGNITION, || recognise_frame(&library, &frame, &args.source, &config));
-    let recognition = recognised?;
+        times.measure(RECOGNITION, || recognise_view(&library, &still, &args.source, &config));
+    let (frame, recognition) = recognised?;
     let Some(best) = recognition.matches.first() else {
         if let Some(path) = &args.report {
             let min_score = config.recognise.min_score;
