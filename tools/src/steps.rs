@@ -63,7 +63,7 @@ pub fn film(order: &FilmOrder, out: &Path, quiet: bool) -> Outcome {
         let known: Vec<&str> = SCENES.iter().map(|s| s.0).collect();
         anyhow!("no scene \"{name}\"; known: {}", known.join(", "))
     })?;
-    surfaces.texture(seed).into_iter().for_each(|class| paint(&mut scene, class, seed));
+    paint(&mut scene, surfaces.texture(seed), seed);
     let total = take.frames(&scene);
     let progress = Progress::new("rendering", Some(total), quiet);
     record(&scene, take, seed, out, with_tags, || progress.step())?;

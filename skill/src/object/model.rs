@@ -89,7 +89,7 @@ pub const DECIDED: f64 = 0.95;
 
 /// True where `kind` is not likely enough to be called the type.
 pub fn is_undecided(kind: JointKind, probabilities: &BTreeMap<JointKind, f64>) -> bool {
-    !probabilities.is_empty() && probabilities.get(&kind).is_none_or(|p| *p < DECIDED)
+    !probabilities.is_empty() && probabilities.get(&kind).is_none_or(|p| p.is_nan() || *p < DECIDED)
 }
 
 impl Joint {

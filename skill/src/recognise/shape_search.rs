@@ -89,9 +89,10 @@ fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     verdict.parts.iter().zip(in_sight).enumerate().map(is_placed).collect()
 }
 
-/// True if hardly any surface of a part is in sight, and the image confirms its contour.
+/// True if hardly any surface of a part is in sight, its colour is not contrary to the learned one, and the image
+/// confirms its contour.
 fn is_edge_on(seen: &PartVerdict, ends: &EndsInSight) -> bool {
-    !seen.is_missing() && ends.found >= EDGE_ON.0 && ends.share() > EDGE_ON.1
+    seen.hardly_shows() && !seen.is_unlike() && ends.found >= EDGE_ON.0 && ends.share() > EDGE_ON.1
 }
 
 /// Score of a state by shape alone, 0 to 1: colour of the surface, free space, edges, contours of the moving parts,
@@ -178,6 +179,9 @@ mod tests {
         assert!(!is_placed(of(500, 0), of(10, 0), ends(15, 0)), "too few ends");
         assert!(!is_placed(of(500, 0), of(10, 0), ends(30, 20)), "it ends elsewhere");
         assert!(!is_placed(of(500, 0), of(10, 40), ends(30, 1)), "it is seen through");
+        assert!(!is_placed(of(500, 0), of(400, 300), ends(30, 1)), "much of it is seen through");
+        let unlike = PartVerdict { texture: 1.0, correlation: Some(-0.6), ..of(10, 0) };
+        assert!(!is_placed(of(500, 0), unlike, ends(30, 1)), "another texture");
     }
 
     #[test]

@@ -101,6 +101,11 @@ impl PartVerdict {
                 && self.edges.as_learned > 4 * self.edges.goes_on
     }
 
+    /// True if too little surface of the part is in sight for it to stand.
+    pub fn hardly_shows(&self) -> bool {
+        self.agree + self.through < LEAST_STANDING
+    }
+
     /// True if enough surface of the part is where the state puts it, and its colour varies as learned.
     fn agrees_in_all(&self) -> bool {
         self.agree >= LEAST_STANDING && self.correlates()

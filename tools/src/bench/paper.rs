@@ -19,7 +19,7 @@ use linkage_skill::SkillConfig;
 use linkage_skill::internals::median;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// The columns.
@@ -66,7 +66,7 @@ struct Report {
 }
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
-    let dir = args.dir.clone().unwrap_or_else(|| default_dir(args.surfaces));
+    let dir = args.dir.clone().unwrap_or_else(|| args.surfaces.folder(DEFAULT_DIR));
     let configs: Vec<(&'static str, SkillConfig)> = PROFILES
         .iter()
         .filter(|profile| args.only.as_ref().is_none_or(|only| only == *profile))
@@ -108,13 +108,6 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
         write_json(path, &Report { truth: if args.tags { "tags" } else { "exact" }, rows })?;
     }
     Ok(())
-}
-
-fn default_dir(surfaces: Surfaces) -> PathBuf {
-    match surfaces {
-        Surfaces::Speckled => PathBuf::from(DEFAULT_DIR),
-        other => PathBuf::from(format!("{DEFAULT_DIR}-{}", other.name())),
-    }
 }
 
 fn learn(

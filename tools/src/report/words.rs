@@ -147,12 +147,12 @@ fn undecided(joint: &Joint) -> String {
 
 /// "a hinge 62 %, a slide 38 %": the kinds that are likely, and the one that the joint has.
 fn kinds_with_probability(joint: &Joint) -> String {
-    let is_told = |(kind, p): &(&JointKind, &f64)| **p >= 0.01 || **kind == joint.kind;
-    let mut kinds: Vec<_> = joint.type_probabilities.iter().filter(is_told).collect();
+    let is_likely_or_own = |(kind, p): &(&JointKind, &f64)| **p >= 0.01 || **kind == joint.kind;
+    let mut kinds: Vec<_> = joint.type_probabilities.iter().filter(is_likely_or_own).collect();
     kinds.sort_by(|a, b| b.1.total_cmp(a.1));
     let told: Vec<String> =
         kinds.iter().map(|(k, p)| format!("{} {}", kind_in_words(**k), probability(**p))).collect();
-    told.join(", ")
+    if told.is_empty() { format!("perhaps {}", kind_in_words(joint.kind)) } else { told.join(", ") }
 }
 
 /// The kind of thing that it is, with the side of its hinge.

@@ -9,6 +9,7 @@ use clap::ValueEnum;
 use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Surfaces of a simulated scene.
@@ -32,6 +33,14 @@ impl Surfaces {
         }
     }
 
+    /// Folder of recordings with these surfaces, beside that of the speckled ones.
+    pub fn folder(self, speckled: &str) -> PathBuf {
+        match self {
+            Self::Speckled => PathBuf::from(speckled),
+            other => PathBuf::from(format!("{speckled}-{}", other.name())),
+        }
+    }
+
     /// Texture of the thing with this number; `None` if speckles stay on it.
     pub fn texture(self, number: u64) -> Option<TextureClass> {
         match self {
@@ -46,9 +55,10 @@ impl Surfaces {
     }
 }
 
-/// Gives the scene surfaces of a home, with a thing of this texture. Those of the thing follow from its name, those of
-/// the room from the seed.
-pub fn paint(scene: &mut Scene, class: TextureClass, seed: u64) {
+/// Gives the scene surfaces of a home, with a thing of this texture; without one the scene stays as it is. The surfaces
+/// of the thing follow from its name, those of the room from the seed.
+pub fn paint(scene: &mut Scene, texture: Option<TextureClass>, seed: u64) {
+    let Some(class) = texture else { return };
     scene.texture = Some(class);
     let name = scene.name.bytes().fold(7_u64, |h, b| h.wrapping_mul(31) ^ u64::from(b));
     let mut thing = Painter { rng: ChaCha8Rng::seed_from_u64(name ^ 0x40e5), done: Vec::new() };
@@ -268,7 +278,7 @@ mod tests {
     /// Mean absolute difference of neighbouring texels of the thing's surfaces, grey levels.
     fn roughness(surfaces: Surfaces, name: &str) -> f64 {
         let mut scene = scene(name, 4).unwrap();
-        surfaces.texture(4).into_iter().for_each(|class| paint(&mut scene, class, 4));
+        paint(&mut scene, surfaces.texture(4), 4);
         let solids = scene.parts.iter().flat_map(|part| &part.solids);
         let steps: Vec<f64> = solids
             .flat_map(|solid| {
@@ -289,7 +299,7 @@ mod tests {
             roughness(Surfaces::Plain, "fridge") < 0.3 * roughness(Surfaces::Speckled, "fridge")
         );
         let (before, mut after) = (scene("fridge", 4).unwrap(), scene("fridge", 4).unwrap());
-        paint(&mut after, TextureClass::Plain, 4);
+        paint(&mut after, Some(TextureClass::Plain), 4);
         let colours = |scene: &Scene| -> Vec<[f64; 3]> {
             let solids = scene.parts.iter().flat_map(|part| &part.solids);
             solids.map(|solid| solid.material.texture.colour).collect()
@@ -301,7 +311,7 @@ mod tests {
     fn surfaces_of_a_thing_are_the_same_in_every_room() {
         let at = |seed| {
             let mut scene = scene("drawer", seed).unwrap();
-            paint(&mut scene, TextureClass::Plain, seed);
+            paint(&mut scene, Some(TextureClass::Plain), seed);
             scene.parts[1].solids[0].material.texture.at(0.1, 0.2)
         };
         assert_eq!(at(1), at(2));

@@ -49,15 +49,16 @@ pub fn type_probabilities(joint: &JointEstimate, view: &TracksInFrame) -> BTreeM
         *least = least.min(cost);
     }
     tracing::debug!(?costs, "mean cost of an observation by type");
-    probabilities(&costs, sample.independent, sample.counting)
+    probabilities(&costs, sample.independent, sample.effective)
 }
 
-/// Probability of each type by the mean cost of an observation, the number of independent observations, and how many
-/// of these errors shared by the tracks of a frame leave.
+/// Probability of each type by the mean cost of an observation, the number of independent observations, and the number of
+/// those that count: the tracks of a frame share errors, so at most six of them do. More parameters are penalised by
+/// all of them, because the shared errors must not make the simpler type less likely.
 fn probabilities(
     costs: &BTreeMap<JointKind, f64>,
     independent: f64,
-    counting: f64,
+    effective: f64,
 ) -> BTreeMap<JointKind, f64> {
     let inflation = costs.values().copied().fold(f64::INFINITY, f64::min).max(1.0);
     let criterion = |(&kind, cost): (&JointKind, &f64)| {
@@ -66,7 +67,7 @@ fn probabilities(
             JointKind::Revolute => 2.0,
             _ => 0.0,
         };
-        (kind, counting * cost / inflation + more_parameters * independent.ln())
+        (kind, effective * cost / inflation + more_parameters * independent.ln())
     };
     let criteria: Vec<(JointKind, f64)> = costs.iter().map(criterion).collect();
     let best = criteria.iter().map(|(_, b)| *b).fold(f64::INFINITY, f64::min);
@@ -89,8 +90,8 @@ struct Sample<'s> {
     observations: f64,
     /// Number of independent observations in all frames.
     independent: f64,
-    /// Number of observations that errors shared by the tracks of a frame leave of these.
-    counting: f64,
+    /// Number of these that count, at most [`INDEPENDENT_IN_FRAME`] in a frame.
+    effective: f64,
 }
 
 impl<'s> Sample<'s> {
@@ -101,12 +102,17 @@ impl<'s> Sample<'s> {
             |joint: &JointEstimate, t: usize| view.life(t).filter(|(f, _)| joint.known[*f]).count();
         let observations = |joint| tracks.iter().map(|&t| observed(joint, t)).sum::<usize>() as f64;
         let independent = (observations(joint) / CORRELATED_OBSERVATIONS).max(1.0);
-        let frames = joint.known.iter().filter(|k| **k).count() as f64;
+        let mut in_frame = vec![0.0_f64; joint.known.len()];
+        for (frame, _) in tracks.iter().flat_map(|&t| view.life(t)).filter(|(f, _)| joint.known[*f])
+        {
+            in_frame[frame] += 1.0;
+        }
+        let counted: f64 = in_frame.iter().map(|n| n.min(INDEPENDENT_IN_FRAME)).sum();
         Self {
             view,
             observations: observations(sampled).max(1.0),
             independent,
-            counting: independent.min(INDEPENDENT_IN_FRAME * frames / CORRELATED_OBSERVATIONS),
+            effective: counted / CORRELATED_OBSERVATIONS,
             tracks,
         }
     }
@@ -206,9 +212,9 @@ mod tests {
 
     #[test]
     fn a_hinge_that_fits_little_better_under_errors_that_tracks_share_is_not_told() {
-        let hinge = |slide: f64, hinge: f64, counting: f64| {
+        let hinge = |slide: f64, hinge: f64, effective: f64| {
             let costs = [(JointKind::Prismatic, slide), (JointKind::Revolute, hinge)].into();
-            probabilities(&costs, 540.0, counting)[&JointKind::Revolute]
+            probabilities(&costs, 540.0, effective)[&JointKind::Revolute]
         };
         assert!(hinge(4.5, 4.0, 540.0) > 0.99, "if all observations were independent");
         assert!(hinge(4.5, 4.0, 54.0) < 0.1);

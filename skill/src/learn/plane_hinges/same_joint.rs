@@ -16,6 +16,11 @@ const MIN_COMMON: usize = 5;
 /// Gain in log-likelihood below which a joint of tracks gives way to a plain part that moves
 /// together with it.
 pub const MEAGRE_GAIN: f64 = 1000.0;
+/// Shares of its largest configuration from which a part is away from its rest, and up to which it is at rest.
+const AWAY: f64 = 0.4;
+const AT_REST: f64 = 0.15;
+/// Fewest keyframes in which one of two parts must be away alone for them to take turns.
+const MIN_ALONE: usize = 3;
 /// Difference below which two times are of one frame, seconds.
 const SAME_TIME_S: f64 = 1e-4;
 
@@ -23,12 +28,6 @@ const SAME_TIME_S: f64 = 1e-4;
 pub fn is_known(joint: &LearnedJoint, plain: &LearnedJoint) -> bool {
     is_same_hinge(&joint.joint, &plain.joint) || !is_meagre(joint) && moves_together(joint, plain)
 }
-
-/// Shares of its largest configuration from which a part is away from its rest, and up to which it is at rest.
-const AWAY: f64 = 0.4;
-const AT_REST: f64 = 0.15;
-/// Fewest keyframes in which one of two parts must be away alone for them to take turns.
-const MIN_ALONE: usize = 3;
 
 /// True if few tracks show the joint: its gain is small.
 pub fn is_meagre(learned: &LearnedJoint) -> bool {
@@ -46,8 +45,9 @@ pub fn moves_together(a: &LearnedJoint, b: &LearnedJoint) -> bool {
 /// their lines are, like two letter trays above each other.
 pub fn take_turns(a: &LearnedJoint, b: &LearnedJoint) -> bool {
     let common = at_common_times(a, b);
-    let most = |of: fn(&(f64, f64)) -> f64| common.iter().map(of).fold(0.0, f64::max);
-    let (of_a, of_b) = (most(|(a, _)| a.abs()), most(|(_, b)| b.abs()));
+    let most =
+        |j: &LearnedJoint| j.joint.configuration.iter().map(|q| q[1].abs()).fold(0.0, f64::max);
+    let (of_a, of_b) = (most(a), most(b));
     let alone = |is_alone: &dyn Fn(f64, f64) -> bool| {
         common.iter().filter(|(a, b)| is_alone(a.abs() / of_a, b.abs() / of_b)).count()
     };

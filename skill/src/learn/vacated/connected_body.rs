@@ -4,7 +4,7 @@
 //!
 //! In: a surface at rest (base frame, metres) and the keyframes.
 //! Out: whether the body that is connected with the surface stands still or sways.
-//! From: region growing in the depth image; the limits from parts and persons of 50 rendered demonstrations
+//! From: region growing in the depth image; the limits from parts and persons of 70 rendered demonstrations
 //! (`README.md`).
 
 use super::rest_surface::RestSurface;
@@ -18,7 +18,8 @@ use std::collections::HashSet;
 const STEP_PX: usize = 4;
 /// Largest difference of depth between neighbouring places of one surface: metres, plus a share of the depth.
 const SAME_SURFACE: (f64, f64) = (0.015, 0.006);
-/// Largest distance from the surface's border to the points of the body, metres: from a hand to the shoulder.
+/// How much farther than the surface's radius the points of the body may be from its middle, metres: from a hand to the
+/// shoulder.
 const BODY_M: f64 = 0.5;
 /// Number of keyframes that see through a place from which the place does not belong to the body.
 const THROUGH_BODY: usize = 2;

@@ -36,9 +36,6 @@ struct Effort {
 }
 /// Effort for all hinges of the grid.
 const COARSE: Effort = Effort { points: 20, keyframes: 3 };
-/// Distance from a line about which planes turned within which another line counts as the same, as a step of the grid,
-/// metres.
-const STEP_OF_PLANES_M: f64 = 0.03;
 /// Effort for the best hinges of the grid, the known lines, those of planes and the slides.
 const FINE: Effort = Effort { points: 60, keyframes: 6 };
 /// Share of the grid's hinges that is kept after coarse scoring.
@@ -49,6 +46,8 @@ const ELSEWHERE: f64 = 0.35;
 const SAME_RAD: f64 = 0.1;
 /// Distance below which two lines may count as one, in steps of the grid.
 const SAME_STEPS: f64 = 1.2;
+/// Step that stands for the uncertainty of a line about which planes turned, metres.
+const STEP_OF_PLANES_M: f64 = 0.03;
 
 /// A joint that is tried, with its score: the mean over keyframes of the share of the surface's points that are
 /// found, less those that are seen through, at the best configuration.
@@ -60,7 +59,8 @@ pub struct Hypothesis {
     pub score: f64,
     /// True if the line is that of a known joint.
     pub is_known: bool,
-    /// Distance between the lines of the grid, metres; 0 for a line that is not of the grid.
+    /// Distance between the lines of the grid, metres; [`STEP_OF_PLANES_M`] for a line of planes; 0 for a known line or a
+    /// slide.
     step: f64,
 }
 
@@ -119,7 +119,7 @@ pub fn best_hypotheses(
     score_by(&COARSE, &mut of_grid);
     of_grid.sort_by(|a, b| b.score.total_cmp(&a.score));
     of_grid.truncate((BEST * of_grid.len() as f64).ceil() as usize);
-    // Where the line is about along a direction of the surroundings, it may be exactly so.
+    // A line nearly parallel to a direction of the surroundings is also tried exactly parallel to it.
     let squared = |line: &JointGeometry| {
         let line = *line;
         let near = directions.iter().filter(move |d| line_angle(d, &line.axis) < SAME_RAD);

@@ -3,7 +3,7 @@
 //! background is seen.
 //!
 //! In: a surface at rest (base frame) and the keyframes.
-//! Out: the number of directions, from its middle to all sides, in which its border meets something that stays, and
+//! Out: what the surface is connected with; the number of directions, from its middle to all sides, in which its border meets something that stays, and
 //! in which there is only what is far behind.
 
 use super::connected_body::{Body, body_of};
@@ -34,7 +34,7 @@ const MAX_THROUGH: f64 = 0.05;
 /// Smallest share of the keyframes in which the surface is away that must show a place that stays.
 const LEAST_SHOWN: f64 = 0.25;
 
-/// What is beside the border of a surface at rest.
+/// What is beside the border of a surface at rest, and what the surface is connected with.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RestFrame {
     /// Directions in which something meets the surface and stays when the surface goes away.

@@ -71,7 +71,7 @@ const FOLLOW_M: f64 = 0.006;
 /// Largest number of steps by which a surface is followed to its end.
 const FOLLOW_STEPS: usize = 6;
 /// Distances beyond the end at which there must be free space, metres.
-pub const BEYOND_M: [f64; 2] = [0.025, 0.04];
+const BEYOND_M: [f64; 2] = [0.025, 0.04];
 
 /// Contour of a scene: where a surface ends, and free space is seen beyond it in the tangent plane.
 pub fn contour_of_scene(scene: &Scene) -> Vec<ContourPoint> {

@@ -6,23 +6,17 @@
 use super::super::kinematics::{Articulated, State};
 use super::super::render_cloud::NEAREST_M;
 use super::super::scene::Scene;
-use super::contour::{BEYOND_M, ContourPoint};
+use super::contour::ContourPoint;
 use super::contour_grid::ContourGrid;
 use super::object_shape::Contours;
-use crate::object::surface_end::is_empty;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
 /// Smallest cosine between the normal of a contour point and the direction to the camera at which it is visible.
 pub const LEAST_COSINE: f64 = 0.2;
-/// Smallest cosine between the normal of a surface and the direction to the camera at which a reading beside its end
-/// tells whether something else begins there: the edge of a table, seen from a low place, fits any board.
-const WELL_SEEN: f64 = 0.4;
 /// Smallest distance before a contour point at which a reading occludes it, metres.
 const HIDDEN_M: f64 = 0.05;
 
-/// True if the surface in the image ends as a contour point predicts, and false if not; `None` if the point is not
-/// visible, or if the surface is there and something else begins just beyond the point: the floor below a door, the
-/// door behind its handle.
+/// True if the surface in the image ends as a contour point predicts; `None` if the point is not visible.
 pub fn ends(
     scene: &Scene,
     seen: &ContourGrid,
@@ -35,25 +29,7 @@ pub fn ends(
     if seen.has(&point, &normal, &(pose * c.outward)) {
         return Some(true);
     }
-    if z < point.z - HIDDEN_M {
-        return None;
-    }
-    let is_there = is_empty(&scene.frame, &point, &normal) == Some(false);
-    let begins = || {
-        let [.., beyond] = BEYOND_M;
-        another_surface(scene, &(point + pose * c.outward * beyond), &normal)
-    };
-    (!(is_there && begins())).then_some(false)
-}
-
-/// True if the reading at a place beyond the end of a surface is of something else: not in the plane of the surface,
-/// which is seen well there.
-fn another_surface(scene: &Scene, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
-    let cosine = -normal.dot(&place.coords) / place.coords.norm();
-    let pixel = scene.frame.camera.project(place);
-    let z = pixel.and_then(|px| scene.frame.depth.at_nearest(px.x, px.y));
-    let tolerance = scene.frame.camera.depth_sensor.tolerance(place.z, cosine);
-    cosine > WELL_SEEN && z.is_some_and(|z| (f64::from(z) - place.z).abs() > tolerance)
+    (z > point.z - HIDDEN_M).then_some(false)
 }
 
 /// How exactly the image ends as a contour point predicts, 0 to 1.
@@ -136,10 +112,7 @@ mod tests {
     /// corner has no depth.
     fn told(c: &ContourPoint) -> Option<bool> {
         let of_board = board(0.2, 1.5, 2.5);
-        told_in(|x, y| if x < -0.1 && y > 0.1 { f64::NAN } else { of_board(x, y) }, c)
-    }
-
-    fn told_in(depth: impl Fn(f64, f64) -> f64, c: &ContourPoint) -> Option<bool> {
+        let depth = |x, y| if x < -0.1 && y > 0.1 { f64::NAN } else { of_board(x, y) };
         let scene = Scene::plain(&picture(1, depth)).unwrap();
         ends(&scene, &ContourGrid::of(&scene), &IsometryMatrix3::identity(), c)
     }
@@ -149,20 +122,6 @@ mod tests {
         assert_eq!(told(&end(0.2, 1.5, Vector3::x())), Some(true));
         assert_eq!(told(&end(-0.2, 1.5, -Vector3::x())), Some(true));
         assert_eq!(told(&end(0.2, 1.5, -Vector3::x())), Some(false), "to the other side");
-    }
-
-    #[test]
-    fn a_surface_does_not_end_where_it_continues_or_where_there_is_none() {
-        assert_eq!(told(&end(0.05, 1.5, Vector3::x())), Some(false), "it continues");
-        assert_eq!(told(&end(0.4, 1.5, Vector3::x())), Some(false), "there is none");
-    }
-
-    #[test]
-    fn what_begins_just_behind_an_end_leaves_it_unknown() {
-        let behind_m = |gap: f64| told_in(board(0.2, 1.5, 1.5 + gap), &end(0.2, 1.5, Vector3::x()));
-        assert_eq!(behind_m(0.03), None, "a door behind its handle");
-        assert_eq!(behind_m(0.5), Some(true));
-        assert_eq!(behind_m(0.0), Some(false), "the same plane");
     }
 
     #[test]

@@ -42,7 +42,7 @@ const CHOICES: &[Choice] = &[
     Choice::of_search("ambiguity not checked", |c| c.check_ambiguity = false),
     Choice::of_search("nothing ruled out", |c| c.eliminate = false),
     Choice::of_search("distinct matches alone", |c| c.try_all_matches = false),
-    Choice::of_search("search by shape too", |c| c.try_shape = true),
+    Choice::of_search("the other choice of search by shape", |c| c.try_shape = !c.try_shape),
     Choice::of_search("one hypothesis", |c| c.hypotheses = 1),
     Choice::of_search("no ratio test", |c| c.max_ratio = f64::INFINITY),
     Choice::of_model("no features of the room", |a| a.room.clear()),

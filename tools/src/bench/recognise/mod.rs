@@ -34,6 +34,9 @@ const DEFAULT_DIR: &str = "out/recognise";
 /// Bands of viewpoints by the turn's upper end, degrees.
 const BANDS: [f64; 4] = [15.0, 30.0, 45.0, 60.0];
 
+/// Largest turn of a viewpoint from which a thing should be recognised, degrees.
+const MEANT_DEG: f64 = 45.0;
+
 /// One still with what was found in it.
 #[derive(Serialize)]
 struct Row {
@@ -73,7 +76,7 @@ struct Report {
 
 pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
     let mut config = skill_config(common)?;
-    // Plain things have no features; `linkage recognise` searches by shape as well.
+    // Plain things have no features. The bench has one frame a still, so that it searches by shape in that frame.
     config.recognise.try_shape |= args.surfaces != Surfaces::Speckled;
     let dir = folder(args, config.seed);
     let surfaces = args.surfaces;
@@ -134,10 +137,7 @@ pub fn run(args: &BenchArgs, common: &Common) -> Outcome {
 
 /// Where the recordings of a draw are kept.
 fn folder(args: &BenchArgs, draw: u64) -> PathBuf {
-    let dir = args.dir.clone().unwrap_or_else(|| match args.surfaces {
-        Surfaces::Speckled => PathBuf::from(DEFAULT_DIR),
-        other => PathBuf::from(format!("{DEFAULT_DIR}-{}", other.name())),
-    });
+    let dir = args.dir.clone().unwrap_or_else(|| args.surfaces.folder(DEFAULT_DIR));
     if draw == SkillConfig::default().seed { dir } else { dir.join(format!("draw_{draw}")) }
 }
 
@@ -328,16 +328,17 @@ fn print_bands(report: &Report) {
         low = high;
     }
     let known: Vec<&Row> = report.rows.iter().filter(|r| r.shows == Shows::Known).collect();
-    let share = |what: &str, is_meant: &dyn Fn(&Row) -> bool| {
-        let rows: Vec<&&Row> = known.iter().filter(|r| r.turn_deg <= 45.0 && is_meant(r)).collect();
+    let print_share = |what: &str, is_meant: &dyn Fn(&Row) -> bool| {
+        let rows: Vec<&&Row> =
+            known.iter().filter(|r| r.turn_deg <= MEANT_DEG && is_meant(r)).collect();
         let right = rows.iter().filter(|r| r.right).count();
         if !rows.is_empty() {
-            println!("up to 45°, {what:8} {right:>3} of {} right", rows.len());
+            println!("up to {MEANT_DEG}°, {what:8} {right:>3} of {} right", rows.len());
         }
     };
-    share("occluded", &|r| r.occluded);
+    print_share("occluded", &|r| r.occluded);
     for texture in [TextureClass::Plain, TextureClass::Medium, TextureClass::Rich] {
-        share(texture.name(), &|r| r.texture == Some(texture));
+        print_share(texture.name(), &|r| r.texture == Some(texture));
     }
     for shows in [Shows::Repainted, Shows::Reproportioned, Shows::Other] {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.shows == shows).collect();

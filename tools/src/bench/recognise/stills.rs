@@ -116,33 +116,25 @@ pub fn demonstration(
 ) -> Outcome {
     let number = number_of(thing).unwrap_or(0);
     let seed = home(draw).wrapping_add(number);
-    let staged = || painted(scene(thing, seed)?, surfaces.texture(number), seed);
-    render(staged, Take::Demonstration, seed, dir, quiet)
-}
-
-/// The scene with surfaces of a home, if it is in one.
-fn painted(mut scene: Scene, texture: Option<TextureClass>, seed: u64) -> Option<Scene> {
-    texture.into_iter().for_each(|class| paint(&mut scene, class, seed));
-    Some(scene)
+    let texture = surfaces.texture(number);
+    render(|| scene(thing, seed), texture, Take::Demonstration, seed, dir, quiet)
 }
 
 impl Still {
     /// Renders it, unless it is there.
     pub fn render(&self, dir: &Path, quiet: bool) -> Outcome {
-        let staged = || {
-            let scene = match self.shows {
-                Shows::Known | Shows::Other => scene(&self.thing, self.seed),
-                Shows::Repainted => repainted(&self.thing, self.seed),
-                Shows::Reproportioned => reproportioned(&self.thing, self.seed),
-            };
-            painted(scene?, self.texture, self.seed)
+        let staged = || match self.shows {
+            Shows::Known | Shows::Other => scene(&self.thing, self.seed),
+            Shows::Repainted => repainted(&self.thing, self.seed),
+            Shows::Reproportioned => reproportioned(&self.thing, self.seed),
         };
-        render(staged, Take::Still(self.shot), self.seed, dir, quiet)
+        render(staged, self.texture, Take::Still(self.shot), self.seed, dir, quiet)
     }
 }
 
 fn render(
     staged: impl FnOnce() -> Option<Scene>,
+    texture: Option<TextureClass>,
     take: Take,
     seed: u64,
     dir: &Path,
@@ -154,6 +146,7 @@ fn render(
     }
     let mut staged = staged().ok_or_else(|| anyhow!("{}: no such scene", dir.display()))?;
     add_common_clutter(&mut staged, seed);
+    paint(&mut staged, texture, seed);
     let total = take.frames(&staged);
     let progress = Progress::new("rendering", Some(total), quiet);
     record(&staged, take, seed, dir, false, || progress.step())?;
