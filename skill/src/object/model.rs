@@ -79,7 +79,7 @@ pub struct Joint {
     /// Probability of each kind given the observations, where it was computed.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub type_probabilities: BTreeMap<JointKind, f64>,
-    /// The motion does not tell the type: the probability of `kind` is below [`DECIDED`].
+    /// The motion does not tell the type: the probability of `kind` is below 0.95.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub undecided: bool,
 }
