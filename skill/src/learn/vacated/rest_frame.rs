@@ -3,8 +3,8 @@
 //! background is seen.
 //!
 //! In: a surface at rest (base frame) and the keyframes.
-//! Out: what the surface is connected with; the number of directions, from its middle to all sides, in which its border meets something that stays, and
-//! in which there is only what is far behind.
+//! Out: what the surface is connected with; and of the directions from its middle to all sides, the number in which its
+//! border meets something that stays, and the number in which there is only what is far behind.
 
 use super::connected_body::{Body, body_of};
 use super::rest_surface::RestSurface;
