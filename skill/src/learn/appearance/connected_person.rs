@@ -7,6 +7,7 @@
 
 use super::part_labels::{LabelGrid, PosedFrame, STEP};
 use super::room_planes::Room;
+use crate::math::grid::four_neighbours;
 use std::collections::HashSet;
 
 /// Largest difference of depth between neighbouring places of one surface: metres, plus a share of the depth.
@@ -30,12 +31,12 @@ pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &Room) -> HashSet<(
     let all = (0..size.1).flat_map(|r| (0..size.0).map(move |c| (c, r)));
     // A single foreign place may be an error; on an arm, the neighbours are foreign too.
     let mut front: Vec<(usize, usize)> = all
-        .filter(|place| is_foreign(*place) && neighbours(*place, size).all(is_foreign))
+        .filter(|place| is_foreign(*place) && four_neighbours(*place, size).all(is_foreign))
         .collect();
     let mut reached: HashSet<(usize, usize)> = front.iter().copied().collect();
     while let Some(place) = front.pop() {
         let Some(here) = depth(place) else { continue };
-        for next in neighbours(place, size) {
+        for next in four_neighbours(place, size) {
             let (u, v) = pixel(next);
             let Some(there) = depth(next).filter(|_| grid.at(u, v) == Some(0)) else { continue };
             let step = SAME_SURFACE.0 + SAME_SURFACE.1 * here.z;
@@ -47,15 +48,4 @@ pub fn connected(posed: &PosedFrame, grid: &LabelGrid, room: &Room) -> HashSet<(
         }
     }
     reached
-}
-
-/// The four neighbours of a place, within the grid.
-fn neighbours(
-    (c, r): (usize, usize),
-    (columns, rows): (usize, usize),
-) -> impl Iterator<Item = (usize, usize)> {
-    [(-1, 0), (1, 0), (0, -1), (0, 1)].into_iter().filter_map(move |(dc, dr)| {
-        let place = (c.checked_add_signed(dc)?, r.checked_add_signed(dr)?);
-        (place.0 < columns && place.1 < rows).then_some(place)
-    })
 }

@@ -10,6 +10,7 @@
 use super::rest_surface::RestSurface;
 use super::stillness::{room, shift};
 use super::view::View;
+use crate::math::grid::four_neighbours;
 use crate::math::robust::median;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashSet;
@@ -33,7 +34,7 @@ const STILL: (f64, f64) = (0.0025, 0.3);
 const SWAYS: (f64, f64) = (0.0045, 1.0);
 
 /// Column and row of a place in the depth image, in steps.
-type Cell = [usize; 2];
+type Cell = (usize, usize);
 
 /// What a surface at rest is connected with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -113,7 +114,7 @@ fn connected_cells(surface: &RestSurface, rest: &View) -> Vec<Cell> {
         let pixel = rest.pixel_of(place)?.coords / STEP_PX as f64;
         let is_inside =
             (0.0..columns as f64).contains(&pixel.x) && (0.0..rows as f64).contains(&pixel.y);
-        let cell = is_inside.then_some([pixel.x as usize, pixel.y as usize])?;
+        let cell = is_inside.then_some((pixel.x as usize, pixel.y as usize))?;
         let expected = (rest.camera_from_base * place).z;
         // At the border of the surface the middle of a cell may show what is behind it.
         z(cell).is_some_and(|z| (z - expected).abs() < step_at(expected)).then_some(cell)
@@ -123,7 +124,7 @@ fn connected_cells(surface: &RestSurface, rest: &View) -> Vec<Cell> {
     let mut front: Vec<Cell> = own.iter().copied().collect();
     while let Some(cell) = front.pop() {
         let Some(here) = z(cell) else { continue };
-        for next in neighbours(cell, columns, rows) {
+        for next in four_neighbours(cell, (columns, rows)) {
             let is_one_surface = z(next).is_some_and(|there| (there - here).abs() < step_at(here));
             if is_one_surface && is_near(next) && reached.insert(next) {
                 front.push(next);
@@ -142,15 +143,7 @@ fn step_at(z: f64) -> f64 {
 
 /// Pixel in the middle of a cell.
 fn pixel(cell: Cell) -> [usize; 2] {
-    cell.map(|at| at * STEP_PX + STEP_PX / 2)
-}
-
-/// The four neighbours of a cell, within the image.
-fn neighbours([column, row]: Cell, columns: usize, rows: usize) -> impl Iterator<Item = Cell> {
-    [(-1, 0), (1, 0), (0, -1), (0, 1)].into_iter().filter_map(move |(right, down)| {
-        let next = [column.checked_add_signed(right)?, row.checked_add_signed(down)?];
-        (next[0] < columns && next[1] < rows).then_some(next)
-    })
+    [cell.0, cell.1].map(|at| at * STEP_PX + STEP_PX / 2)
 }
 
 #[cfg(test)]
