@@ -98,7 +98,7 @@ fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
     let Refiner { scene, articulated, cloud, matches, .. } = *refiner;
     let verdict = verify(scene, articulated, cloud, state);
     if let Some(contours) = refiner.shape {
-        let in_sight = ends_in_sight(scene, articulated, contours, state);
+        let in_sight = ends_in_sight(scene, articulated, cloud, contours.shape, state);
         let of_part = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
             // Furniture learned with the base may be missing now, so free space counts little against the base.
             seen.fit_of_shape(part == 0) + ends.closeness - ends.missing as f64

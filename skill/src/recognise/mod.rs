@@ -53,16 +53,18 @@ pub use result::{JointState, PartEvidence, RECOGNITION_SCHEMA, Recognised, Recog
 pub use scene::Scene;
 pub use still_frames::StillFrames;
 
-use object_search::ObjectSearch;
+use nalgebra::Point3;
+use object_search::{MAX_SHARED, ObjectSearch};
+use occupied_space::OccupiedVoxels;
 use rayon::prelude::*;
 use shape::ContourGrid;
 use std::sync::Arc;
 
 /// Searches the scene for every object and returns those above the threshold, best first.
 ///
-/// If distinct matches lead to no object at all, each object is searched again with all matches, which at least
-/// doubles the time, then in its room and, if configured, by its shape. Of a recognised object whose base is not in
-/// sight, the room gives configurations.
+/// If distinct matches lead to no object at all, each object is searched again with all matches, which at least doubles
+/// the time, then in its room and, if configured, by its shape; of objects that are found by shape in one place, one is
+/// kept. Of a recognised object whose base is not in sight, the room gives configurations.
 #[must_use]
 pub fn recognise(
     scene: &Scene,
@@ -101,6 +103,29 @@ fn retry_plain(searches: &mut [ObjectSearch], scene: &Scene, config: &RecogniseC
     searches.par_iter_mut().for_each(|search| search.retry_in_room(&seen));
     if config.try_shape && !is_recognised(searches) {
         searches.iter_mut().for_each(|search| search.retry_by_shape(&seen));
+        withdraw_overlapping(searches);
+    }
+}
+
+/// Of objects that were found by shape in one place, keeps the one that explains most of the image.
+fn withdraw_overlapping(searches: &mut [ObjectSearch]) {
+    let mut order: Vec<usize> = (0..searches.len()).collect();
+    let explained = |i: &usize| searches[*i].explained_by_shape();
+    order.sort_by(|a, b| explained(b).total_cmp(&explained(a)).then(a.cmp(b)));
+    let mut kept: Vec<(Vec<Point3<f64>>, OccupiedVoxels)> = Vec::new();
+    for i in order {
+        let Some(places) = searches[i].places() else { continue };
+        let mut own = OccupiedVoxels::default();
+        own.add(&places);
+        // A small object may stand within a large one.
+        let is_shared = kept
+            .iter()
+            .any(|(others, occupied)| occupied.share(&places).max(own.share(others)) > MAX_SHARED);
+        if is_shared {
+            searches[i].withdraw();
+        } else {
+            kept.push((places, own));
+        }
     }
 }
 
@@ -130,7 +155,7 @@ mod tests {
     use crate::object::model::{Joint, MODEL_SCHEMA, ObjectModel, Part, ReferenceFrame};
     use crate::test_data::{painted, patches};
     use linkage_frames::RgbdFrame;
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Vector3;
 
     /// Distance of the wall behind both parts, metres.
     const WALL_M: f64 = 2.5;

@@ -27,10 +27,11 @@ use super::result::{Recognised, report};
 use super::room_search;
 use super::scene::Scene;
 use super::shape::{ContourGrid, Contours};
-use super::shape_search;
+use super::shape_search::{self, FoundByShape};
 use super::verdict::PartVerdict;
 use super::verify::verify;
 use crate::math::rigid::Pose;
+use nalgebra::Point3;
 
 /// Smallest number of matches, each place counted once, that must agree with a refined state.
 const MIN_INLIERS: usize = 7;
@@ -45,7 +46,7 @@ const NO_CONFIGURATION: f64 = 0.9;
 /// doors, lids and drawers that were alone in sight, all ended as learned at more edges than they went on.
 const WITHOUT_OUTLINE: f64 = 0.5;
 /// Largest share of an object's surface that may lie in space that another object occupies.
-const MAX_SHARED: f64 = 0.3;
+pub const MAX_SHARED: f64 = 0.3;
 
 /// Search for one object in a scene.
 pub struct ObjectSearch<'l> {
@@ -61,6 +62,8 @@ pub struct ObjectSearch<'l> {
     tried: TriedPoses,
     /// Best detection so far.
     found: Option<Detection>,
+    /// How much of the image the state that was found by shape explains; 0 if none was.
+    explained_by_shape: f64,
 }
 
 impl<'l> ObjectSearch<'l> {
@@ -92,6 +95,7 @@ impl<'l> ObjectSearch<'l> {
             distinct,
             tried: TriedPoses::default(),
             found: None,
+            explained_by_shape: 0.0,
         };
         let found = search.detect(&search.distinct, MIN_INLIERS, &mut tried);
         Self { tried, found, ..search }
@@ -170,9 +174,27 @@ impl<'l> ObjectSearch<'l> {
         // Edges determine configurations, and a thinned surface has none.
         let contours = Contours { shape: self.object.shape(), seen };
         let by_shape = Refiner { shape: Some(contours), coarse: cloud, ..self.refiner(&[], 0) };
-        if let Some(found) = shape_search::find(&by_shape, contours) {
-            self.found = Some(found);
+        if let Some(FoundByShape { detection, explained }) = shape_search::find(&by_shape, contours)
+        {
+            self.found = Some(detection);
+            self.explained_by_shape = explained;
         }
+    }
+
+    /// Places of the object's surface in its best state, if it is recognised; camera frame, metres.
+    pub fn places(&self) -> Option<Vec<Point3<f64>>> {
+        let found = self.found.as_ref().filter(|_| self.is_recognised())?;
+        Some(places_of(&self.object.cloud, &self.articulated, &found.state))
+    }
+
+    /// How much of the image the state that was found by shape explains; 0 if none was.
+    pub fn explained_by_shape(&self) -> f64 {
+        self.explained_by_shape
+    }
+
+    /// Forgets what was found by shape.
+    pub fn withdraw(&mut self) {
+        (self.found, self.explained_by_shape) = (None, 0.0);
     }
 
     /// Recognised objects of this class, and the score of the first one below the threshold, 0 if there is none.

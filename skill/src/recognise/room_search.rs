@@ -103,7 +103,7 @@ fn refined(refiner: &Refiner, contours: Contours, hypothesis: &Hypothesis) -> Op
         return None;
     }
     let verdict = verify(scene, articulated, cloud, &state);
-    let in_sight = ends_in_sight(scene, articulated, contours, &state);
+    let in_sight = ends_in_sight(scene, articulated, cloud, contours.shape, &state);
     let placed = placed_in_room(&verdict, &in_sight);
     let likeness = likeness_in_any_light(scene, articulated, cloud, &state);
     let score = room_score(&verdict, likeness, &in_sight, &placed);
@@ -123,7 +123,8 @@ fn moved_by(cloud: &Cloud, from: &State, to: &State) -> f64 {
 /// Decides which configurations of a state are determined: the room fixes the base, and each part that stands where
 /// the state puts it determines its configuration, unless it could as well be elsewhere.
 fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detection {
-    let in_sight = ends_in_sight(refiner.scene, refiner.articulated, contours, &refined.state);
+    let Refiner { scene, articulated, cloud, .. } = *refiner;
+    let in_sight = ends_in_sight(scene, articulated, cloud, contours.shape, &refined.state);
     let placed = placed_in_room(&refined.verdict, &in_sight);
     told_by_surface(refiner, refined, placed)
 }

@@ -25,6 +25,8 @@ pub struct ContourPoint {
     pub normal: Vector3<f64>,
     /// Unit direction, perpendicular to the normal, in which the surface ends.
     pub outward: Vector3<f64>,
+    /// Index of the side among those of its part: points whose outward directions and normals are alike. 0 in a frame.
+    pub side: usize,
     /// Smallest and largest configuration of the part's joint at which the end is known, rad or m; 0 for the base
     /// and in a frame.
     pub configurations: [f64; 2],
@@ -54,10 +56,37 @@ pub fn contour_of_object(edges: &[KnownEdge]) -> Vec<ContourPoint> {
             point: e.surface + outward * INSET_M,
             normal: e.normal,
             outward,
+            side: 0,
             configurations: e.configurations,
         })
     };
-    thinned(&straightened(&edges.iter().filter_map(place).collect::<Vec<_>>()))
+    let mut contour = thinned(&straightened(&edges.iter().filter_map(place).collect::<Vec<_>>()));
+    number_sides(&mut contour);
+    contour
+}
+
+/// Smallest cosine between the outward directions, and between the normals, of two points of one side.
+const ALIKE_ON_SIDE: f64 = 0.85;
+
+/// Numbers the sides of each part from 0: a point is on the side of the first earlier point that ends in about its
+/// direction and faces about where it faces.
+fn number_sides(contour: &mut [ContourPoint]) {
+    let mut sides: Vec<(ContourPoint, usize)> = Vec::new();
+    for p in contour {
+        let is_same = |q: &ContourPoint| {
+            q.part == p.part
+                && q.outward.dot(&p.outward) > ALIKE_ON_SIDE
+                && q.normal.dot(&p.normal) > ALIKE_ON_SIDE
+        };
+        p.side = match sides.iter().find(|(first, _)| is_same(first)) {
+            Some((_, side)) => *side,
+            None => {
+                let side = sides.iter().filter(|(first, _)| first.part == p.part).count();
+                sides.push((*p, side));
+                side
+            }
+        };
+    }
 }
 
 /// Distance between the examined pixels, pixels.
@@ -106,10 +135,22 @@ fn ends_beside(scene: &Scene, u: usize, v: usize) -> Vec<ContourPoint> {
         let longest = FOLLOW_M * FOLLOW_STEPS as f64;
         is(place(longest + BEYOND_M[0])).filter(|empty| *empty)?;
         let goes_on = |step: &usize| is(place(*step as f64 * FOLLOW_M)) == Some(false);
-        let last = (1..=FOLLOW_STEPS).take_while(goes_on).count() as f64 * FOLLOW_M;
+        let followed = (1..=FOLLOW_STEPS).take_while(goes_on).count();
+        // A surface that continues at the last step may end anywhere before the place that is empty.
+        if followed == FOLLOW_STEPS {
+            return None;
+        }
+        let last = followed as f64 * FOLLOW_M;
         let ends = BEYOND_M.iter().all(|beyond| is(place(last + beyond)) == Some(true));
         let point = place(last + 0.5 * FOLLOW_M);
-        ends.then_some(ContourPoint { part: 0, point, normal, outward, configurations: [0.0; 2] })
+        ends.then_some(ContourPoint {
+            part: 0,
+            point,
+            normal,
+            outward,
+            side: 0,
+            configurations: [0.0; 2],
+        })
     };
     (0..DIRECTIONS).filter_map(end).collect()
 }
@@ -215,10 +256,29 @@ mod tests {
             point: Point3::new(0.01 * f64::from(i), 0.0, 1.0),
             normal: -Vector3::z(),
             outward: Vector3::new(0.4 * f64::from(i % 2), 1.0, 0.0).normalize(),
+            side: 0,
             configurations: [0.0; 2],
         };
         let points: Vec<ContourPoint> = (0..20).map(place).collect();
         assert!(straightened(&points).iter().all(|p| p.outward.dot(&Vector3::y()) > 0.999));
         assert!(straightened(&points[..2]).is_empty());
+    }
+
+    #[test]
+    fn the_four_sides_of_a_board_are_numbered() {
+        let directions: [Vector3<f64>; 4] =
+            [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y()];
+        let place = |i: usize| ContourPoint {
+            part: i / 8,
+            point: Point3::new(0.01 * i as f64, 0.0, 1.0),
+            normal: -Vector3::z(),
+            outward: (directions[i % 4] + Vector3::<f64>::new(0.1, -0.1, 0.0)).normalize(),
+            side: 0,
+            configurations: [0.0; 2],
+        };
+        let mut contour: Vec<ContourPoint> = (0..16).map(place).collect();
+        number_sides(&mut contour);
+        let sides: Vec<usize> = contour.iter().map(|p| p.side).collect();
+        assert_eq!(sides, [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]);
     }
 }

@@ -26,6 +26,12 @@ pub struct ContourGrid {
     cells: HashMap<[i32; 3], Vec<u32>>,
 }
 
+/// Largest distance, metres, between the end of a surface as it is known and as a camera of focal length `fx`, pixels,
+/// sees it at depth `z`, metres.
+pub fn gate(z: f64, sensor: DepthSensor, fx: f64) -> f64 {
+    0.012 + 2.0 * sensor.reading_sigma(z) + 1.5 * z / fx
+}
+
 impl ContourGrid {
     /// Contour of a frame.
     pub fn of(scene: &Scene) -> Self {
@@ -35,11 +41,7 @@ impl ContourGrid {
 
     /// Grid of contour points seen by a camera of focal length `fx`, pixels.
     pub fn new(points: Vec<ContourPoint>, sensor: DepthSensor, fx: f64) -> Self {
-        let gate = |p: &ContourPoint| {
-            let z = p.point.z;
-            0.012 + 2.0 * sensor.reading_sigma(z) + 1.5 * z / fx
-        };
-        let gates: Vec<f64> = points.iter().map(gate).collect();
+        let gates: Vec<f64> = points.iter().map(|p| gate(p.point.z, sensor, fx)).collect();
         let mut cells: HashMap<[i32; 3], Vec<u32>> = HashMap::new();
         for (i, (p, gate)) in points.iter().zip(&gates).enumerate() {
             let reach = Vector3::repeat(*gate);
@@ -74,25 +76,6 @@ impl ContourGrid {
         agreeing.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, p)| p)
     }
 
-    /// How exactly the contour agrees with an end at `point` with this normal and direction outward: 1 on the edge,
-    /// 0 at the largest distance; `None` if no point agrees.
-    pub fn closeness(
-        &self,
-        point: &Point3<f64>,
-        normal: &Vector3<f64>,
-        outward: &Vector3<f64>,
-    ) -> Option<f64> {
-        let near = self.cells.get(&cell(point, CELL_M))?;
-        let closeness = near.iter().filter_map(|i| {
-            let (p, gate) = (&self.points[*i as usize], self.gates[*i as usize]);
-            let agrees = (p.point - point).norm() < gate
-                && p.normal.dot(normal) > SAME_NORMAL
-                && p.outward.dot(outward) > SAME_OUTWARD;
-            agrees.then(|| 1.0 - (p.point - point).dot(&p.outward).abs() / gate)
-        });
-        closeness.max_by(f64::total_cmp)
-    }
-
     /// True if [`Self::nearest`] finds a point.
     pub fn has(&self, point: &Point3<f64>, normal: &Vector3<f64>, outward: &Vector3<f64>) -> bool {
         self.cells.get(&cell(point, CELL_M)).is_some_and(|near| {
@@ -117,6 +100,7 @@ mod tests {
             point: Point3::new(x, 0.0, 1.0),
             normal: -Vector3::z(),
             outward,
+            side: 0,
             configurations: [0.0; 2],
         };
         let points = vec![at(0.0, Vector3::x()), at(0.03, Vector3::x()), at(0.0, -Vector3::x())];

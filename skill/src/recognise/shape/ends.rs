@@ -1,20 +1,33 @@
-//! Test whether the surface in the image ends where a contour predicts.
+//! Test whether the surface in the image ends where a contour predicts: quickly by the contour of the image, for the
+//! many poses of the search, and by the depth image itself, for verification.
 //!
 //! In: a contour point and the pose of its part (camera frame, metres), or a whole state.
 //! Out: confirmed, not confirmed or not visible; by part, the number of each.
 
 use super::super::kinematics::{Articulated, State};
-use super::super::render_cloud::NEAREST_M;
+use super::super::render_cloud::{Cloud, DepthBuffer, NEAREST_M, visible};
 use super::super::scene::Scene;
 use super::contour::ContourPoint;
-use super::contour_grid::ContourGrid;
-use super::object_shape::Contours;
+use super::contour_grid::{ContourGrid, gate};
+use super::end_profile::{SeenEnd, seen_end};
+use super::object_shape::ObjectShape;
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
+use std::collections::HashMap;
 
 /// Smallest cosine between the normal of a contour point and the direction to the camera at which it is visible.
 pub const LEAST_COSINE: f64 = 0.2;
 /// Smallest distance before a contour point at which a reading occludes it, metres.
 const HIDDEN_M: f64 = 0.05;
+/// Largest distance of a confirmed end from the learned one, metres, however far away it is.
+const FARTHEST_M: f64 = 0.03;
+/// Smallest number of visible points of a side that decide whether it is there.
+const ENOUGH_OF_SIDE: usize = 8;
+/// Largest share of a side's visible points that are confirmed where the part ends elsewhere.
+const OTHER_SIDE: f64 = 0.25;
+/// Distance from an end at which another part of the object may be beside it, metres.
+const BESIDE_M: f64 = 0.03;
+/// Largest distance of that part behind the end, metres.
+const OWN_M: f64 = 0.03;
 
 /// True if the surface in the image ends as a contour point predicts; `None` if the point is not visible.
 pub fn ends(
@@ -30,11 +43,6 @@ pub fn ends(
         return Some(true);
     }
     (z > point.z - HIDDEN_M).then_some(false)
-}
-
-/// How exactly the image ends as a contour point predicts, 0 to 1.
-fn closeness(seen: &ContourGrid, pose: &IsometryMatrix3<f64>, c: &ContourPoint) -> f64 {
-    seen.closeness(&(pose * c.point), &(pose * c.normal), &(pose * c.outward)).unwrap_or(0.0)
 }
 
 /// Pixel of a place; `None` if a surface with that normal would not be visible there.
@@ -59,6 +67,8 @@ pub struct EndsInSight {
     pub missing: usize,
     /// How exactly the image ends at a point, 0 to 1, summed over the confirmed points.
     pub closeness: f64,
+    /// Number of sides where the part does not end as learned: a longer board ends as learned at all sides but one.
+    pub other_sides: usize,
 }
 
 impl EndsInSight {
@@ -73,24 +83,46 @@ impl EndsInSight {
     }
 }
 
-/// Visible contour points by part, of the contour that is known at a state.
+/// Visible contour points by part, of the contour that is known at a state. Where another part of the object is seen
+/// just outside the end, before it or at most [`OWN_M`] behind it, no end is expected.
 pub fn ends_in_sight(
     scene: &Scene,
     articulated: &Articulated,
-    contours: Contours,
+    cloud: &Cloud,
+    shape: &ObjectShape,
     state: &State,
 ) -> Vec<EndsInSight> {
+    let camera = &scene.frame.camera;
     let poses = articulated.matrices(state);
+    let buffer = DepthBuffer::of(&visible(scene, cloud, &articulated.poses(state)));
     let mut counts = vec![EndsInSight::default(); articulated.parts];
-    for c in contours.shape.known_at(articulated, state) {
-        match ends(scene, contours.seen, &poses[c.part], c) {
-            Some(true) => {
-                counts[c.part].found += 1;
-                counts[c.part].closeness += closeness(contours.seen, &poses[c.part], c);
-            }
-            Some(false) => counts[c.part].missing += 1,
-            None => {}
+    let mut sides: HashMap<(usize, usize), (usize, usize)> = HashMap::new();
+    for c in shape.known_at(articulated, state) {
+        let pose = &poses[c.part];
+        let beyond = pose * (c.point + c.outward * BESIDE_M);
+        let is_before_other_part = pixel_of(scene, &beyond, &(pose * c.normal))
+            .is_some_and(|pixel| buffer.nearest(pixel, c.part).1 < beyond.z + OWN_M);
+        if is_before_other_part {
+            continue;
         }
+        let Some(seen) = seen_end(scene, pose, c) else { continue };
+        let (found, missing) = sides.entry((c.part, c.side)).or_default();
+        let gate = gate((pose * c.point).z, camera.depth_sensor, camera.fx).min(FARTHEST_M);
+        match seen {
+            SeenEnd::At(distance) if distance.abs() < gate => {
+                *found += 1;
+                counts[c.part].closeness += 1.0 - distance.abs() / gate;
+            }
+            _ => *missing += 1,
+        }
+    }
+    for ((part, _), (found, missing)) in sides {
+        let part = &mut counts[part];
+        part.found += found;
+        part.missing += missing;
+        let all = found + missing;
+        let is_other = all >= ENOUGH_OF_SIDE && (found as f64) < OTHER_SIDE * all as f64;
+        part.other_sides += usize::from(is_other);
     }
     counts
 }
@@ -105,7 +137,8 @@ mod tests {
     /// A place at which a surface that faces the camera is said to end.
     fn end(x: f64, z: f64, outward: Vector3<f64>) -> ContourPoint {
         let point = Point3::new(x, 0.0, z);
-        ContourPoint { part: 0, point, normal: -Vector3::z(), outward, configurations: [0.0; 2] }
+        let normal = -Vector3::z();
+        ContourPoint { part: 0, point, normal, outward, side: 0, configurations: [0.0; 2] }
     }
 
     /// Test of a contour point on a board 40 cm wide, 1.5 m away and a metre before a wall; its lower left
@@ -146,7 +179,7 @@ mod tests {
     fn in_sight_at(q: f64) -> Vec<EndsInSight> {
         look_for_plain_slider(Some(0.2), 0.06, |refiner, contours| {
             let state = State { camera_from_object: Pose::identity(), q: vec![q] };
-            ends_in_sight(refiner.scene, refiner.articulated, contours, &state)
+            ends_in_sight(refiner.scene, refiner.articulated, refiner.cloud, contours.shape, &state)
         })
     }
 
@@ -156,6 +189,7 @@ mod tests {
             assert!(part.count() > 20 && part.share() > 0.9, "{part:?}");
             assert!(part.closeness > 0.5 * part.found as f64, "{part:?}");
             assert!(part.closeness <= part.found as f64, "{part:?}");
+            assert_eq!(part.other_sides, 0);
         }
     }
 
@@ -163,8 +197,9 @@ mod tests {
     fn a_part_beside_its_place_lacks_ends_and_the_others_do_not() {
         let [plate, board] = in_sight_at(0.0)[..] else { panic!("two parts") };
         assert!(plate.share() > 0.9, "{plate:?}");
-        // The upper and the lower side are displaced along themselves.
+        // The upper and the lower side are displaced along themselves, the left and the right one across.
         assert!(board.share() < 0.75, "{board:?}");
+        assert_eq!(board.other_sides, 2);
     }
 
     #[test]

@@ -10,6 +10,7 @@
 
 mod contour;
 mod contour_grid;
+mod end_profile;
 mod ends;
 mod object_shape;
 mod part_alignment;

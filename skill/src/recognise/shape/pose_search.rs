@@ -228,7 +228,8 @@ mod tests {
     const SLID_M: f64 = 0.06;
 
     fn place(at: [f64; 3], normal: Vector3<f64>, outward: Vector3<f64>) -> ContourPoint {
-        ContourPoint { part: 0, point: at.into(), normal, outward, configurations: [0.0; 2] }
+        let point = at.into();
+        ContourPoint { part: 0, point, normal, outward, side: 0, configurations: [0.0; 2] }
     }
 
     /// A place at this x, of a surface that faces the camera.
