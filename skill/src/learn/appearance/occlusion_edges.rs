@@ -11,7 +11,7 @@ use super::part_labels::PosedFrame;
 use crate::math::rigid::orthonormal_basis;
 use crate::object::appearance::{Edge, Surfel};
 use crate::object::model::{Joint, ObjectModel};
-use crate::object::surface_end::{INSET_M, STEP_M, is_empty};
+use crate::object::surface_end::{STEP_M, is_empty};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -21,10 +21,8 @@ const BEYOND_M: f64 = 0.04;
 /// Distance from an edge's `surface` to a nearer place that must be seen through as well, metres; still nearer, depth
 /// is unreliable.
 const EDGE_MARGIN_M: f64 = 0.03;
-/// Steps within which the surface must end.
-const STEPS: usize = 8;
-/// Most steps between surface and free space of which nothing is known: depth has gaps at edges.
-const MOST_UNKNOWN: usize = 3;
+/// Most steps by which the surface is followed.
+const STEPS: usize = 6;
 /// Directions in the tangent plane that are tried.
 const DIRECTIONS: usize = 8;
 /// Fewest frames that must see through a place.
@@ -92,9 +90,11 @@ fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
         let towards = u * angle.cos() + v * angle.sin();
         let at = |distance: f64| surface + towards * distance;
         // Most surface continues; the farthest place alone rejects it quickly.
-        let range = free(views, s.part, &at(STEPS as f64 * STEP_M), &normal)?;
-        let shown = |step: usize| shown(views, range, s.part, &at(step as f64 * STEP_M), &normal);
-        let last = end_of(shown)? - INSET_M;
+        free(views, s.part, &at(BEYOND_M + STEPS as f64 * STEP_M), &normal)?;
+        let is_surface =
+            |step: &usize| is_surface(views, s.part, &at(*step as f64 * STEP_M), &normal);
+        let followed = (1..=STEPS).take_while(is_surface).count();
+        let last = followed.saturating_sub(1) as f64 * STEP_M;
         let (low, high) = free(views, s.part, &at(last + BEYOND_M), &normal)?;
         let (nearer_low, nearer_high) = free(views, s.part, &at(last + EDGE_MARGIN_M), &normal)?;
         let (low, high) = (low.max(nearer_low), high.min(nearer_high));
@@ -109,43 +109,12 @@ fn edges_beside(s: &Surfel, views: &[View]) -> Vec<Edge> {
     directions.filter_map(edge).collect()
 }
 
-/// Distance at which a surface ends that is followed step by step, metres; `None` if it does not end within [`STEPS`],
-/// or if more than [`MOST_UNKNOWN`] places before the first empty one are unknown.
-fn end_of(shown: impl Fn(usize) -> Option<Shown>) -> Option<f64> {
-    let mut last = 0;
-    for step in 1..=STEPS {
-        match shown(step) {
-            Some(Shown::Surface) => last = step,
-            Some(Shown::Nothing) if step - last <= MOST_UNKNOWN + 1 => {
-                return Some(0.5 * (last + step) as f64 * STEP_M);
-            }
-            Some(Shown::Nothing) => return None,
-            None => {}
-        }
-    }
-    None
-}
-
-/// What most of the images that show a place show there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Shown {
-    Surface,
-    Nothing,
-}
-
-/// What most images show at a place while the configuration is within a range; `None` if none shows it.
-fn shown(
-    views: &[View],
-    (low, high): (f64, f64),
-    part: u16,
-    place: &Point3<f64>,
-    normal: &Vector3<f64>,
-) -> Option<Shown> {
-    let within = |v: &&View| part == 0 || v.configuration >= low && v.configuration <= high;
-    let seen = views.iter().filter(within).filter_map(|v| v.sees_through(part, place, normal));
+/// True if most images that show a place show surface there.
+fn is_surface(views: &[View], part: u16, place: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+    let seen = views.iter().filter_map(|v| v.sees_through(part, place, normal));
     let (through, all) =
         seen.fold((0, 0), |(t, all), is_through| (t + usize::from(is_through), all + 1));
-    (all > 0).then_some(if 2 * through < all { Shown::Surface } else { Shown::Nothing })
+    2 * through < all
 }
 
 /// The longest range of configurations in which every image that shows a place sees through it; `None` if too few
@@ -181,9 +150,7 @@ mod tests {
     /// A drawer flush in a wall slides 30 cm towards the camera.
     fn pulled() -> Vec<(RgbdFrame, f64)> {
         let at = |i: i64| 0.02 * i as f64;
-        // It rests shut for longer than it moves.
-        let slid = (0..20).map(|_| 0.0).chain((0..16).map(at));
-        (1..).zip(slid).map(|(i, q)| (seen(i, board(HALF_M, 1.5 - q, 1.5)), q)).collect()
+        (0..16).map(|i| (seen(i + 1, board(HALF_M, 1.5 - at(i), 1.5)), at(i))).collect()
     }
 
     fn edges_at(x: f64) -> Vec<Edge> {
@@ -209,24 +176,6 @@ mod tests {
         let [low, high] = outwards.configurations;
         assert!(low > 0.01 && low < 0.1 && high > 0.29, "{low} to {high}");
         assert!(edges.iter().all(|e| f64::from(e.beyond[0]) > HALF_M));
-    }
-
-    #[test]
-    fn a_surface_ends_between_what_is_seen_and_what_is_empty() {
-        let end = |places: &str| {
-            let at = |step: usize| match places.as_bytes()[step - 1] {
-                b's' => Some(Shown::Surface),
-                b'n' => Some(Shown::Nothing),
-                _ => None,
-            };
-            end_of(at).map(|end| (end / (0.5 * STEP_M)).round() as usize)
-        };
-        assert_eq!(end("sssnnnnn"), Some(7));
-        assert_eq!(end("ss???nnn"), Some(8), "a gap of three places");
-        assert_eq!(end("ss????nn"), None, "a gap of four places");
-        assert_eq!(end("nnnnnnnn"), Some(1));
-        assert_eq!(end("ssssssss"), None);
-        assert_eq!(end("????????"), None);
     }
 
     #[test]

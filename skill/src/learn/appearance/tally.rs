@@ -150,14 +150,12 @@ impl Tally {
     }
 
     /// True if the claim may hold although hardly any decisive frame can confirm it: several other frames show the
-    /// place, nearly all decisive frames hide it, and hardly any frame sees through it. Nor do more than a few of the
-    /// decisive frames that do not hide it: the arm that lifts a lid moves only nearly as the lid does.
+    /// place, nearly all decisive frames hide it, and hardly any frame sees through it.
     pub fn is_unrefuted(&self) -> bool {
         let all = (self.present + self.absent + self.hidden) as f64;
         self.present >= MIN_DECISIVE
             && self.decisive < MIN_DECISIVE.max(self.hidden)
             && (self.against.max(self.absent) as f64) <= MAX_CONTRADICTION * all
-            && self.against as f64 <= MAX_CONTRADICTION * self.decisive as f64
             && !self.came_or_left()
     }
 }
@@ -228,11 +226,6 @@ mod tests {
         );
         assert!(!tally("TTTTooooooooTTT").is_unrefuted(), "a hand lies on the part");
         assert!(!tally("hhhhhhhhhh").is_unrefuted(), "no other frame shows it");
-        assert!(
-            !tally("hhhttTTTtthsthhhhhh").is_unrefuted(),
-            "an arm that lifts a lid is hidden by the table once the lid is shut"
-        );
-        assert!(tally("hhhttTTTttthhhhhh").is_unrefuted(), "the inside of the lid is hidden, too");
     }
 
     #[test]

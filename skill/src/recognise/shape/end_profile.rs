@@ -5,11 +5,13 @@
 //! Out: the distance of the seen end from the contour point, or that the surface ends elsewhere; nothing if the image
 //! does not show it.
 
+use super::super::render_cloud::NEAREST_M;
 use super::super::scene::Scene;
 use super::contour::ContourPoint;
-use super::ends::{LEAST_COSINE, pixel_of};
 use nalgebra::{IsometryMatrix3, Point3, Vector3};
 
+/// Smallest cosine between the normal of a contour point and the direction to the camera at which it is visible.
+pub const LEAST_COSINE: f64 = 0.2;
 /// Distance between the places that are read, metres.
 const STEP_M: f64 = 0.005;
 /// Number of places that are read inside of the contour point, and outside of it.
@@ -64,6 +66,19 @@ pub fn seen_end(scene: &Scene, pose: &IsometryMatrix3<f64>, c: &ContourPoint) ->
     let next = beyond.iter().position(|r| matches!(r, Reading::Through | Reading::Before))?;
     let is_seen = beyond[next] == Reading::Through && next <= GAP + 1;
     is_seen.then(|| SeenEnd::At(distance(last) + 0.5 * next as f64 * STEP_M))
+}
+
+/// Pixel of a place; `None` if a surface with that normal would not be visible there.
+pub fn pixel_of(
+    scene: &Scene,
+    point: &Point3<f64>,
+    normal: &Vector3<f64>,
+) -> Option<(usize, usize)> {
+    let faces = -normal.dot(&point.coords) > LEAST_COSINE * point.coords.norm();
+    let camera = &scene.frame.camera;
+    let pixel = (faces && point.z > NEAREST_M).then(|| camera.project(point)).flatten()?;
+    let is_seen = camera.sees(&pixel, 2.0);
+    is_seen.then_some(((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize))
 }
 
 /// What the image shows at a place of a surface with this normal, both in the camera frame.

@@ -5,17 +5,15 @@
 //! Out: confirmed, not confirmed or not visible; by part, the number of each.
 
 use super::super::kinematics::{Articulated, State};
-use super::super::render_cloud::{Cloud, DepthBuffer, NEAREST_M, visible};
+use super::super::render_cloud::{Cloud, DepthBuffer, visible};
 use super::super::scene::Scene;
 use super::contour::ContourPoint;
 use super::contour_grid::{ContourGrid, gate};
-use super::end_profile::{SeenEnd, seen_end};
+use super::end_profile::{SeenEnd, pixel_of, seen_end};
 use super::object_shape::ObjectShape;
-use nalgebra::{IsometryMatrix3, Point3, Vector3};
+use nalgebra::IsometryMatrix3;
 use std::collections::HashMap;
 
-/// Smallest cosine between the normal of a contour point and the direction to the camera at which it is visible.
-pub const LEAST_COSINE: f64 = 0.2;
 /// Smallest distance before a contour point at which a reading occludes it, metres.
 const HIDDEN_M: f64 = 0.05;
 /// Largest distance of a confirmed end from the learned one, metres, however far away it is.
@@ -43,19 +41,6 @@ pub fn ends(
         return Some(true);
     }
     (z > point.z - HIDDEN_M).then_some(false)
-}
-
-/// Pixel of a place; `None` if a surface with that normal would not be visible there.
-pub fn pixel_of(
-    scene: &Scene,
-    point: &Point3<f64>,
-    normal: &Vector3<f64>,
-) -> Option<(usize, usize)> {
-    let faces = -normal.dot(&point.coords) > LEAST_COSINE * point.coords.norm();
-    let camera = &scene.frame.camera;
-    let pixel = (faces && point.z > NEAREST_M).then(|| camera.project(point)).flatten()?;
-    let is_seen = camera.sees(&pixel, 2.0);
-    is_seen.then_some(((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize))
 }
 
 /// Visible contour points of a part, counted by whether the image confirms them.
@@ -133,6 +118,7 @@ mod tests {
     use super::*;
     use crate::math::rigid::Pose;
     use crate::test_data::{board, seen as picture};
+    use nalgebra::{Point3, Vector3};
 
     /// A place at which a surface that faces the camera is said to end.
     fn end(x: f64, z: f64, outward: Vector3<f64>) -> ContourPoint {

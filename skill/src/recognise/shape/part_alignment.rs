@@ -9,7 +9,7 @@ use super::super::normal_equations::{System, add_surface};
 use super::super::scene::Scene;
 use super::contour::ContourPoint;
 use super::contour_grid::ContourGrid;
-use super::ends::LEAST_COSINE;
+use super::end_profile::LEAST_COSINE;
 use super::object_shape::ObjectShape;
 use crate::math::rigid::{Pose, matrix_pose};
 
