@@ -69,7 +69,7 @@ impl EndsInSight {
 }
 
 /// Visible contour points by part, of the contour that is known at a state. Where another part of the object is seen
-/// just outside the end, before it or at most [`OWN_M`] behind it, no end is expected.
+/// just outside the end, before it or at most 3 cm behind it, no end is expected.
 pub fn ends_in_sight(
     scene: &Scene,
     articulated: &Articulated,
