@@ -39,9 +39,6 @@ impl EdgeCounts {
     }
 }
 
-/// Largest distance behind a place, metres, of another part of the object that may be what is seen there.
-const OWN_M: f64 = 0.03;
-
 /// Counts what is seen beyond those edges whose own surface is seen, by part. `buffer`: depth buffer of the object's
 /// visible surface.
 pub fn test_edges(
@@ -65,7 +62,7 @@ pub fn test_edges(
         let (surface, beyond, normal) = (pose * e.surface, pose * e.beyond, pose * e.normal);
         let at = |place: &Point3<f64>| at(scene, place, &normal);
         let is_own = pixel_of(scene, &beyond)
-            .is_none_or(|pixel| buffer.nearest(pixel, e.part).1 < beyond.z + OWN_M);
+            .is_none_or(|pixel| buffer.shows_another_part(pixel, e.part, beyond.z));
         if is_own || at(&surface) != Some(There::Surface) {
             continue;
         }

@@ -176,7 +176,15 @@ impl DepthBuffer {
         }
         (f64::from(own), f64::from(other))
     }
+
+    /// True if another part than `part` is before a place at depth `z`, metres, about a pixel, or close behind it.
+    pub fn shows_another_part(&self, pixel: (usize, usize), part: usize, z: f64) -> bool {
+        self.nearest(pixel, part).1 < z + BEHIND_M
+    }
 }
+
+/// Largest distance behind a place, metres, of another part of the object that may be what is seen there.
+const BEHIND_M: f64 = 0.03;
 
 /// Cell of a pixel, counted from 1 so that each cell has neighbours.
 fn cell_of(pixel: (usize, usize)) -> (usize, usize) {

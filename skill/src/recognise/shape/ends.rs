@@ -24,8 +24,6 @@ const ENOUGH_OF_SIDE: usize = 8;
 const OTHER_SIDE: f64 = 0.25;
 /// Distance from an end at which another part of the object may be beside it, metres.
 const BESIDE_M: f64 = 0.03;
-/// Largest distance of that part behind the end, metres.
-const OWN_M: f64 = 0.03;
 
 /// True if the surface in the image ends as a contour point predicts; `None` if the point is not visible.
 pub fn ends(
@@ -85,9 +83,9 @@ pub fn ends_in_sight(
     for c in shape.known_at(articulated, state) {
         let pose = &poses[c.part];
         let beyond = pose * (c.point + c.outward * BESIDE_M);
-        let is_before_other_part = pixel_of(scene, &beyond, &(pose * c.normal))
-            .is_some_and(|pixel| buffer.nearest(pixel, c.part).1 < beyond.z + OWN_M);
-        if is_before_other_part {
+        let shows_another_part = pixel_of(scene, &beyond, &(pose * c.normal))
+            .is_some_and(|pixel| buffer.shows_another_part(pixel, c.part, beyond.z));
+        if shows_another_part {
             continue;
         }
         let Some(seen) = seen_end(scene, pose, c) else { continue };
