@@ -25,10 +25,11 @@ explained_config! {
         /// Set by the ablation.
         pub max_through: f64 = 0.22,
         /// Largest share (0 to 1) of the points of a joint's part that may be missing in frames in
-        /// which its configuration is not known. Set by the ablation.
+        /// which its configuration is not known, unless all other evidence is strong. Set by the
+        /// ablation.
         pub max_unobserved: f64 = 0.6,
         /// Largest share (0 to 1) of the observations of a joint's tracks that lie in frames in which
-        /// its configuration is not known. Set by the ablation.
+        /// its configuration is not known, unless all other evidence is strong. Set by the ablation.
         pub max_uncovered: f64 = 0.3,
         /// Joints are also searched for in the frames of parts that move. Set by the ablation.
         pub chains: bool = true,

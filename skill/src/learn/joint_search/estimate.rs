@@ -134,6 +134,11 @@ impl JointEstimate {
         uncovered as f64 / all.max(1) as f64
     }
 
+    /// Share of the joint's points, over all frames, that depth images do not show, 0 to 1.
+    pub fn missing_share(&self, evidence: &Evidence) -> f64 {
+        evidence.unobserved_ratio * (1.0 - self.coverage())
+    }
+
     /// Share of the frames, 0 to 1, in which the configuration is known.
     pub fn coverage(&self) -> f64 {
         self.known_frames().len() as f64 / self.known.len() as f64

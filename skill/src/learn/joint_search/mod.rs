@@ -42,6 +42,7 @@ mod tracks_in_part_frame;
 mod type_selection;
 mod verification;
 mod warm_start;
+mod weighed_evidence;
 mod window_fit;
 
 use super::learned_joint::LearnedJoints;

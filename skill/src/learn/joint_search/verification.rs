@@ -166,6 +166,7 @@ fn trace(search: &SearchState, how: &str, joint: &JointEstimate) {
         discriminability = format!("{:.2}", evidence.discriminability),
         parent_correlation = format!("{:.2}", evidence.parent_correlation),
         uncovered = format!("{:.2}", evidence.uncovered_ratio),
+        log_odds = format!("{:.1}", decision::log_odds(joint, evidence)),
         still_there = format!("{:.2}", evidence.still_there_ratio),
         rejected = decide(joint, evidence, search.config()).err().map(tracing::field::display),
         "joint"

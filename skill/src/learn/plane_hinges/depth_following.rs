@@ -151,8 +151,8 @@ impl Following {
         self.placements.len()
     }
 
-    /// Takes the configurations in some frames, radians, in which the surface shows its edge: they count neither for nor
-    /// against it.
+    /// Takes the configurations in some frames, radians, in which the surface shows its edge: they count neither for
+    /// nor against it.
     pub fn set_edge_on(&mut self, configurations: &[(usize, f64)]) {
         for &(frame, q) in configurations {
             if let Ok(i) = self.placements.binary_search_by_key(&frame, |p| p.frame) {
@@ -235,6 +235,37 @@ impl Following {
     pub fn at(&self, frame: usize) -> Option<f64> {
         let i = self.placements.binary_search_by_key(&frame, |p| p.frame).ok()?;
         Some(self.placements[i].q)
+    }
+
+    /// Shares of the surface's visible points, 0 to 1, that are seen through at the lower end of the range while it is
+    /// at the upper end, and at the upper end while it is at the lower one; 0 where few points are visible. `at_end`:
+    /// share of the range at an end.
+    pub fn seen_through_at_other_end(
+        &self,
+        surface: &Surface,
+        geometry: &JointGeometry,
+        at_end: f64,
+        recording: &Recording,
+    ) -> [f64; 2] {
+        let [low, high] = self.range();
+        let apart = at_end * (high - low);
+        // One placement a keyframe.
+        let both = || self.placements.iter().zip(recording.keyframes.iter());
+        let seen_through = |q: f64| {
+            let is_elsewhere =
+                |p: &Placement| self.is_shown(p) && (p.q - q).abs() > high - low - apart;
+            let elsewhere = both().filter(|(p, _)| is_elsewhere(p)).map(|(_, keyframe)| keyframe);
+            let counts = elsewhere.map(|(frame, picture)| {
+                let camera_from_base = recording.ego_motion.camera_from_base[frame];
+                let camera_from_part = camera_from_base * geometry.motion(q);
+                let points = surface.in_sight(&camera_from_part);
+                count_free_space(picture, points, &camera_from_part)
+            });
+            let all = total(counts);
+            let is_told = all.count() as f64 >= LEAST_SHOWN * surface.points.len() as f64;
+            if is_told { all.share_through() } else { 0.0 }
+        };
+        [low, high].map(seen_through)
     }
 
     /// True if a keyframe finds enough of the surface and sees through less of it.

@@ -74,10 +74,14 @@ const MAX_STEP_RAD: f64 = 1.3;
 /// Largest turn of the planes of a hinged plate, radians, three quarters of a turn: a lid that is turned over turns by
 /// less. The planes of a chest's top and front, which were taken for one plate, turned by 9.4 rad in all.
 const MAX_TURN_RAD: f64 = 1.5 * std::f64::consts::PI;
-/// Turn of the planes from which some of them must lie between the ends of the range, radians.
+/// Turn of the planes from which some of them must lie between the ends of the range, radians, unless the part is seen
+/// to have come and left.
 const TURNS_FAR_RAD: f64 = 0.9;
 /// Share of the range at either end whose planes do not lie between the ends.
 const AT_END: f64 = 0.2;
+/// Smallest share of the visible points, at each end of the range, that must be seen through while the part is at the
+/// other end, for it to have come and left.
+const CAME_AND_LEFT: f64 = 0.8;
 /// Consecutive steps at the largest speed from which the bound counts as holding a path back: without it, the path
 /// would jump from one surface to another.
 const HELD_BACK_STEPS: usize = 3;
@@ -158,6 +162,8 @@ pub struct PlainPart {
     unattached_ratio: f64,
     /// True if it was followed with its planes as guides.
     is_guided: bool,
+    /// Shares of its points that are seen through at each end of its range while it is at the other end.
+    seen_through_at_other_end: [f64; 2],
 }
 
 /// The part that is seen to turn about a candidate's line. Two parts may turn about one line (a toilet's lid and
@@ -192,8 +198,8 @@ pub fn follow_candidate(
     }
 }
 
-/// The part that most planes about a line agree with. If depth alone shows none, the planes guide it: a thin lid may lie
-/// so close to what is below it that depth finds it there throughout. Its speed is then bounded, because keyframes
+/// The part that most planes about a line agree with. If depth alone shows none, the planes guide it: a thin lid may
+/// lie so close to what is below it that depth finds it there throughout. Its speed is then bounded, because keyframes
 /// without a plane would leave it there.
 fn best_followed(
     rough: &Hinge,
@@ -343,6 +349,8 @@ fn followed(
     let camera_from_base = |frame: usize| recording.ego_motion.camera_from_base[frame];
     let unattached_ratio =
         unattached_ratio(&line.geometry, &few.points, recording, camera_from_base);
+    let seen_through_at_other_end =
+        followed.seen_through_at_other_end(&few, &line.geometry, AT_END, recording);
     let surface = surface.clone();
     let is_fast = !followed.keeps_within(&max_steps)
         || followed.longest_run_at(&max_steps) >= HELD_BACK_STEPS;
@@ -357,6 +365,7 @@ fn followed(
         first_turn,
         unattached_ratio,
         is_guided: search.is_guided,
+        seen_through_at_other_end,
     };
     part.find_edge_on(recording);
     Some(part)
@@ -429,7 +438,7 @@ impl PlainPart {
             (self.turn_of_planes() < least_turn_of_planes, "its planes do not turn"),
             (self.turn_of_planes() > MAX_TURN_RAD, "its planes turn farther than a hinge can"),
             (self.turns_unlike_its_planes(), "its two faces are not those of one plate"),
-            (self.has_no_plane_between(), "its planes show two positions and nothing between"),
+            (self.are_two_surfaces_in_turn(), "its planes show two positions and nothing between"),
             (!(self.has_many_planes() || seen.is_there_throughout()), "it comes and leaves"),
             (!seen.rests(REST_KEYFRAMES, REST_RAD), "it never rests"),
             (
@@ -452,12 +461,14 @@ impl PlainPart {
         is_unknown.then_some(Doubt::LineUnknown)
     }
 
-    /// True if the planes turn far, and none lies between both ends: two static surfaces that are seen in turn, as the
-    /// desk that rises shows the front of the cabinet below. Of six doors and lids that turn as far, at least
-    /// 3 planes lay between; of the desk none.
-    fn has_no_plane_between(&self) -> bool {
+    /// True if the planes turn far, none lies between both ends, and at one of the ends the images do not show free
+    /// space while the part is at the other end. These are two static surfaces that are seen in turn, as the desk that
+    /// rises shows the front of the cabinet below. (Of six doors and lids that turn as far, at least 3 planes lay
+    /// between; of the desk, and of lids that were thrown open between two keyframes, none.)
+    fn are_two_surfaces_in_turn(&self) -> bool {
         self.turn_of_planes() > TURNS_FAR_RAD
             && self.hinge.planes_between(AT_END * self.turn_of_planes()) == 0
+            && self.seen_through_at_other_end.iter().any(|share| *share < CAME_AND_LEFT)
     }
 
     /// True if the part has two faces and its planes do not turn by as much as it does. The planes of one plate do;
@@ -525,6 +536,7 @@ impl PlainPart {
             jumps = self.jumps(),
             step = self.followed.largest_step(),
             low, high,
+            other_end = ?self.seen_through_at_other_end,
             rejected,
             "plain hinge"
         );
@@ -614,6 +626,7 @@ mod tests {
         let [low, high] = part.followed.range();
         assert!((high - low - turn(23)).abs() < 0.08, "{low} to {high}");
         assert!(!part.jumps() && part.doubt().is_none());
+        assert!(part.seen_through_at_other_end.iter().all(|share| *share > CAME_AND_LEFT));
     }
 
     #[test]
@@ -629,6 +642,12 @@ mod tests {
         let [low, high] = part.hinge.range();
         part.hinge.turns.retain(|(_, q)| *q < low + 0.1 || *q > high - 0.1);
         assert_eq!(part.hinge.range(), [low, high]);
+        assert!(
+            part.doubt().is_none(),
+            "a door that is thrown open: both its places are empty without it"
+        );
+        // The second surface was hidden by the first one, not absent.
+        part.seen_through_at_other_end[1] = 0.0;
         let Some(Doubt::NoPart(reason)) = part.doubt() else { panic!("a part") };
         assert_eq!(reason, "its planes show two positions and nothing between");
     }

@@ -34,6 +34,7 @@ const KNOWN_PLACE_M: f64 = 0.01;
 const NO_PLACE_M: f64 = 1e-6;
 
 /// A line that was aligned to all keyframes.
+#[derive(Clone)]
 pub struct Aligned {
     /// The aligned line, base frame.
     pub geometry: JointGeometry,

@@ -89,7 +89,8 @@ const EXPLAINED_THROUGH: f64 = 0.2;
 /// the joint's part.
 const EXPLAINED_FOUND: f64 = 0.3;
 /// Why a surface is refused that two quite different hinges explain.
-const AMBIGUOUS: &str = "another hinge, in another direction, explains it nearly as well";
+const AMBIGUOUS: &str =
+    "another hinge, in another direction or at another place, explains it nearly as well";
 
 /// Why a surface is refused that hangs on what sways.
 const LIMB: &str = "it hangs on a body that sways, as a forearm does";

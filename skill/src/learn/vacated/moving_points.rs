@@ -140,6 +140,16 @@ impl<'v, 'r> MovingPoints<'v, 'r> {
         self.faces(place, normal).then(|| self.readings.nearest(place)).flatten()
     }
 
+    /// True if the keyframe shows a surface, moving or not, within this distance of a place, metres; base frame.
+    pub fn shows_within(&self, distance: f64, place: &Point3<f64>) -> bool {
+        self.view.surface_near(place).is_some_and(|seen| (seen - place).norm() < distance)
+    }
+
+    /// True if the keyframe shows free space at a place; base frame.
+    pub fn shows_behind(&self, place: &Point3<f64>) -> bool {
+        self.view.shows_behind(place)
+    }
+
     /// True if at least `least` moving readings were free space in an earlier keyframe: something has come since.
     pub fn has_arrived_since(&self, earlier: &Self, least: usize) -> bool {
         let arrived = self.readings.points().iter().filter(|p| earlier.view.shows_behind(p));
