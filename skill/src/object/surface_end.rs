@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 /// Length of the steps by which the surface is followed, metres.
 pub const STEP_M: f64 = 0.005;
 /// Distance from an edge's `surface` to the end of the surface, metres: the last place that shows the surface is half
-/// a step from the end on average, and [`Edge`] names the place before it, because depth is unreliable at edges.
+/// a step from the end on average, and `Edge` names the place before it, because depth is unreliable at edges.
 pub const INSET_M: f64 = 1.5 * STEP_M;
 /// Smallest cosine of the angle between a surface's normal and the viewing ray of an image that shows the surface.
 const LEAST_COSINE: f64 = 0.3;
