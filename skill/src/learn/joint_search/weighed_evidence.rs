@@ -39,8 +39,8 @@ const SLIDE: Weights = Weights {
     gain: 0.47,
     sure: 1.2,
 };
-/// Fewest frames for which a candidate must rest when it is first or last known. Persons who walk past slide by 0.7 m, and
-/// rest for one to six frames; true joints that were outweighed rest for seven and more.
+/// Fewest frames for which a candidate must rest when it is first or last known. Persons who walk past slide by 0.7 m
+/// and rest for one to six frames. Of 41 true joints whose odds are high enough, three rest for fewer than eight.
 const LEAST_REST: usize = 8;
 /// Smallest discriminability of a slide. A trunk that followed a door by 0.3 m and came back had 0.21.
 const LEAST_DISCRIMINABILITY_OF_SLIDE: f64 = 0.3;
