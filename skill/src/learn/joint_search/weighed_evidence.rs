@@ -23,6 +23,8 @@ const HINGE: Weights = Weights {
     rest: 3.1,
     sibling: 2.1,
     gain: 0.0,
+    most_way: 1.0,
+    least_discriminability: SILENT,
     sure: 1.5,
 };
 /// Weights for slides.
@@ -37,19 +39,15 @@ const SLIDE: Weights = Weights {
     rest: 1.6,
     sibling: 4.5,
     gain: 0.47,
+    most_way: 0.25,
+    least_discriminability: 0.3,
     sure: 1.2,
 };
 /// Fewest frames for which a candidate must rest when it is first or last known. Persons who walk past slide by 0.7 m
 /// and rest for one to six frames. Of 41 true joints whose odds are high enough, three rest for fewer than eight.
 const LEAST_REST: usize = 8;
-/// Smallest discriminability of a slide. A trunk that followed a door by 0.3 m and came back had 0.21.
-const LEAST_DISCRIMINABILITY_OF_SLIDE: f64 = 0.3;
 /// Discriminability from which more of it is no further evidence.
 const MOST_DISCRIMINABILITY: f64 = 0.6;
-/// Turn from which a larger one is no further evidence, radians.
-const MOST_TURN_RAD: f64 = 1.0;
-/// Travel from which a longer one is no further evidence, metres.
-const MOST_TRAVEL_M: f64 = 0.25;
 /// Number of frames of rest from which more of them are no further evidence.
 const MOST_REST: f64 = 30.0;
 /// Gain that is neither evidence for a slide nor against it.
@@ -57,7 +55,7 @@ const NEUTRAL_GAIN: f64 = 300.0;
 /// Least gain that is distinguished.
 const LEAST_GAIN: f64 = 50.0;
 
-/// Weight of each kind of evidence, per unit.
+/// Weight of each kind of evidence, per unit, and what is needed to be sure; for one type of joint.
 struct Weights {
     /// Logarithm of the odds of a candidate without any evidence.
     offset: f64,
@@ -79,9 +77,20 @@ struct Weights {
     sibling: f64,
     /// Natural logarithm of the gain's ratio to the neutral gain.
     gain: f64,
+    /// Turn, radians, or travel, metres, from which more of it is no further evidence.
+    most_way: f64,
+    /// Smallest discriminability. A trunk that followed a door by 0.3 m and came back had 0.21 as a slide.
+    least_discriminability: f64,
     /// Logarithm of the odds from which a candidate is a joint though it breaks a limit. False candidates reached 1.3
     /// (hinges) and 0.9 (slides) by weights that were fitted on the other lists.
     sure: f64,
+}
+
+impl Weights {
+    /// The weights for a candidate's type.
+    fn of(joint: &JointEstimate) -> &'static Self {
+        if joint.dof.hinge { &HINGE } else { &SLIDE }
+    }
 }
 
 /// True if all evidence together makes it sure that a candidate is a joint. What depth images do not discriminate is
@@ -89,27 +98,22 @@ struct Weights {
 /// trunk that goes along with a door slides far between two rests. Nor is what hardly rests, as a person who walks past.
 /// `longest_rest`: number of frames for which the candidate rests when it is first or last known.
 pub fn is_sure(joint: &JointEstimate, evidence: &Evidence, longest_rest: usize) -> bool {
-    let (sure, least) = if joint.dof.hinge {
-        (HINGE.sure, SILENT)
-    } else {
-        (SLIDE.sure, LEAST_DISCRIMINABILITY_OF_SLIDE)
-    };
+    let weights = Weights::of(joint);
     longest_rest >= LEAST_REST
-        && evidence.discriminability >= least
-        && log_odds(joint, evidence, longest_rest) >= sure
+        && evidence.discriminability >= weights.least_discriminability
+        && log_odds(joint, evidence, longest_rest) >= weights.sure
 }
 
 /// Logarithm of the odds that a candidate is a joint.
 pub fn log_odds(joint: &JointEstimate, evidence: &Evidence, longest_rest: usize) -> f64 {
-    let (weights, most) =
-        if joint.dof.hinge { (HINGE, MOST_TURN_RAD) } else { (SLIDE, MOST_TRAVEL_M) };
+    let weights = Weights::of(joint);
     weights.offset
         + weights.cost * joint.cost
         + weights.through * evidence.free_space_violation
         + weights.missing * joint.missing_share(evidence)
         + weights.uncovered * evidence.uncovered_ratio
         + weights.discriminability * evidence.discriminability.min(MOST_DISCRIMINABILITY)
-        + weights.way * (joint.span() / most).min(1.0)
+        + weights.way * (joint.span() / weights.most_way).min(1.0)
         + weights.rest * (longest_rest as f64 / MOST_REST).min(1.0)
         + weights.sibling * f64::from(u8::from(evidence.is_parallel_sibling))
         + weights.gain * (joint.gain.max(LEAST_GAIN) / NEUTRAL_GAIN).ln()
