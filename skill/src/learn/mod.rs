@@ -25,6 +25,7 @@ pub(crate) mod katz;
 pub(crate) mod keyframes;
 pub(crate) mod learned_joint;
 mod line_step;
+mod one_surface;
 #[cfg(feature = "paper")]
 pub(crate) mod paper;
 pub(crate) mod plane_hinges;

@@ -18,6 +18,8 @@ pub const MAX_CORRELATION: f64 = 0.85;
 pub const ALLOWED_CORRELATION: RangeInclusive<f64> = 0.0..=MAX_CORRELATION;
 /// Number of known frames over which the changes of two configurations are compared.
 const LAG: usize = 5;
+/// Fewest changes of a slide's configuration with which another slide's are compared.
+const LEAST_MOVES: u32 = 8;
 /// Change of a child's configuration that noise may cause, radians or metres.
 const CHILD_NOISE: f64 = 0.01;
 
@@ -72,6 +74,28 @@ pub fn share_following(joint: &JointEstimate, other: &JointEstimate) -> f64 {
     1.0 - (design * fitted - &q).norm_squared() / spread.max(f64::EPSILON)
 }
 
+/// Share of the motion of `other`, 0 to 1, during which `joint` moves the same way, at least a third as fast; 0 unless
+/// both are slides of one parent, and `other` moves for a while.
+pub fn share_going_along(joint: &JointEstimate, other: &JointEstimate) -> f64 {
+    if joint.dof.hinge || other.dof.hinge || joint.parent != other.parent {
+        return 0.0;
+    }
+    let same_way = joint.dof.axis.dot(&other.dof.axis);
+    let common: Vec<usize> = joint.known_frames().into_iter().filter(|&f| other.known[f]).collect();
+    let (mut moves, mut along) = (0, 0);
+    for pair in common.windows(LAG + 1) {
+        let (a, b) = (pair[0], pair[LAG]);
+        let way = other.q[b] - other.q[a];
+        if b - a > 2 * LAG || way.abs() < resting_spread(other) {
+            continue;
+        }
+        moves += 1;
+        let own = same_way * (joint.q[b] - joint.q[a]);
+        along += u32::from(3.0 * own * way.signum() > way.abs());
+    }
+    if moves < LEAST_MOVES { 0.0 } else { f64::from(along) / f64::from(moves) }
+}
+
 /// Largest spread of a configuration at which a part counts as at rest, radians or metres.
 fn resting_spread(joint: &JointEstimate) -> f64 {
     if joint.dof.hinge { 0.04 } else { 0.02 }
@@ -112,6 +136,20 @@ mod tests {
         joint.known = vec![true; 60];
         joint.summarise();
         joint
+    }
+
+    #[test]
+    fn a_person_goes_along_with_what_is_pulled_and_drawers_take_turns() {
+        let moved = |from: f64| move |f: f64| 0.02 * (f - from).clamp(0.0, 15.0);
+        let drawer = slide(moved(10.0));
+        assert!(share_going_along(&slide(|f| 0.7 * moved(10.0)(f)), &drawer) > 0.9);
+        assert_eq!(share_going_along(&slide(moved(30.0)), &drawer), 0.0);
+        assert_eq!(share_going_along(&slide(|f| -moved(10.0)(f)), &drawer), 0.0, "the other way");
+        let slowly = slide(|f| 0.2 * moved(10.0)(f));
+        assert_eq!(share_going_along(&slowly, &drawer), 0.0);
+        assert_eq!(share_going_along(&drawer, &slide(|_| 0.0)), 0.0, "it rests");
+        let on_it = JointEstimate { parent: Some(0), ..slide(moved(10.0)) };
+        assert_eq!(share_going_along(&on_it, &drawer), 0.0, "the next slide of a telescope");
     }
 
     #[test]

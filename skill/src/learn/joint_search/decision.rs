@@ -287,6 +287,20 @@ pub enum Rejection {
         /// Largest share that is accepted, 0 to 1.
         allowed: f64,
     },
+    /// A slide whose tracks cost more than [`MAX_COST`] moves along with an adopted slide, as a person does who pulls
+    /// it.
+    #[error(
+        "it moves along during {:.0} % of the motion of an accepted joint, as a person who pulls does, and its tracks \
+         are noisy; at most {:.0} % are allowed",
+        100.0 * share,
+        100.0 * allowed
+    )]
+    GoesAlong {
+        /// Share of the adopted joint's motion during which the candidate moves the same way, 0 to 1.
+        share: f64,
+        /// Largest share that is accepted, 0 to 1.
+        allowed: f64,
+    },
     /// The candidate turns about the line of an adopted joint and has little of that joint's gain.
     #[error("it turns about the line of an accepted joint and has little of that joint's gain")]
     OnLineOfAcceptedJoint,
@@ -296,12 +310,23 @@ pub enum Rejection {
     OnPartOfAcceptedJoint,
 }
 
-/// Compares a candidate with all limits; the error names the first limit that is broken and not outweighed by all
-/// evidence together.
+/// Compares a candidate with all limits; the error names the first limit that is broken and, for a joint of the base,
+/// not outweighed by all evidence together.
 pub fn decide(
     joint: &JointEstimate,
     evidence: &Evidence,
     config: &JointSearchConfig,
+) -> Result<(), Rejection> {
+    compare(joint, evidence, config, joint.parent.is_none())
+}
+
+/// Compares a candidate with all limits, as [`decide`]. `may_be_outweighed`: all evidence together may outweigh a
+/// limit.
+fn compare(
+    joint: &JointEstimate,
+    evidence: &Evidence,
+    config: &JointSearchConfig,
+    may_be_outweighed: bool,
 ) -> Result<(), Rejection> {
     let (tracks, frames) = (joint.members.len(), joint.known_frames().len());
     let moment = frames_of_less_seen_half(joint);
@@ -349,11 +374,12 @@ pub fn decide(
         ),
     ];
     let mut broken = table.into_iter().filter(|(is_kept, _)| !is_kept).map(|(_, broken)| broken);
-    broken.find(|broken| !is_outweighed(broken, joint, evidence)).map_or(Ok(()), Err)
+    let holds = |broken: &Rejection| !(may_be_outweighed && is_outweighed(broken, joint, evidence));
+    broken.find(holds).map_or(Ok(()), Err)
 }
 
-/// True if all evidence together makes it sure that a candidate is a joint of the base, though it breaks a limit that
-/// is useful only where there is little other evidence.
+/// True if all evidence together makes it sure that a candidate is a joint, though it breaks a limit that is useful
+/// only where there is little other evidence.
 fn is_outweighed(broken: &Rejection, joint: &JointEstimate, evidence: &Evidence) -> bool {
     let may_be = match broken {
         // The cost distinguishes an arm that turns at the shoulder from a part.
@@ -361,7 +387,7 @@ fn is_outweighed(broken: &Rejection, joint: &JointEstimate, evidence: &Evidence)
         Rejection::Unobserved { .. } | Rejection::Uncovered { .. } => true,
         _ => false,
     };
-    may_be && joint.parent.is_none() && is_sure(joint, evidence, longest_rest(joint))
+    may_be && is_sure(joint, evidence, longest_rest(joint))
 }
 
 /// Logarithm of the odds that a candidate is a joint, by all evidence together.
@@ -372,6 +398,16 @@ pub fn log_odds(joint: &JointEstimate, evidence: &Evidence) -> f64 {
 /// True if a joint with the evidence of its last verification keeps all limits.
 pub fn accepts(joint: &JointEstimate, config: &JointSearchConfig) -> bool {
     decide(joint, &joint.evidence, config).is_ok()
+}
+
+/// True if a candidate keeps all limits or outweighs them, whatever its parent. On a moving part this suffices for a
+/// joint that was accepted on the base.
+pub fn may_be_accepted(
+    joint: &JointEstimate,
+    evidence: &Evidence,
+    config: &JointSearchConfig,
+) -> bool {
+    compare(joint, evidence, config, true).is_ok()
 }
 
 /// True if a candidate is good enough to be merged into an accepted joint as a segment.
@@ -615,6 +651,16 @@ mod tests {
         let seen = [drawer(0.5, 0.0), drawer(0.7, 0.0), drawer(0.95, 0.3)];
         assert!(seen.iter().all(|joint| is_cheap_enough(joint) && is_accepted(joint)));
         assert!(is_cheap_enough(&discriminated(drawer(0.5, 0.2), 0.9)));
+    }
+
+    #[test]
+    fn all_evidence_outweighs_noisy_tracks_on_a_part_only_if_the_parent_does_not_count() {
+        let sure = discriminated(drawer(0.7, 0.0), 0.5);
+        let attached = JointEstimate { parent: Some(0), cost: 3.6, ..sure };
+        let config = JointSearchConfig::default();
+        let may_be = |joint: &JointEstimate| may_be_accepted(joint, &joint.evidence, &config);
+        assert!(!accepts(&attached, &config) && may_be(&attached));
+        assert!(!may_be(&discriminated(attached, 0.2)));
     }
 
     #[test]

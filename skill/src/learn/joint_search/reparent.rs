@@ -7,7 +7,7 @@
 
 use super::association::associate;
 use super::correlation::frames_away;
-use super::decision::{accepts, is_missed_less};
+use super::decision::{accepts, is_missed_less, may_be_accepted};
 use super::estimate::{JointEstimate, base_from_part};
 use super::evidence::Evidence;
 use super::search_state::SearchState;
@@ -71,8 +71,11 @@ fn attached(search: &SearchState, joint: usize, parent: usize) -> Option<JointEs
         attached.evidence =
             Evidence { parent_correlation, is_parallel_sibling: false, ..attached.evidence };
     }
-    let goes_along = found_by_tracks || found_in_pictures;
-    (goes_along && accepts(&attached, search.config())).then_some(attached)
+    // Evidence outweighs the cost of its tracks only if the tracks go along: pictures show an arm beside a chair too.
+    let is_accepted = found_by_tracks
+        && may_be_accepted(&attached, &attached.evidence, search.config())
+        || found_in_pictures && accepts(&attached, search.config());
+    is_accepted.then_some(attached)
 }
 
 /// A joint of the base in the frame of another's part, with that part at its rest. Frames in which

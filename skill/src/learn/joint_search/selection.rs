@@ -6,8 +6,8 @@
 
 use super::association::FRAME_PENALTY;
 use super::bundle_adjustment::OUTLIER_CUT;
-use super::correlation::share_following;
-use super::decision::{Rejection, decide, min_gain};
+use super::correlation::{share_following, share_going_along};
+use super::decision::{MAX_COST, Rejection, decide, min_gain};
 use super::estimate::JointEstimate;
 use super::merge_segments;
 use super::search_state::SearchState;
@@ -16,6 +16,9 @@ use crate::math::robust::overlap;
 
 /// Largest share of a candidate's configuration that may be a function of an adopted joint's.
 const MAX_FOLLOWING: f64 = 0.95;
+/// Largest share of an adopted slide's motion during which a slide with noisy tracks may move the same way. A person
+/// who pushed two shelves along their rails moved during all of it; drawers take turns.
+const MAX_GOING_ALONG: f64 = 0.5;
 /// Share of an adopted joint's gain below which the gain of a candidate is small beside it.
 const LITTLE_GAIN: f64 = 0.05;
 /// Share of the known frames of a joint on a part; a joint of the base that is known in more than
@@ -99,7 +102,8 @@ fn is_explained_with_another_parent(joint: &JointEstimate, accepted: &[&JointEst
 
 /// Reason to reject a candidate that depends on an adopted joint, if it does: its configuration
 /// follows the joint's, and depth images do not show it everywhere (a hand that holds the part) or
-/// its gain is small; or its gain is small and it turns about the joint's line (corners between a
+/// its gain is small; or it is a slide with noisy tracks that moves along while the joint's part slides (a person who
+/// pulls it); or its gain is small and it turns about the joint's line (corners between a
 /// part's rim and the background); or depth images show it on the joint's part wherever that goes.
 fn dependence(search: &SearchState, joint: &JointEstimate) -> Option<Rejection> {
     let is_found = joint.evidence.is_found_everywhere();
@@ -109,6 +113,12 @@ fn dependence(search: &SearchState, joint: &JointEstimate) -> Option<Rejection> 
             let (share, allowed) = (share_following(joint, o), MAX_FOLLOWING);
             if share > allowed {
                 return Some(Rejection::FollowsAcceptedJoint { share, allowed });
+            }
+        }
+        if joint.cost > MAX_COST.max(o.cost) {
+            let (share, allowed) = (share_going_along(joint, o), MAX_GOING_ALONG);
+            if share > allowed {
+                return Some(Rejection::GoesAlong { share, allowed });
             }
         }
         let is_on_line = || {

@@ -5,7 +5,7 @@
 //! Out: the candidate without outliers, with its evidence (shares from 0 to 1).
 
 use super::association::associate;
-use super::decision::{self, decide};
+use super::decision::{self, decide, may_be_accepted};
 use super::estimate::JointEstimate;
 use super::evidence::Evidence;
 use super::former_place::share_still_there;
@@ -53,7 +53,7 @@ pub fn evaluate(search: &SearchState, view: &TracksInFrame, joint: &JointEstimat
         contradicted_frames: seen.contradicted_frames,
     };
     // Images are compared last, because this takes longest.
-    if !search.is_the_end() || decide(joint, &evidence, search.config()).is_err() {
+    if !search.is_the_end() || !may_be_accepted(joint, &evidence, search.config()) {
         return evidence;
     }
     let still_there_ratio = share_still_there(search.recording, view, joint, &search.joints);

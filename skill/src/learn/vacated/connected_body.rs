@@ -8,17 +8,15 @@
 //! (`README.md`).
 
 use super::rest_surface::RestSurface;
-use super::stillness::{room, shift};
+use super::stillness::{RoomShifts, shift};
 use super::view::View;
-use crate::math::grid::four_neighbours;
+use crate::learn::one_surface::{Cell, connected_cells, largest_step};
 use crate::math::robust::median;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashSet;
 
 /// Distance between two places of the depth image that are tested, pixels.
 const STEP_PX: usize = 4;
-/// Largest difference of depth between neighbouring places of one surface: metres, plus a share of the depth.
-const SAME_SURFACE: (f64, f64) = (0.015, 0.006);
 /// How much farther than the surface's radius the points of the body may be from its middle, metres: from a hand to the
 /// shoulder.
 const BODY_M: f64 = 0.5;
@@ -32,9 +30,6 @@ const LEAST_POINTS: usize = 100;
 /// standard deviations of a depth reading; the larger counts.
 const STILL: (f64, f64) = (0.0025, 0.3);
 const SWAYS: (f64, f64) = (0.0045, 1.0);
-
-/// Column and row of a place in the depth image, in steps.
-type Cell = (usize, usize);
 
 /// What a surface at rest is connected with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -51,15 +46,18 @@ pub enum Body {
 }
 
 /// What the surface is connected with: how far that shifts between keyframes, beyond the shift of the whole room.
-pub fn body_of(surface: &RestSurface, views: &[View]) -> Body {
+/// `room`: the shifts against the keyframe that shows the surface at rest.
+pub fn body_of(surface: &RestSurface, views: &[View], room: &RoomShifts) -> Body {
     let rest = &views[surface.keyframe];
     let (points, normals): (Vec<_>, Vec<_>) = connected(surface, views).unzip();
     if points.len() < LEAST_POINTS {
         return Body::Nothing;
     }
-    let (still, of_still): (Vec<_>, Vec<_>) = room(rest, views).unzip();
-    let over_room = |view| Some(shift(&points, &normals, view)? - shift(&still, &of_still, view)?);
-    let shifts: Vec<Vector3<f64>> = views.iter().filter_map(over_room).collect();
+    let over_room = |(view, room): (&View, &Option<Vector3<f64>>)| {
+        Some(shift(&points, &normals, view)? - (*room)?)
+    };
+    let shifts: Vec<Vector3<f64>> =
+        views.iter().zip(&room.of_keyframe).filter_map(over_room).collect();
     let earlier = |(i, shift): (usize, &Vector3<f64>)| {
         shifts[..i].iter().map(|other| (shift - other).norm()).collect::<Vec<_>>()
     };
@@ -91,14 +89,11 @@ fn connected<'v>(
         let [u, v] = pixel(cell);
         rest.patch_at(u, v)
     };
-    connected_cells(surface, rest)
-        .into_iter()
-        .filter_map(patch)
-        .filter(move |(place, _)| stays(place))
+    cells_beside(surface, rest).into_iter().filter_map(patch).filter(move |(place, _)| stays(place))
 }
 
 /// Cells around the surface that are connected with it, in the order of columns.
-fn connected_cells(surface: &RestSurface, rest: &View) -> Vec<Cell> {
+fn cells_beside(surface: &RestSurface, rest: &View) -> Vec<Cell> {
     let depth = &rest.picture.depth;
     let (columns, rows) = (depth.width() / STEP_PX, depth.height() / STEP_PX);
     let z = |cell: Cell| {
@@ -117,28 +112,13 @@ fn connected_cells(surface: &RestSurface, rest: &View) -> Vec<Cell> {
         let cell = is_inside.then_some((pixel.x as usize, pixel.y as usize))?;
         let expected = (rest.camera_from_base * place).z;
         // At the border of the surface the middle of a cell may show what is behind it.
-        z(cell).is_some_and(|z| (z - expected).abs() < step_at(expected)).then_some(cell)
+        z(cell).is_some_and(|z| (z - expected).abs() < largest_step(expected)).then_some(cell)
     };
     let own: HashSet<Cell> = surface.points.iter().filter_map(cell_of).collect();
-    let mut reached = own.clone();
-    let mut front: Vec<Cell> = own.iter().copied().collect();
-    while let Some(cell) = front.pop() {
-        let Some(here) = z(cell) else { continue };
-        for next in four_neighbours(cell, (columns, rows)) {
-            let is_one_surface = z(next).is_some_and(|there| (there - here).abs() < step_at(here));
-            if is_one_surface && is_near(next) && reached.insert(next) {
-                front.push(next);
-            }
-        }
-    }
+    let reached = connected_cells(own.clone(), (columns, rows), z, is_near);
     let mut others: Vec<Cell> = reached.difference(&own).copied().collect();
     others.sort_unstable();
     others
-}
-
-/// Largest difference of depth between neighbouring cells of one surface at a depth, metres.
-fn step_at(z: f64) -> f64 {
-    SAME_SURFACE.0 + SAME_SURFACE.1 * z
 }
 
 /// Pixel in the middle of a cell.
@@ -156,7 +136,7 @@ mod tests {
         let recording = bar_on_post(turn, |f| sway_m * (0.8 * f as f64).sin(), |_| None);
         let views = View::all(&recording);
         let surface = vacated_surfaces(&views, End::First, |_| Vec::new()).remove(0);
-        body_of(&surface, &views)
+        body_of(&surface, &views, &RoomShifts::of(End::First, &views))
     }
 
     #[test]

@@ -16,9 +16,11 @@ mod moving_points;
 mod point_grid;
 mod rest_frame;
 mod rest_surface;
+mod slide_or_hinge;
 mod stillness;
 #[cfg(test)]
 mod test_data;
+mod tilt;
 mod vacated_part;
 mod view;
 
@@ -37,7 +39,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 use rest_frame::RestFrame;
 use rest_surface::{End, RestSurface, vacated_surfaces};
-use stillness::sways;
+use stillness::{RoomShifts, sways};
 use vacated_part::{PARALLEL_RAD, Rivals, VacatedPart};
 use view::View;
 
@@ -88,6 +90,11 @@ const EXPLAINED_THROUGH: f64 = 0.2;
 /// Smallest share of a surface's points that must be found where a known joint puts them, for the surface to be of
 /// the joint's part.
 const EXPLAINED_FOUND: f64 = 0.3;
+/// Motion from which a known part is clearly elsewhere than while the surface rests, metres.
+const ELSEWHERE_M: f64 = 0.04;
+/// Largest share of the visible points that may be seen through while a known part is elsewhere, for a surface of that
+/// part which is hidden most of the time.
+const HIDDEN_THROUGH: f64 = 0.05;
 /// Why a surface is refused that two quite different hinges explain.
 const AMBIGUOUS: &str =
     "another hinge, in another direction or at another place, explains it nearly as well";
@@ -108,14 +115,16 @@ pub fn complete(found: LearnedJoints, recording: &Recording) -> LearnedJoints {
         views: &views,
     };
     for end in [End::First, End::Last] {
-        let small = |s: &RestSurface| s.radius() < MAX_RADIUS_M;
-        for surface in vacated_surfaces(&views, end, |frame| places_on(&search.joints, frame))
-            .into_iter()
-            .filter(small)
-            .take(MOST_SURFACES)
-        {
+        let mut surfaces = vacated_surfaces(&views, end, |frame| places_on(&search.joints, frame));
+        surfaces.retain(|surface| surface.radius() < MAX_RADIUS_M);
+        surfaces.truncate(MOST_SURFACES);
+        if surfaces.is_empty() {
+            continue;
+        }
+        let room = RoomShifts::of(end, &views);
+        for surface in surfaces {
             if !search.explains(&surface) {
-                search.consider_whole_or_parted(&surface, end);
+                search.consider_whole_or_parted(&surface, &room);
             }
         }
     }
@@ -150,15 +159,15 @@ impl Search<'_> {
 
     /// Considers a surface, and if that is rejected its pieces by the time at which they left: a surface may be
     /// several parts, the first of which was not put back before the next one left.
-    fn consider_whole_or_parted(&mut self, surface: &RestSurface, end: End) {
+    fn consider_whole_or_parted(&mut self, surface: &RestSurface, room: &RoomShifts) {
         let refused_before = self.refused.len();
-        if self.consider(surface, end) {
+        if self.consider(surface, room) {
             return;
         }
         let mut is_part = false;
-        for part in surface.parted_by_time(self.views, end) {
+        for part in surface.parted_by_time(self.views, room.end) {
             tracing::debug!("a surface that left in two steps");
-            is_part |= self.consider(&part, end);
+            is_part |= self.consider(&part, room);
         }
         if is_part {
             self.refused.truncate(refused_before);
@@ -166,13 +175,13 @@ impl Search<'_> {
     }
 
     /// Adds the joint of a surface if it is accepted, or keeps it until another slide is known. True in both cases.
-    fn consider(&mut self, surface: &RestSurface, end: End) -> bool {
+    fn consider(&mut self, surface: &RestSurface, room: &RoomShifts) -> bool {
         let Self { recording, views, turning, .. } = *self;
-        if sways(surface, end, views) {
+        if sways(surface, views, room) {
             tracing::debug!(centre = ?surface.centre().coords.as_slice(), "a surface that sways");
             return false;
         }
-        let frame = RestFrame::of(surface, views);
+        let frame = RestFrame::of(surface, views, room);
         tracing::debug!(?frame, "what is beside it");
         let part = match part_of(surface, frame, &self.joints, turning, recording, views) {
             Ok(part) => part,
@@ -187,7 +196,9 @@ impl Search<'_> {
         }
         let learned = part.to_learned(surface, recording);
         let may_be_set_in = !frame.is_open() && frame.body != Body::Nothing;
-        let is_drawer = frame.is_set_in() || part.is_clearly_a_slide() && may_be_set_in;
+        let is_drawer = frame.is_set_in()
+            || part.is_clearly_a_slide() && may_be_set_in
+            || part.keeps_direction() && frame.has_something_beside();
         if is_drawer || may_be_of(&learned.joint, &self.joints) {
             add(learned, &mut self.joints);
         } else {
@@ -275,7 +286,9 @@ fn are_beside_each_other(known: &LearnedJoint, new: &LearnedJoint) -> bool {
     known.joint.kind == JointKind::Revolute && (c > b || a > d) && !moves_together(known, new)
 }
 
-/// True if a surface goes where a known joint's part goes.
+/// True if a surface goes where a known joint's part goes. The inside of a drawer is hidden while the drawer is shut:
+/// it is the drawer's if keyframes find it, all points once on the average, while the drawer is elsewhere than at the
+/// surface's rest, and hardly any keyframe sees through it.
 fn explains(
     learned: &LearnedJoint,
     surface: &RestSurface,
@@ -288,14 +301,24 @@ fn explains(
     let Some((_, at_rest)) = known.iter().min_by_key(|(v, _)| v.frame.abs_diff(rest)) else {
         return false;
     };
-    let back = at_rest.inverse();
-    let mut seen = FreeSpaceCounts::default();
+    let (back, centre) = (at_rest.inverse(), surface.centre());
+    let (mut seen, mut elsewhere) = (FreeSpaceCounts::default(), FreeSpaceCounts::default());
     for (view, pose) in &known {
-        let camera_from_surface = recording.ego_motion.camera_from_base[view.frame] * **pose * back;
-        seen.add(count_free_space(view.picture, &surface.points, &camera_from_surface));
+        let moved = **pose * back;
+        let camera_from_surface = recording.ego_motion.camera_from_base[view.frame] * moved;
+        let counts = count_free_space(view.picture, &surface.points, &camera_from_surface);
+        seen.add(counts);
+        if (moved * centre - centre).norm() > ELSEWHERE_M {
+            elsewhere.add(counts);
+        }
     }
     let asked = known.len() * surface.points.len();
-    seen.share_through() < EXPLAINED_THROUGH && seen.agrees as f64 > EXPLAINED_FOUND * asked as f64
+    let is_found = seen.share_through() < EXPLAINED_THROUGH
+        && seen.agrees as f64 > EXPLAINED_FOUND * asked as f64;
+    let is_hidden_at_times = seen.share_through() < HIDDEN_THROUGH
+        && elsewhere.share_through() < HIDDEN_THROUGH
+        && elsewhere.agrees > surface.points.len();
+    is_found || is_hidden_at_times
 }
 
 /// The part that a surface is of, with its joint; else the best candidate and why it was refused, if there is one.
@@ -350,9 +373,10 @@ fn turning_near<'t>(
 }
 
 /// True if the joint is a hinge, or a slide parallel to a known slide. Images show what holds a hinge, but not what
-/// holds a slide, and a person who steps aside slides as well; the drawers of a cabinet are parallel. (A slide is
-/// also accepted if its surface closes an opening, see [`RestFrame::is_set_in`], or if no hinge explains it and it is
-/// not in the open, see [`VacatedPart::is_clearly_a_slide`].)
+/// holds a slide, and a person who steps aside slides as well; the drawers of a cabinet are parallel. (A slide is also
+/// accepted if its surface closes an opening, see [`RestFrame::is_set_in`], if no hinge explains it and it is not in
+/// the open, see [`VacatedPart::is_clearly_a_slide`], or if it keeps its direction, see
+/// [`VacatedPart::keeps_direction`].)
 fn may_be_of(joint: &Joint, joints: &[LearnedJoint]) -> bool {
     let axis = joint.axis.into();
     joint.kind == JointKind::Revolute
@@ -478,8 +502,8 @@ fn is_slide(part: &VacatedPart) -> bool {
 #[cfg(test)]
 mod tests {
     use super::test_data::{
-        FRAMES, PIVOT_M, bar_on_post, drawer, flap, lever, recording as recording_with, slider,
-        swaying, turn,
+        FRAMES, PIVOT_M, TRAY_BOTTOM_M, bar_on_post, drawer, flap, lever,
+        recording as recording_with, slider, swaying, tray, turn,
     };
     use super::*;
 
@@ -539,13 +563,42 @@ mod tests {
     }
 
     #[test]
+    fn the_inside_of_a_tray_that_is_hidden_until_it_is_pulled_is_the_trays() {
+        let way = |frame: usize| 0.25 * turn(frame);
+        let recording = tray(way);
+        let slide = JointGeometry::slide(-Vector3::z_axis(), Point3::origin());
+        let pose = |frame: usize| Some(slide.motion(way(frame)));
+        let moved = |base_from_part: Vec<Option<Pose>>| LearnedJoint {
+            joint: Joint::of(&slide),
+            base_from_part,
+            tracks: Vec::new(),
+            plain_surface: Vec::new(),
+        };
+        let places = (0..60).map(|k| {
+            let [right, behind] = [k % 10, k / 10].map(f64::from);
+            Point3::new(-0.15 + 0.03 * right, TRAY_BOTTOM_M, 0.95 + 0.04 * behind)
+        });
+        let bottom = RestSurface {
+            keyframe: FRAMES - 1,
+            points: places.collect(),
+            normals: vec![-Vector3::y(); 60],
+            thickness: None,
+        };
+        let views = View::all(&recording);
+        let is_its = |joint: &LearnedJoint| explains(joint, &bottom, &recording, &views);
+        assert!(is_its(&moved((0..FRAMES).map(pose).collect())));
+        let at_rest = |frame: usize| pose(frame).map(|_| Pose::identity());
+        assert!(!is_its(&moved((0..FRAMES).map(at_rest).collect())), "it was not there before");
+    }
+
+    #[test]
     fn what_sways_is_no_part_though_the_places_that_it_leaves_show_one() {
         // It nods by half a centimetre while it rests.
         let nods = |frame: usize| 0.005 * f64::from(!(7..17).contains(&frame) && frame % 2 == 1);
         let recording = swaying(turn, nods);
         let views = View::all(&recording);
         let surface = vacated_surfaces(&views, End::First, |_| Vec::new()).remove(0);
-        let frame = RestFrame::of(&surface, &views);
+        let frame = RestFrame::of(&surface, &views, &RoomShifts::of(End::First, &views));
         assert!(part_of(&surface, frame, &[], &[], &recording, &views).is_ok());
         assert!(joints(&recording).is_empty());
         assert_eq!(joints(&swaying(turn, |_| 0.0)).len(), 1);

@@ -32,24 +32,48 @@ const ROOM_STRIDE_PX: usize = 16;
 /// Number of keyframes that see through a place from which the place does not belong to the room.
 const THROUGH_ROOM: usize = 2;
 
-/// True if the surface, which rests at an end of the recording, shifts slowly in the keyframes next to that end.
-pub fn sways(surface: &RestSurface, end: End, views: &[View]) -> bool {
-    let order: Vec<&View> = (0..views.len()).map(|k| &views[end.at(k, views.len())]).collect();
-    let Some(rest) = order.first() else { return false };
+/// How far the whole room seems to shift against one end of the recording: the error of the camera's poses.
+pub struct RoomShifts {
+    /// The end.
+    pub end: End,
+    /// Shift in each keyframe against the one at that end, metres, base frame; `None` where little of the room is
+    /// shown.
+    pub of_keyframe: Vec<Option<Vector3<f64>>>,
+}
+
+impl RoomShifts {
+    /// The shifts against the keyframe at an end of the recording.
+    pub fn of(end: End, views: &[View]) -> Self {
+        if views.is_empty() {
+            return Self { end, of_keyframe: Vec::new() };
+        }
+        let rest = &views[end.at(0, views.len())];
+        let (points, normals): (Vec<_>, Vec<_>) = static_points(rest, views).unzip();
+        let of_keyframe = views.iter().map(|view| shift(&points, &normals, view)).collect();
+        Self { end, of_keyframe }
+    }
+}
+
+/// True if the surface, which rests at the end of `room`, shifts slowly in the keyframes next to that end.
+pub fn sways(surface: &RestSurface, views: &[View], room: &RoomShifts) -> bool {
+    let order: Vec<usize> = (0..views.len()).map(|k| room.end.at(k, views.len())).collect();
+    let Some(rest) = order.first().map(|k| &views[*k]) else { return false };
     let z = (rest.camera_from_base * surface.centre()).z;
     let least = MAX_SPREAD_SIGMAS * rest.picture.camera.depth_sensor.reading_sigma(z);
-    let of_surface = spreads(&surface.points, &surface.normals, &order);
-    let (points, normals): (Vec<_>, Vec<_>) = room(rest, views).unzip();
-    let of_room = spreads(&points, &normals, &order);
+    // The first keyframe is left out: it has the noise of the points themselves.
+    let later = &order[1..];
+    let of_surface = spreads(later, |k| shift(&surface.points, &surface.normals, &views[k]));
+    let of_room = spreads(later, |k| room.of_keyframe[k]);
     let at = |k: usize| of_room.get(k).or(of_room.last()).copied().unwrap_or_default();
     let is_still = |(k, spread): &(usize, &f64)| **spread <= least.max(MAX_SPREAD_OF_ROOM * at(*k));
     let still = of_surface.iter().enumerate().take_while(is_still).count();
-    let still_s = order[still].picture.utime.abs_diff(rest.picture.utime) as f64 * 1e-6;
+    let still_until = &views[order[still]].picture;
+    let still_s = still_until.utime.abs_diff(rest.picture.utime) as f64 * 1e-6;
     still_s < STILL_S && of_surface.len() >= still + SWAYING_KEYFRAMES
 }
 
 /// Static points all over the image, with their normals; base frame. A person covers a small share of the image.
-pub fn room<'v>(
+fn static_points<'v>(
     rest: &'v View,
     views: &'v [View],
 ) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> + 'v {
@@ -63,17 +87,16 @@ pub fn room<'v>(
     all.filter_map(|(u, v)| rest.patch_at(u, v)).filter(move |(place, _)| stays(place))
 }
 
-/// Spread of the shifts of some points up to each keyframe, metres: the largest distance between two shifts so far.
-/// `keyframes` begin with the one in which the points were found; the result ends where the points are not shown any
-/// more. The first keyframe is left out: it has the noise of the points themselves.
-fn spreads(points: &[Point3<f64>], normals: &[Vector3<f64>], keyframes: &[&View]) -> Vec<f64> {
+/// Spread of the shifts up to each keyframe, metres: the largest distance between two shifts so far. Ends with the
+/// first keyframe without a shift.
+fn spreads(keyframes: &[usize], shift: impl Fn(usize) -> Option<Vector3<f64>>) -> Vec<f64> {
     let (mut shifts, mut spread): (Vec<Vector3<f64>>, f64) = (Vec::new(), 0.0);
     let with = |shift: Vector3<f64>| {
         spread = shifts.iter().map(|other| (shift - other).norm()).fold(spread, f64::max);
         shifts.push(shift);
         spread
     };
-    keyframes.iter().skip(1).map_while(|view| shift(points, normals, view)).map(with).collect()
+    keyframes.iter().map_while(|k| shift(*k)).map(with).collect()
 }
 
 /// The shift that brings points to a keyframe's readings, metres: least squares, point to plane. `None` if few points
@@ -109,7 +132,8 @@ mod tests {
     /// True if the surface that rests at an end of the recording sways.
     fn is_seen_to_sway(recording: &Recording, end: End) -> bool {
         let views = View::all(recording);
-        sways(&vacated_surfaces(&views, end, |_| Vec::new())[0], end, &views)
+        let surface = &vacated_surfaces(&views, end, |_| Vec::new())[0];
+        sways(surface, &views, &RoomShifts::of(end, &views))
     }
 
     #[test]

@@ -105,6 +105,27 @@ pub fn drawer(way: impl Fn(usize) -> f64, beside: f64) -> Recording {
     })
 }
 
+/// Height of a tray's bottom in the camera frame, metres: below the camera.
+pub const TRAY_BOTTOM_M: f64 = 0.22;
+
+/// A recording of a front of 40 by 16 cm, 30 cm below the camera, that comes forwards out of a cabinet by its way in
+/// each frame, metres. Behind it comes a tray's bottom, level with the front's upper edge.
+pub fn tray(way: impl Fn(usize) -> f64) -> Recording {
+    recorded(|frame| {
+        let front = CABINET_M - way(frame);
+        move |x, y| {
+            let on_bottom = TRAY_BOTTOM_M / y;
+            let is_front = (front * x).abs() < 0.2 && (front * y - 0.3).abs() < 0.08;
+            let is_bottom = (front..CABINET_M).contains(&on_bottom) && (on_bottom * x).abs() < 0.2;
+            match (is_front, is_bottom) {
+                (true, _) => front,
+                (_, true) => on_bottom,
+                _ => CABINET_M + 0.01,
+            }
+        }
+    })
+}
+
 /// Thickness of a flap, metres: between two of those that are tried.
 pub const FLAP_M: f64 = 0.03;
 
