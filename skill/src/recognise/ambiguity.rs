@@ -97,17 +97,18 @@ fn ambiguous_parts(refiner: &Refiner, state: &State, joint: usize) -> Vec<usize>
 fn explained(refiner: &Refiner, state: &State) -> Vec<f64> {
     let Refiner { scene, articulated, cloud, matches, .. } = *refiner;
     let verdict = verify(scene, articulated, cloud, state);
+    let by_features =
+        |part: usize| FEATURE_WORTH * fit_of_inliers(articulated, matches, state, part);
     if let Some(contours) = refiner.shape {
         let in_sight = ends_in_sight(scene, articulated, cloud, contours.shape, state);
         let of_part = |(part, (seen, ends)): (usize, (&PartVerdict, &EndsInSight))| {
             // Furniture learned with the base may be missing now, so free space counts little against the base.
-            seen.fit_of_shape(part == 0) + ends.closeness - ends.missing as f64
+            let by_shape = seen.fit_of_shape(part == 0) + ends.closeness - ends.missing as f64;
+            by_shape + by_features(part)
         };
         return verdict.parts.iter().zip(&in_sight).enumerate().map(of_part).collect();
     }
-    let of_part = |(part, seen): (usize, &PartVerdict)| {
-        seen.fit() + FEATURE_WORTH * fit_of_inliers(articulated, matches, state, part)
-    };
+    let of_part = |(part, seen): (usize, &PartVerdict)| seen.fit() + by_features(part);
     verdict.parts.iter().enumerate().map(of_part).collect()
 }
 

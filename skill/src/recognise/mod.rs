@@ -28,6 +28,7 @@ mod matching;
 mod normal_equations;
 mod object_search;
 mod occupied_space;
+mod part_by_contour;
 mod patch_colour;
 mod pnp;
 mod refine;
@@ -58,13 +59,15 @@ use object_search::{MAX_SHARED, ObjectSearch};
 use occupied_space::OccupiedVoxels;
 use rayon::prelude::*;
 use shape::ContourGrid;
+use std::cell::OnceCell;
 use std::sync::Arc;
 
 /// Searches the scene for every object and returns those above the threshold, best first.
 ///
 /// If distinct matches lead to no object at all, each object is searched again with all matches, which at least doubles
 /// the time, then in its room and, if configured, by its shape; of objects that are found by shape in one place, one is
-/// kept. Of a recognised object whose base is not in sight, the room gives configurations.
+/// kept. Of a recognised object whose base is not in sight, the room gives configurations. The contour of plain parts
+/// gives further ones.
 #[must_use]
 pub fn recognise(
     scene: &Scene,
@@ -79,8 +82,10 @@ pub fn recognise(
     if !searches.iter().any(ObjectSearch::is_recognised) {
         searches.par_iter_mut().for_each(ObjectSearch::retry_with_all_matches);
     }
-    retry_plain(&mut searches, scene, config);
+    let contour = OnceCell::new();
+    retry_plain(&mut searches, scene, config, &contour);
     searches.par_iter_mut().for_each(ObjectSearch::complete_by_room);
+    complete_by_contour(&mut searches, scene, &contour);
     let instances: Vec<(Vec<Recognised>, f64)> =
         searches.into_par_iter().map(ObjectSearch::same_class_instances).collect();
     let refused: Vec<f64> = instances.iter().map(|(_, refused)| *refused).collect();
@@ -92,18 +97,39 @@ pub fn recognise(
     recognition
 }
 
-/// If nothing was recognised, searches for each object in its room, then, if configured, by its shape.
-fn retry_plain(searches: &mut [ObjectSearch], scene: &Scene, config: &RecogniseConfig) {
+/// If nothing was recognised, searches for each object in its room, then, if configured, by its shape. `contour`: that
+/// of the scene, once it is needed.
+fn retry_plain(
+    searches: &mut [ObjectSearch],
+    scene: &Scene,
+    config: &RecogniseConfig,
+    contour: &OnceCell<ContourGrid>,
+) {
     let is_recognised =
         |searches: &[ObjectSearch]| searches.iter().any(ObjectSearch::is_recognised);
     if !scene.has_depth() || is_recognised(searches) {
         return;
     }
-    let seen = ContourGrid::of(scene);
-    searches.par_iter_mut().for_each(|search| search.retry_in_room(&seen));
+    let seen = contour.get_or_init(|| ContourGrid::of(scene));
+    searches.par_iter_mut().for_each(|search| search.retry_in_room(seen));
     if config.try_shape && !is_recognised(searches) {
-        searches.iter_mut().for_each(|search| search.retry_by_shape(&seen));
+        searches.iter_mut().for_each(|search| search.retry_by_shape(seen));
         withdraw_overlapping(searches);
+    }
+}
+
+/// Adds configurations of plain parts of recognised objects by their contour; of several objects of one class, to the
+/// first one only. Takes about 0.1 s where a configuration is unknown.
+fn complete_by_contour(
+    searches: &mut [ObjectSearch],
+    scene: &Scene,
+    contour: &OnceCell<ContourGrid>,
+) {
+    let lacking = searches.iter_mut().filter(|search| search.lacks_configuration());
+    let mut lacking: Vec<&mut ObjectSearch> = lacking.collect();
+    if scene.has_depth() && !lacking.is_empty() {
+        let seen = contour.get_or_init(|| ContourGrid::of(scene));
+        lacking.par_iter_mut().for_each(|search| search.complete_by_contour(seen));
     }
 }
 
@@ -142,6 +168,7 @@ pub fn find(
         search.retry_with_all_matches();
     }
     search.complete_by_room();
+    complete_by_contour(std::slice::from_mut(&mut search), scene, &OnceCell::new());
     search.best()
 }
 

@@ -9,7 +9,7 @@
 //! decision which of its configurations are determined. Without depth, PnP replaces the first steps.
 
 use super::ambiguity::withdraw_ambiguous;
-use super::base_by_room::add_configurations;
+use super::base_by_room;
 use super::config::RecogniseConfig;
 use super::elimination::add_by_elimination;
 use super::evidence::{
@@ -21,6 +21,7 @@ use super::kinematics::Articulated;
 use super::known_object::KnownObject;
 use super::matching::{Compared, Match};
 use super::occupied_space::{OccupiedVoxels, places_of};
+use super::part_by_contour;
 use super::pnp;
 use super::refine::{self, Refiner};
 use super::result::{Recognised, report};
@@ -154,7 +155,25 @@ impl<'l> ObjectSearch<'l> {
         }
         let Some(mut found) = self.found.take_if(|found| lacks(found)) else { return };
         let refiner = self.refiner(&self.distinct, 0);
-        add_configurations(&refiner, &self.room_matches(), self.seed, &mut found);
+        base_by_room::add_configurations(&refiner, &self.room_matches(), self.seed, &mut found);
+        self.found = Some(found);
+    }
+
+    /// True if the object is recognised, by features or in its room, and one of its configurations is unknown.
+    pub fn lacks_configuration(&self) -> bool {
+        let lacks = |f: &Detection| f.evident.contains(&false);
+        self.explained_by_shape == 0.0
+            && self.is_recognised()
+            && self.found.as_ref().is_some_and(lacks)
+    }
+
+    /// Adds configurations of plain parts by their contour. The score stays as it was.
+    pub fn complete_by_contour(&mut self, seen: &ContourGrid) {
+        let Some(mut found) = self.found.take() else { return };
+        let contours = Contours { shape: self.object.shape(), seen };
+        let by_features = self.refiner(&self.distinct, 0);
+        let by_both = Refiner { shape: Some(contours), coarse: &self.object.cloud, ..by_features };
+        part_by_contour::add_configurations(&by_both, contours, &mut found);
         self.found = Some(found);
     }
 
@@ -387,6 +406,7 @@ mod tests {
     use super::super::edge_test::EdgeCounts;
     use super::super::elimination::tests::{flap, scene};
     use super::super::kinematics::State;
+    use super::super::test_data::detection;
     use super::*;
     use nalgebra::{UnitQuaternion, Vector3};
 
@@ -408,15 +428,7 @@ mod tests {
         let ((articulated, cloud), scene) = (flap(), scene(|_, _| false));
         let state = State { camera_from_object: Pose::identity(), q: vec![0.7] };
         let verdict = verify(&scene, &articulated, &cloud, &state);
-        let mut found = Detection {
-            state,
-            score: 0.8,
-            inliers: 20,
-            verdict,
-            placed: vec![false, true],
-            evident: vec![false],
-            deviations: vec![None],
-        };
+        let mut found = detection(state, verdict, vec![false, true]);
         let mut is_alone = |is_base_placed: bool, as_learned: usize, goes_on: usize| {
             found.placed[0] = is_base_placed;
             found.verdict.parts[0].edges = EdgeCounts::default();

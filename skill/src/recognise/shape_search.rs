@@ -93,7 +93,7 @@ fn decide(refiner: &Refiner, contours: Contours, refined: RefinedPose) -> Detect
 /// For each part, true if it stands and ends where the state puts it, on all of its sides. Of a texture only one that
 /// is contrary to the learned one counts, and of a colour only one that most of a moving part has: other light changes
 /// the rest. Of the base, half of the ends suffice, since what stood beside it is learned with it.
-fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
+pub fn placed_by_shape(verdict: &Verdict, in_sight: &[EndsInSight]) -> Vec<bool> {
     let ends_there =
         |ends: &EndsInSight, least: f64| ends.count() >= ENOUGH_ENDS && ends.share() > least;
     let base_holds = verdict.parts[0].holds()

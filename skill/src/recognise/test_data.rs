@@ -1,6 +1,9 @@
 //! Test object: a board that slides along x before a plate; both face the camera.
 
+use super::evidence::Detection;
+use super::kinematics::State;
 use super::render_cloud::{Cloud, CloudPoint};
+use super::verdict::Verdict;
 use nalgebra::{Point3, Vector3};
 
 /// Distance of the board, part 1, from the camera, metres.
@@ -37,4 +40,10 @@ pub fn on_board(x: f64, y: f64) -> bool {
 /// True if the ray through the point (x, y) at depth 1 m would meet the plate if the board were not there.
 pub fn on_plate(x: f64, y: f64) -> bool {
     (-0.36..-0.14).contains(&(PLATE_M * x)) && (PLATE_M * y).abs() < 0.11
+}
+
+/// A detection of the object with one joint, whose configuration is not determined, and these `placed` parts.
+pub fn detection(state: State, verdict: Verdict, placed: Vec<bool>) -> Detection {
+    let (evident, deviations) = (vec![false], vec![None]);
+    Detection { state, score: 0.8, inliers: 20, verdict, placed, evident, deviations }
 }
