@@ -16,6 +16,7 @@ mod observer;
 mod perception;
 mod publisher;
 mod reacquire;
+mod search_turns;
 mod searching;
 mod stream;
 pub mod watchdog;

@@ -314,7 +314,12 @@ mod tests {
         let appearance = Appearance::default();
         let fridge = StoredObject { model: fridge().0, appearance, provenance: Vec::new() };
         perception.library = Library::new(vec![fridge]).into();
-        perception.state = State::Watching(Watching { searched: 3, ..Watching::new(None, None) });
+        let mut watching = Watching::new(None, None);
+        for _ in 0..3 {
+            watching.turns.begin();
+            watching.turns.end();
+        }
+        perception.state = State::Watching(watching);
         let predict = |joint: &str| Action::Predict {
             object: None,
             joint: Some(joint.to_owned()),
@@ -324,7 +329,7 @@ mod tests {
         perception.handle_command(command(1, predict("left")));
         perception.handle_command(command(2, predict("right")));
         let State::Watching(w) = &perception.state else { panic!("it is looked for") };
-        assert_eq!((w.searched, w.pending.as_ref().map(|p| p.command)), (3, Some(2)));
+        assert_eq!((w.turns.ended(), w.pending.as_ref().map(|p| p.command)), (3, Some(2)));
         let done: Vec<i64> = answers(&noted).iter().filter(|a| a.done).map(|a| a.utime).collect();
         assert_eq!(done, [1], "the second one takes the place of the first");
     }

@@ -84,10 +84,12 @@ impl Perception<'_> {
     /// Begins to look for objects in a frame, unless the search in an earlier one still runs.
     fn search(&mut self, newest: &Arrived) {
         let State::Watching(w) = &mut self.state else { return };
+        w.turns.frame(&newest.frame);
         if self.searching.is_some() {
             return;
         }
-        let wanted = Wanted { object: w.object.clone(), turn: w.searched };
+        let (turn, still) = w.turns.begin();
+        let wanted = Wanted { object: w.object.clone(), turn, still };
         match Searching::begin(wanted, newest, &self.library, &self.config.skill) {
             Ok(searching) => {
                 self.searching = Some(searching);
@@ -110,7 +112,7 @@ impl Perception<'_> {
             Ok(found) => found,
             Err(reason) => return self.out.note(Note::Error(reason)),
         };
-        w.searched += 1;
+        w.turns.end();
         w.best_refused = w.best_refused.max(recognition.best_refused);
         let object_of = |name: &str| objects.iter().find(|k| k.model.object == name);
         let model_of = |name: &str| object_of(name).map(|k| &k.model);
@@ -209,7 +211,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(1));
         }
         assert!(perception.searching.is_none(), "the search does not end");
-        if let State::Watching(watching) = &perception.state { watching.searched } else { 0 }
+        if let State::Watching(watching) = &perception.state { watching.turns.ended() } else { 0 }
     }
 
     #[test]

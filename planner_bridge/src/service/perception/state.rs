@@ -7,6 +7,7 @@
 use crate::service::learning::Learning;
 use crate::service::losses::Losses;
 use crate::service::reacquire::Reacquisition;
+use crate::service::search_turns::SearchTurns;
 use linkage_skill::predict::Target;
 use linkage_skill::recognise::{Follower, KnownObject, Recognised};
 use linkage_skill::{Learner, ObjectModel};
@@ -39,17 +40,18 @@ pub struct Watching {
     /// Any where none is named.
     pub object: Option<String>,
     pub pending: Option<Pending>,
+    /// Which search comes next.
+    pub turns: SearchTurns,
     /// Best score so far of what was not accepted.
     pub best_refused: f64,
-    /// Frames that were searched.
-    pub searched: usize,
     /// True while the running search looks for this object.
     pub awaits_search: bool,
 }
 
 impl Watching {
     pub fn new(object: Option<String>, pending: Option<Pending>) -> Self {
-        Self { object, pending, best_refused: 0.0, searched: 0, awaits_search: false }
+        let turns = SearchTurns::default();
+        Self { object, pending, turns, best_refused: 0.0, awaits_search: false }
     }
 }
 
