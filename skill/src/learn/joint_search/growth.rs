@@ -16,7 +16,9 @@ use super::motion_hypotheses::Hypothesis;
 use super::propagation::propagate;
 use super::screw_joint::ScrewJoint;
 use super::tracks_in_part_frame::TracksInFrame;
+use super::type_selection;
 use super::window_fit::{window_fit_about, window_fits};
+use crate::object::joint_geometry::JointKind;
 
 /// Largest mean cost of an observation at which a window's fit is grown.
 const MAX_WINDOW_COST: f64 = 5.0;
@@ -141,7 +143,15 @@ fn with_pitch(
     }
     let mut screw = propagate(view, screw, candidates);
     associate(view, &mut screw, candidates, GROWTH_ROUNDS);
-    if screw.gain > grown.gain { screw } else { grown }
+    if screw.gain > grown.gain && is_screw(&screw, view) { screw } else { grown }
+}
+
+/// True if a screw is the most likely type of a joint: its tracks alone may fit a screw better because they share the
+/// errors of the camera's motion.
+fn is_screw(joint: &JointEstimate, view: &TracksInFrame) -> bool {
+    let of_types = type_selection::type_probabilities(joint, view);
+    let likeliest = of_types.iter().max_by(|a, b| a.1.total_cmp(b.1));
+    likeliest.is_some_and(|(kind, _)| *kind == JointKind::Helical)
 }
 
 #[cfg(test)]
@@ -150,20 +160,25 @@ mod tests {
     use crate::learn::joint_search::test_data::seen_moving;
     use nalgebra::{Point3, Vector3};
 
-    /// Twenty points that turn by 1.2 rad in 60 frames, and what a window of them grows to.
-    fn grown(truth: &ScrewJoint) -> JointEstimate {
+    /// Twenty points that turn by 1.2 rad in 60 frames.
+    fn seen(truth: &ScrewJoint) -> (TracksInFrame, Hypothesis) {
         let q: Vec<f64> = (0..60).map(|f| 1.2 * f64::from(f) / 59.0).collect();
         let places: Vec<Point3<f64>> = (0..20)
             .map(f64::from)
             .map(|i| Point3::new(0.15 + 0.02 * i, 0.2 * (1.3 * i).sin(), 1.5))
             .collect();
-        let view = seen_moving(truth, &places, &q);
         let motion = truth.geometry().motion(q[24] - q[12]);
+        let tracks = (0..8).collect();
+        let window = Hypothesis { from: 12, to: 24, motion, tracks, rank: 1.0 };
+        (seen_moving(truth, &places, &q), window)
+    }
+
+    /// What a window of them grows to.
+    fn grown(truth: &ScrewJoint) -> JointEstimate {
+        let (view, window) = seen(truth);
         let all: Vec<usize> = (0..20).collect();
-        let tracks = all[..8].to_vec();
-        let hypothesis = Hypothesis { from: 12, to: 24, motion, tracks, rank: 1.0 };
         let config = JointSearchConfig::default();
-        grow_hypothesis(&view, (&hypothesis, None), &all, &config, |_| false).unwrap()
+        grow_hypothesis(&view, (&window, None), &all, &config, |_| false).unwrap()
     }
 
     #[test]
@@ -182,5 +197,19 @@ mod tests {
         let joint = grown(&ScrewJoint { pitch: Some(0.04), ..hinge });
         let pitch = joint.dof.pitch.unwrap() * joint.dof.axis.y.signum();
         assert!((pitch.abs() - 0.04).abs() < 0.005, "{pitch}");
+    }
+
+    #[test]
+    fn a_door_whose_tracks_need_no_pitch_is_no_screw() {
+        let door = ScrewJoint::hinge(Vector3::y(), Point3::new(0.0, 0.0, 1.5));
+        let lift = ScrewJoint { pitch: Some(0.04), ..door };
+        let with_pitch = |truth: &ScrewJoint, pitch: f64| {
+            let mut joint = grown(truth);
+            joint.dof.pitch = Some(pitch);
+            is_screw(&joint, &seen(truth).0)
+        };
+        assert!(!with_pitch(&door, 0.001));
+        let pitch = grown(&lift).dof.pitch.unwrap();
+        assert!(with_pitch(&lift, pitch));
     }
 }
