@@ -48,7 +48,8 @@ pub fn is_believed(score: f64, config: &RecogniseConfig) -> bool {
     probability(score) >= config.min_score
 }
 
-/// [`Verdict::score`], limited to the tests that the configuration switches on.
+/// Score of a state, 0 to 1: appearance times free space times edges times agreement, which is smaller with little
+/// evidence; limited to the tests that the configuration switches on.
 pub fn score_of(verdict: &Verdict, inliers: usize, config: &RecogniseConfig) -> f64 {
     let appearance = if config.compare_colour { verdict.appearance_score() } else { 1.0 };
     let free_space = if config.check_free_space { verdict.free_space() } else { 1.0 };

@@ -134,6 +134,14 @@ impl PartVerdict {
         ramp(self.agree as f64, ENOUGH_SURFACE) * self.texture * unlike
     }
 
+    /// How well the part looks as learned, 0 to 1: correlation of colour as far as it has texture, and the share of its
+    /// surface that has the learned colour.
+    fn appearance(&self) -> f64 {
+        let alike = self.alike as f64 / self.agree.max(1) as f64;
+        let texture = if self.correlation.is_some() { self.texture } else { 0.0 };
+        texture * self.correlation.unwrap_or(0.0).max(0.0) + (1.0 - texture) * alike
+    }
+
     /// True if the colour of the part varies as learned.
     pub fn correlates(&self) -> bool {
         self.correlation.is_some_and(|c| c > 0.4)
@@ -166,12 +174,6 @@ impl Verdict {
         Self { parts: vec![PartVerdict::default(); parts], ..Self::default() }
     }
 
-    /// Score of the state, 0 to 1: appearance times free space times edges times agreement, which is smaller with
-    /// little evidence.
-    pub fn score(&self, inliers: usize) -> f64 {
-        self.appearance_score() * self.free_space() * self.edge_score() * self.agreement(inliers)
-    }
-
     /// Score of the appearance, 0 to 1: correlation of colour, lowered by [`Self::own_texture`], because a door of
     /// another paint is another door, however well the rest correlates.
     pub fn appearance_score(&self) -> f64 {
@@ -182,6 +184,18 @@ impl Verdict {
     /// is certainly another object.
     pub fn own_texture(&self) -> f64 {
         1.0 - self.parts.iter().skip(1).map(PartVerdict::texture_mismatch).fold(0.0, f64::max)
+    }
+
+    /// Score, 0 to 1, of a state of an object that was recognised before and is followed. Colour correlates only as far
+    /// as the learned surface has texture; the rest of it must have the learned colour. Of a plain box all surface was
+    /// in its place while its colour correlated by 0.2.
+    pub fn score_of_followed(&self) -> f64 {
+        let of_part = |part: &PartVerdict| part.agree as f64 * part.appearance();
+        let agree: usize = self.parts.iter().map(|part| part.agree).sum();
+        let appearance = self.parts.iter().map(of_part).sum::<f64>() / agree.max(1) as f64;
+        let mismatch = self.parts.iter().map(PartVerdict::texture_mismatch).fold(0.0, f64::max);
+        let fit = self.free_space() * self.edge_score() * self.agreement(usize::MAX);
+        appearance * (1.0 - mismatch) * fit
     }
 
     /// Score of free space, 0 to 1: less than 1 if the state claims surface that is seen through. Missing surface of
@@ -319,6 +333,17 @@ mod tests {
         let agree = parts.iter().map(|p| p.agree).sum();
         let through: usize = parts.iter().map(|p| p.through).sum();
         Verdict { judged: agree + through, agree, agree_normal: agree, parts, ..Verdict::default() }
+    }
+
+    #[test]
+    fn what_is_followed_need_not_correlate_where_it_has_no_texture() {
+        let score = |texture, correlation, alike| {
+            let part = PartVerdict { texture, correlation, alike, ..part(900, 0) };
+            verdict(vec![part]).score_of_followed()
+        };
+        assert!(score(0.0, None, 900) > 0.9 && score(0.3, Some(0.2), 880) > 0.6);
+        assert!(score(0.0, None, 90) < 0.15, "it has another colour");
+        assert!(score(0.9, Some(0.9), 900) > 0.8 && score(0.9, Some(0.0), 900) < 0.05);
     }
 
     #[test]

@@ -188,7 +188,7 @@ impl Follower {
         let scene = Scene::plain(frame)?;
         let answer = self.answer.take();
         let (state, verdict) = self.best_state(&scene, answer.as_ref());
-        let score = surface_score(&verdict);
+        let score = verdict.score_of_followed();
         let seen = score >= MIN_SCORE;
         self.unseen = if seen { 0 } else { self.unseen + 1 };
         if self.unseen > Self::PATIENCE {
@@ -304,7 +304,7 @@ impl Follower {
         let hoped: Vec<bool> = joints.map(|j| kept[j] || is_hoped(j)).collect();
         let mut found = Detection {
             state: self.state.clone(),
-            score: surface_score(&verdict),
+            score: verdict.score_of_followed(),
             inliers: 0,
             verdict,
             placed: stands,
@@ -372,11 +372,6 @@ impl Follower {
             .collect();
         State { camera_from_object: self.state.camera_from_object, q }
     }
-}
-
-/// Score of a verdict without features.
-fn surface_score(verdict: &Verdict) -> f64 {
-    verdict.score(usize::MAX)
 }
 
 #[cfg(test)]
