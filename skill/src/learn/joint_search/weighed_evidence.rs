@@ -46,6 +46,9 @@ const SLIDE: Weights = Weights {
 /// Fewest frames for which a candidate must rest when it is first or last known. Persons who walk past slide by 0.7 m
 /// and rest for one to six frames. Of 41 true joints whose odds are high enough, three rest for fewer than eight.
 const LEAST_REST: usize = 8;
+/// Largest share of uncovered observations of what is sure. A trunk that bends turned by 1.1 rad between two rests, and
+/// left 0.47 uncovered.
+const MOST_UNCOVERED: f64 = 0.4;
 /// Discriminability from which more of it is no further evidence.
 const MOST_DISCRIMINABILITY: f64 = 0.6;
 /// Number of frames of rest from which more of them are no further evidence.
@@ -100,6 +103,7 @@ impl Weights {
 pub fn is_sure(joint: &JointEstimate, evidence: &Evidence, longest_rest: usize) -> bool {
     let weights = Weights::of(joint);
     longest_rest >= LEAST_REST
+        && evidence.uncovered_ratio <= MOST_UNCOVERED
         && evidence.discriminability >= weights.least_discriminability
         && log_odds(joint, evidence, longest_rest) >= weights.sure
 }

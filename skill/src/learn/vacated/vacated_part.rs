@@ -83,6 +83,12 @@ const APART_M: f64 = 0.05;
 const APART_RADII: f64 = 0.5;
 /// Without a person, nothing else moves near the part in at least this share of keyframes.
 const LEAST_ALONE: f64 = 0.9;
+/// Turn of a hinge, radians, above which keyframes must show the part between both ends.
+const FAR_RAD: f64 = 0.8;
+/// Share of a hinge's range at each of its ends that counts as that end.
+const AT_ENDS: f64 = 0.1;
+/// Fewest keyframes between both ends of a hinge that turns by more than [`FAR_RAD`].
+const LEAST_BETWEEN: usize = 2;
 /// Share of the keyframes that show the other face of a part, above which that face is searched for.
 const LEAST_TURNED_AWAY: f64 = 0.1;
 /// A hinge whose agreement is at least this share of the best one's explains the surface about as well.
@@ -381,6 +387,7 @@ impl VacatedPart {
             (self.is_another_surface(), "what is found elsewhere was there before"),
             (self.unattached_ratio > MAX_UNATTACHED, "nothing holds its line"),
             (self.may_be_limb(), "it moves by itself"),
+            (self.shows_only_its_ends(), "it turns far, and no picture shows it in between"),
         ];
         reasons.into_iter().find(|(holds, _)| *holds).map(|(_, reason)| reason)
     }
@@ -411,6 +418,17 @@ impl VacatedPart {
     /// what stands still: an upper arm moves together with the hand.
     fn may_be_limb(&self) -> bool {
         self.lead_s < MIN_LEAD_S && !self.is_alone && self.body != Body::StandsStill
+    }
+
+    /// True if the joint is a hinge that turns far, no other evidence gives its line, and hardly any keyframe shows the
+    /// part between both ends: some turn takes any flat surface to any other one. The top of a lid that was thrown open
+    /// seemed to turn to where its inside was seen, about a line 15 cm off.
+    fn shows_only_its_ends(&self) -> bool {
+        let told: Vec<f64> = self.shown().map(|(_, q)| q).collect();
+        let (low, high) = told.iter().fold((0.0_f64, 0.0_f64), |(l, h), q| (l.min(*q), h.max(*q)));
+        let margin = AT_ENDS * (high - low);
+        let between = told.iter().filter(|q| (low + margin..=high - margin).contains(*q)).count();
+        self.is_hinge() && !self.is_on_known_line && high - low > FAR_RAD && between < LEAST_BETWEEN
     }
 
     /// True if the joint is a hinge about which the part shows its other face for a while.
@@ -785,6 +803,19 @@ mod tests {
         followed(&lever(|f| 0.25 * turn(f)), &hinge(), |part, _, _| {
             assert_eq!(part.doubt(), Some("it hardly turns"));
         });
+    }
+
+    #[test]
+    fn what_turns_far_must_be_seen_between_its_ends() {
+        // The lever is thrown over between two keyframes.
+        let thrown = |f: usize| if 2 * f < FRAMES { 0.0 } else { turn(FRAMES - 1) };
+        assert!(turn(FRAMES - 1) > FAR_RAD);
+        followed(&lever(thrown), &hinge(), |part, _, _| {
+            assert!(part.shows_only_its_ends() && part.doubt().is_some());
+            let on_known_line = VacatedPart { is_on_known_line: true, ..part.clone() };
+            assert!(!on_known_line.shows_only_its_ends());
+        });
+        followed(&lever(turn), &hinge(), |part, _, _| assert!(!part.shows_only_its_ends()));
     }
 
     #[test]
