@@ -154,3 +154,38 @@ fn what_a_person_moves_is_followed_without_losing_it() {
     }
     assert!(short.is_empty(), "{short:?}");
 }
+
+/// Renders a take of a plain box in a folder.
+fn plain_box(dir: &Path, options: &[&str]) -> String {
+    let out = text(dir);
+    let scene = ["simulate", "--quiet", "--scene", "lid_box", "--surfaces", "plain"];
+    let output = linkage(&[&scene[..], &["--seed", "11", "--out", &out], options].concat());
+    assert!(output.status.success(), "{}", failure(&output).1);
+    out
+}
+
+#[test]
+fn a_thing_without_features_is_recognised_by_its_shape_and_followed() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("objects.linkage");
+    let demonstration = plain_box(&dir.path().join("demonstration"), &[]);
+    let encounter = plain_box(&dir.path().join("encounter"), &["--encounter"]);
+    let learn = ["learn", &demonstration, "--object", "box", "--quiet", "--store", &text(&store)];
+    let output = linkage(&learn);
+    assert!(output.status.success(), "{}", failure(&output).1);
+    let joints = told_at_a_look(Path::new(&encounter), &store, dir.path());
+    let json = std::fs::read(dir.path().join("recognition.json")).unwrap();
+    let looked: Value = serde_json::from_slice(&json).unwrap();
+    assert_eq!((joints.len(), &looked["matches"][0]["inliers"]), (1, &Value::from(0)));
+
+    let url = "udpm://239.255.76.74:7740?ttl=0";
+    let service = Service::start(url, &encounter, &store, &["--repeat"]);
+    let mut listener = Listener::new(url, "LINKAGE_RECOGNITION");
+    service.done(&["recognise", "box"]);
+    let found = listener.gather(Duration::from_secs(10));
+    let found = found.iter().map(|packet| decode::<Recognition>(&packet.bytes).unwrap());
+    let since: Vec<Recognition> = found.skip_while(|r| r.matches.is_empty()).collect();
+    let is_sure = |r: &&Recognition| r.matches.first().is_some_and(|m| m.score > 0.5);
+    let sure = since.iter().filter(is_sure).count();
+    assert!(sure >= 40 && sure == since.len(), "{sure} of {} frames", since.len());
+}

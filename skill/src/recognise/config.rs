@@ -19,8 +19,8 @@ explained_config! {
         /// ablation.
         pub try_all_matches: bool = true,
         /// Objects to which no features lead are searched for by their shape: where their surface ends.
-        /// The command `recognise` does so where the camera stands still and features find nothing; this
-        /// value switches it on in single frames and in the live service too. Of 17 encounters with
+        /// The command `recognise` and the live service do so where the camera stands still and features
+        /// find nothing; this value switches it on in single frames too. Of 17 encounters with
         /// plain things, on which the search was chosen, features find one and the search another one;
         /// of about 380 pairs in which the object is absent it reports none. An object that is not
         /// recognised then costs 0.1 to 0.4 s. Set where a store holds few and different plain things.
