@@ -111,8 +111,8 @@ mod tests {
     #[test]
     fn shape_is_not_searched_while_the_camera_moves() {
         let mut turns = SearchTurns::default();
-        for shift_px in 0..3 * LEAST_STILL {
-            turns.frame(&wall(12 * shift_px));
+        for tile in 0..3 * LEAST_STILL {
+            turns.frame(&wall(24 * tile));
             assert_eq!(searched(&mut turns).1, None);
         }
     }
@@ -120,7 +120,7 @@ mod tests {
     #[test]
     fn after_a_search_by_shape_features_have_as_much_time() {
         let mut turns = SearchTurns { by_features: 1, ..SearchTurns::default() };
-        let mut has_stood_still = |turns: &mut SearchTurns| {
+        let has_stood_still = |turns: &mut SearchTurns| {
             (0..LEAST_STILL).for_each(|_| turns.frame(&wall(0)));
             searched(turns).1.is_some()
         };
