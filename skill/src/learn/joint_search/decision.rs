@@ -159,7 +159,11 @@ pub enum Rejection {
         found: usize,
     },
     /// Few tracks show the candidate, and in few of the frames.
-    #[error("{tracks} tracks show it, in {:.0} % of the frames", 100.0 * share)]
+    #[error(
+        "{tracks} tracks show it in {:.0} % of the frames; {:.0} % are needed, or {MANY_TRACKS} tracks",
+        100.0 * share,
+        100.0 * MIN_COVERAGE
+    )]
     Brief {
         /// Number of tracks.
         tracks: usize,
@@ -920,6 +924,10 @@ mod tests {
         let is_brief =
             |joint: &JointEstimate| matches!(decided(joint), Err(Rejection::Brief { .. }));
         assert!(is_brief(&seen_in(0.25, 18)), "a forearm");
+        assert_eq!(
+            decided(&seen_in(0.25, 18)).unwrap_err().to_string(),
+            "18 tracks show it in 25 % of the frames; 30 % are needed, or 25 tracks"
+        );
         assert!(!is_brief(&seen_in(0.25, 60)) && !is_brief(&seen_in(0.45, 18)));
     }
 

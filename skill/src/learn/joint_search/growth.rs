@@ -146,8 +146,8 @@ fn with_pitch(
     if screw.gain > grown.gain && is_screw(&screw, view) { screw } else { grown }
 }
 
-/// True if a screw is the most likely type of a joint: its tracks alone may fit a screw better because they share the
-/// errors of the camera's motion.
+/// True if a screw is the most likely type of a joint. Tracks that share errors may fit a screw better than the hinge
+/// that they are on.
 fn is_screw(joint: &JointEstimate, view: &TracksInFrame) -> bool {
     let of_types = type_selection::type_probabilities(joint, view);
     let likeliest = of_types.iter().max_by(|a, b| a.1.total_cmp(b.1));
