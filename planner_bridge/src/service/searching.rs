@@ -16,8 +16,8 @@ pub struct Wanted {
     pub object: Option<String>,
     /// Searches of this kind before this one: where anything is wanted, each looks for the next part of the library.
     pub turn: usize,
-    /// Frames of a camera that stands still. Where they are given, objects without features are searched by shape too, in
-    /// all of these frames together; that takes 0.1 to 0.4 s for each object.
+    /// Frames of a camera that stands still. Where they are given, objects without features are searched by shape too,
+    /// in all of these frames together; that takes 0.1 to 0.4 s for each object.
     pub still: Option<StillFrames>,
 }
 

@@ -22,8 +22,8 @@ const MIN_TRACKS: usize = 5;
 /// Smallest number of frames in which the configuration of a joint is known.
 const MIN_FRAMES: usize = 15;
 /// Smallest share of the frames, 0 to 1, in which the configuration of a joint of few tracks is known. A forearm of 18
-/// tracks slid by 17 cm in 0.24 of the frames; a shop till's display of 16 tracks, known in 0.25 of them, was 10 cm beside
-/// its place. All right joints from tracks in 58 demonstrations were known in more than 0.4.
+/// tracks slid by 17 cm in 0.24 of the frames; a shop till's display of 16 tracks, known in 0.25 of them, was 10 cm
+/// beside its place. All right joints from tracks in 58 demonstrations were known in more than 0.4.
 const MIN_COVERAGE: f64 = 0.3;
 /// Number of tracks from which any share of the frames will do.
 const MANY_TRACKS: usize = 25;
